@@ -1,4 +1,4 @@
-"""What Monte Carlo samples, looked at: impacts, spectra, first crossings, bursts and risks."""
+"""Statistics of what Monte Carlo samples: impacts, spectra, first crossings, bursts and risks."""
 
 import lazy_loader
 

@@ -1,7 +1,7 @@
 """Flights of one oscillator from first hits on: a block of records, and the bursts in it.
 
-A flight begins just before an outcrossing that is a first hit, in the motion without stops, of
-which all is known around the crossing, and the engine makes of it what the stops do.
+A flight begins just before an outcrossing that is a first hit. The motion without stops is known
+around the crossing, and the engine simulates what the stops change in it.
 """
 
 from __future__ import annotations
@@ -21,29 +21,32 @@ from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS, Records, cros
 Vector = NDArray[np.float64]
 
 TOUCH = 1e-9
-"""Share of the clearance by which a crossing is put beyond the stop, so that it is surely met."""
+"""Share of the clearance by which a crossing is put beyond the stop, so that the engine finds a
+hit."""
 
 WINDOW_RELAXATIONS = 15.0
-"""Flown after a first hit, in time constants of the structure."""
+"""Time that is simulated after a first hit, in time constants of the structure."""
 
 WINDOWS = WINDOW_RELAXATIONS / MEMORY_RELAXATIONS
-"""The same, in horizons of the records that look back from a crossing."""
+"""The same time in horizons, the time for which records look back from a crossing."""
 
 FLOWN_TOGETHER = 128
-"""Bursts in one call of the engine."""
+"""Number of bursts that one call of the engine simulates."""
 
 
 class Part(NamedTuple):
-    """Of one block of paths: the ages of its crossings, (strides, sides, 1, paths, starts), and its
-    bursts, (rows, bursts): path, weight, hits in the first half of the window; hits, speeds and
-    largest speed of each pair; largest acceleration of each output (see `bursts.Bursts`)."""
+    """What one block of paths gives: the ages of its crossings, (strides, sides, 1, paths, starts),
+    and its bursts, (rows, bursts). The rows are path, weight, hits in the first half of the window;
+    hits, sum of speeds and largest speed of each pair; largest acceleration of each output (see
+    `bursts.Bursts`)."""
 
     ages: NDArray[np.float32]
     bursts: Vector
 
 
 class Flights(Protocol):
-    """Records with crossings put into them, of which those that are first hits are flown on."""
+    """Records with crossings put into them; from those that are first hits the motion is simulated
+    on."""
 
     @property
     def pairs(self) -> tuple[str, ...]:
@@ -51,7 +54,7 @@ class Flights(Protocol):
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Names of what has an acceleration."""
+        """Names of the outputs, coordinates and points, whose accelerations are followed."""
 
     @property
     def together(self) -> int:
@@ -61,14 +64,14 @@ class Flights(Protocol):
         """The work on one block of paths."""
 
     def found(self, ages: NDArray[np.float32]) -> CrossingAges:
-        """What the crossings so far say."""
+        """The answer from the ages of all crossings so far."""
 
 
 class OscillatorFlights:
     """Flights of one oscillator.
 
-    Raises `NotApplicable` as `first_crossings` does, or without stops on both sides of the mean
-    position.
+    Raises `NotApplicable` as `first_crossings` does, or where the mean position does not lie
+    between the stops.
     """
 
     def __init__(self, scene: Scene, seed: int) -> None:
@@ -83,7 +86,7 @@ class OscillatorFlights:
         self.together, self.found = plan.block, self.records.found
 
     def part(self, widening: float, first_path: int) -> Part:
-        """Crossings of one block of paths; those that are first hits are flown on."""
+        """Crossings of one block of paths, and the bursts that follow those that are first hits."""
         records = self.records
         free, unit = records.block(first_path)
         ages = records.ages_in(free, unit)
@@ -108,7 +111,8 @@ def _fly(
     start: NDArray[np.int64],
     slopes: Vector,
 ) -> Vector:
-    """Early hits, hits, speeds, fastest and sharpest of bursts, from just before the first hit."""
+    """Rows of bursts, simulated from just before the first hit: hits in the first half of the
+    window, hits, sum of speeds, largest speed and largest acceleration."""
     plan = records.plan
     sign = _sides_hit(records, side, path + start)
     near = np.full(len(path), records.sides[side][0][0])
@@ -117,7 +121,7 @@ def _fly(
     record = free[path[:, None], (records.starts[start, None] + sample) % plan.samples]
     here = free[path, records.starts[start]]
     rows = after_crossings(records, record, here, sample, slopes, near, sign)
-    # the engine begins at the last row
+    # the engine takes its first state from the last row
     rows = np.ascontiguousarray(np.roll(rows, -1, axis=0))
     whole, extremes = _sums(records, rows, len(sample) - 1)
     early, _ = _sums(records, rows, (len(sample) - 1) // 2)
@@ -180,7 +184,7 @@ def after_crossings(
 
 
 def _sums(records: Records, rows: Vector, counted: int) -> tuple[Sums, Extremes]:
-    """Sums and extremes of bursts, and of their first samples alone."""
+    """Sums and extremes of whole bursts, and sums of their first `counted` samples alone."""
     bursts = rows.shape[1] // 2
     sums, extremes = Sums.zeros(bursts, records.plan.contacts), Extremes.zeros(bursts)
     records.plan.add_impacts(rows, 0, counted, sums.table, None, extremes.table)
@@ -188,8 +192,8 @@ def _sums(records: Records, rows: Vector, counted: int) -> tuple[Sums, Extremes]
 
 
 def widened(unit: Vector, widening: float) -> tuple[Vector, Vector]:
-    """Every second slope (..., starts) made larger; the density of the unit law over that of the
-    mixture."""
+    """The slopes (..., starts), every second one made larger, and the weight of each: the density
+    of the unit law over that of the mixture."""
     slopes = unit.copy()
     slopes[..., 1::2] *= widening
     wide = np.exp(0.5 * slopes**2 * (1.0 - widening**-2)) / widening**2

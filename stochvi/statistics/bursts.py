@@ -1,12 +1,12 @@
 """What follows a first hit: bursts of hits, simulated from the hit on.
 
 Hits of an isolator whose stops are far come in bursts: a first hit, which finds the mass in the
-motion that it has without stops, and those that the first one leads to. Crude simulation waits for
-them; here every record is one. First hits are outcrossings of the free response without another one
-in the memory of the process before (`first_crossings`, and `pair_crossings` of several pairs); from
-there the engine flies on with the stops (`burst_flights`, `structure_flights`). With lambda the
-limiting rate of first hits, and bursts far apart, whatever has the mean q in a burst happens
-lambda q times a second, however rare that is.
+motion that it has without stops, and those that the first one leads to. Crude simulation has to
+wait for them; here every record begins with one. First hits are outcrossings of the free response
+without another one in the memory of the process before (`first_crossings`, and `pair_crossings` of
+several pairs); from there the engine flies on with the stops (`burst_flights`,
+`structure_flights`). With lambda the limiting rate of first hits, and bursts far apart, whatever
+has the mean q in a burst happens lambda q times a second, however rare that is.
 """
 
 from __future__ import annotations
@@ -36,33 +36,37 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 UNFINISHED = 0.05
-"""Share of the hits in the second half of the window from which a burst does not seem to end."""
+"""Share of the hits in the second half of the window from which bursts do not seem to end, and
+expected number of other first hits in the window from which they meet."""
 
 LOOK = 4
-"""Times FEWEST_PATHS: where nothing was seen in so many paths, nothing more is tried."""
+"""Number of paths, as a multiple of FEWEST_PATHS, after which the simulation ends if it has seen
+nothing of what is `wanted`."""
 
 FAR, DOUBT = 2.0, 4.0
-"""A value needs no more accuracy once it lies this factor away from the value that is searched for,
-by more than so many standard errors of its logarithm."""
+"""A value needs no more accuracy once it lies more than the factor `FAR` away from the value that
+is searched for, by more than `DOUBT` standard errors of its logarithm."""
 
 FEWEST_WITH_BURSTS = 8
-"""Paths of which some crossing must be a first hit, for a standard error."""
+"""Smallest number of paths with a first hit among their crossings from which a standard error is
+taken."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bursts:
-    """Bursts that first hits led to, each with its weight.
+    """Bursts that followed first hits, each with its weight.
 
     Parameters
     ----------
     first_rate
         Limiting rate of first hits, 1/s.
     window, horizon
-        How long each was flown, and how long there was no hit before it, s.
+        Time for which each burst was simulated, and time without a hit before it, s.
     pairs, outputs
-        Names of the pairs, and of what has an acceleration: coordinates and named points.
+        Names of the pairs, and of the coordinates and named points whose accelerations are
+        followed.
     path
-        (bursts,) number of the path that each comes from: paths are independent.
+        (bursts,) number of the path from which each burst comes: paths are independent.
     weight
         (bursts,): chance of its slope, over the chance with which it was drawn, times Rice's rate
         of crossings of the stop that it begins at.
@@ -95,12 +99,13 @@ class Bursts:
 
     @property
     def overlap(self) -> float:
-        """Expected first hits in the window that is flown; small for what follows to hold."""
+        """Expected number of other first hits in the window that is simulated; the rates of this
+        class need it to be small."""
         return self.first_rate.value * self.window
 
     @property
     def unfinished(self) -> float:
-        """Share of the hits in the second half of the window, beyond those of new bursts."""
+        """Share of the hits in the second half of the window, without those of new bursts."""
         total = float(np.sum(self.weight * self.hits.sum(axis=0)))
         if total == 0.0:
             return 0.0
@@ -109,7 +114,7 @@ class Bursts:
 
     @property
     def apart(self) -> bool:
-        """Whether bursts end, and seldom meet."""
+        """Whether bursts end within the window and seldom meet other bursts."""
         return self.overlap < UNFINISHED and self.unfinished < UNFINISHED
 
     def hits_per_burst(self) -> Estimate:
@@ -145,7 +150,8 @@ class Bursts:
         return [*range(len(self.pairs))] if pair is None else [self.pairs.index(pair)]
 
     def _rate(self, what: Vector) -> Estimate:
-        """first_rate times the mean of `what`, less what new bursts brought into the window.
+        """`first_rate` times the mean of `what` in a burst, without what new bursts add to the
+        window.
 
         With h the horizon, d the time from a first hit until h has passed without one, and m the
         mean of `what` in that time, such times begin once in 1 / lambda + d seconds (renewal), and
@@ -278,7 +284,7 @@ def _far(estimate: Estimate, place: float | None) -> bool:
 def _part(
     flights: Flights, widening: float, first_path: int, _paths: int, _deadline: Deadline
 ) -> Part:
-    """The work on a block of paths, which are always as many as are made together."""
+    """The part of one block of paths, of `Flights.together` paths."""
     return flights.part(widening, first_path)
 
 

@@ -37,33 +37,37 @@ from stochvi.results.progress import Progress
 Vector = NDArray[np.float64]
 
 FEWEST_PATHS = 64
-"""For a standard error between paths; each holds some 20 crossings."""
+"""Smallest number of paths from which a standard error can be trusted; each path holds some 20
+crossings."""
 
 PILOT = 2**32
-"""Number of the first path of a pilot, which tells how many paths an answer needs and is no part of
-it: of what ends as soon as its error looks small that error is too small, by some 5 %."""
+"""Number of the first path of a pilot, which finds how many paths an answer needs and is no part of
+that answer: a simulation that stops as soon as its error looks small states an error that is too
+small, by some 5 %."""
 
 MARGIN = 1.1
-"""More paths than the pilot asks for."""
+"""Factor on the number of paths for which the pilot asks."""
 
 MISSED = 1.3
 """Ratio of the error reached to the error asked for, above which paths are added."""
 
 LEAST_PATHS = 8
-"""Least number of sampled motions, taken even where the budget is too short for them."""
+"""Smallest number of paths, taken even where the budget is too short for them."""
 
 FEWEST_SURVIVORS = 0.05
-"""Share of motions that must outlast the horizon for a limiting rate: beyond the noise of 64 paths.
-Where fewer do, this share is put in place of theirs, which changes the chance of a hit by less than
-the difference."""
+"""Share of the motions that must outlast the horizon without a hit for a limiting rate: 64 paths
+show it in spite of their noise. Where fewer outlast it, this share is put in place of theirs, which
+changes the chance of a hit by less than the difference."""
 
 STRIDES = (1, 2)
-"""Every sample, and every second one: what the cubics between samples may miss."""
+"""Strides through the samples of a record: every sample, and every second one, which shows what the
+cubics between samples may miss."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrossingAges:
-    """Ages of outcrossings at several levels: what is known of first hits.
+    """Ages of outcrossings at several levels, and the chance and rate of first hits that follow
+    from them.
 
     Parameters
     ----------
@@ -112,7 +116,8 @@ class CrossingAges:
         ]
 
     def _few(self, means: Vector, mission: float) -> NDArray[np.bool_]:
-        """(levels,): where survivors are taken for more than are left by such sums."""
+        """(levels,): whether these sums leave fewer survivors than `FEWEST_SURVIVORS`, so that this
+        share is taken instead."""
         half = self.horizon / 2.0
         few = self.outside + means[0] > 1.0 - FEWEST_SURVIVORS
         if mission > self.horizon:
@@ -120,7 +125,8 @@ class CrossingAges:
         return np.asarray(few)
 
     def _held(self, means: Vector) -> Vector:
-        """Sums that leave as many survivors at least as they are taken for."""
+        """The sums, lowered where they leave fewer survivors than `FEWEST_SURVIVORS`, so that they
+        leave that share."""
         half, left = self.horizon / 2.0, 1.0 - self.outside
         early = np.minimum(means[0], left - FEWEST_SURVIVORS)
         area = np.minimum(means[2], (left - means[1] - FEWEST_SURVIVORS) * half)
@@ -129,7 +135,8 @@ class CrossingAges:
     def _estimates(
         self, statistic: Callable[[Vector], Vector], mission: float = math.inf
     ) -> list[Estimate]:
-        """A statistic of every level: jackknife over paths, and what half the sampling changes."""
+        """A statistic of every level, with its error by a jackknife over paths and a bias from what
+        half as many samples change."""
         fine, coarse = (self._path_means(stride, mission) for stride in range(len(STRIDES)))
         paths = fine.shape[-1]
         values = statistic(fine.mean(axis=-1))
@@ -143,7 +150,8 @@ class CrossingAges:
         first = self._integrals(np.full((1, 1), self.horizon), mission)[:, 0] * self.rice_rate
         seen = fine.mean(axis=-1)
         errors = np.maximum(errors, np.abs(statistic(seen + (first - seen) / crossings) - values))
-        # survivors that are taken for more than were seen do not vary with those seen
+        # where `FEWEST_SURVIVORS` stands for the share that was seen, it does not vary with that
+        # share
         error = fine.std(axis=-1, ddof=1) / math.sqrt(paths)
         fewer = np.abs(statistic(self._held(seen) - error) - values)
         errors = np.where(self._few(seen + error, mission), np.maximum(errors, fewer), errors)
@@ -174,7 +182,7 @@ class CrossingAges:
         half = last - first
         exposure = (1.0 - _columns(self.outside, means[1])) * half - means[2]
         fewest = FEWEST_SURVIVORS * half
-        # where hardly any survive, they are lost as fast as those before them at least
+        # where hardly any survive, they are assumed to be hit at least as fast as those before them
         lost = np.where(exposure < fewest, -math.log(FEWEST_SURVIVORS) / last, 0.0)
         return np.asarray(np.maximum(means[1] / np.maximum(exposure, fewest), lost))
 
@@ -200,10 +208,10 @@ class Source(Protocol[Ages_co]):
         """Number of paths that are made together."""
 
     def ages(self, first_path: int) -> NDArray[np.float32]:
-        """Of the crossings in one block of paths, (strides, sides, levels, paths, records)."""
+        """Ages (strides, sides, levels, paths, records) of the crossings in one block of paths."""
 
     def found(self, ages: NDArray[np.float32]) -> Ages_co:
-        """What the crossings so far say."""
+        """The answer from the ages of all crossings so far."""
 
 
 def until_accurate(
@@ -222,7 +230,8 @@ def until_accurate(
         pilot = [records.ages(PILOT)]
 
         def fly(first: int, ages: list[NDArray[np.float32]], paths: int) -> Ages_co:
-            """So many paths, or those that the budget allows, from the first on."""
+            """The answer from `paths` paths, or as many as the budget allows, numbered from `first`
+            on."""
 
             def late() -> bool:
                 few = len(ages) * block < LEAST_PATHS
@@ -248,7 +257,7 @@ def until_accurate(
                 break
             growth = min(MARGIN * (error / rel_error) ** 2, 4.0)
             if budget is not None and now > 0.0:
-                # in the time that is left, and the time that is there now is what there will be
+                # the budget is the time that is left now, and allows so many more paths
                 growth = min(growth, max(budget / now, 1.25))
             ages = answer
             found = fly(0, answer, max(math.ceil(growth * done), FEWEST_PATHS))
@@ -260,11 +269,12 @@ def until_accurate(
 def _ages(
     records: Source[CrossingAges], first_path: int, _paths: int, _deadline: Deadline
 ) -> NDArray[np.float32]:
-    """The work on a block of paths, which are always as many as the records hold."""
+    """The ages of one block of paths, of `Source.together` paths."""
     return records.ages(first_path)
 
 
 def largest_error(found: CrossingAges, mission: float) -> float:
-    """Largest relative standard error of what `rel_error` governs in `first_crossings`."""
+    """Largest relative standard error of the chances that `rel_error` governs in
+    `first_crossings`."""
     chances = [chance for chance in found.probability(mission) if 0.0 < chance.value < 0.5]
     return max((chance.standard_error / chance.value for chance in chances), default=0.0)

@@ -48,29 +48,32 @@ from stochvi.statistics.crossing_ages import STRIDES, CrossingAges, until_accura
 Vector = NDArray[np.float64]
 
 SAMPLES_PER_PERIOD = 40.0
-"""Of the natural period. White noise leaves the path rough between samples: at half of this (and
-zeta 0.05) the limiting rate is 1.2(4) % higher at 2 sigma, 0.18(5) % at 3, 0.03(2) % at 5."""
+"""Number of samples in a natural period. White noise leaves the path rough between samples: with
+half as many (and zeta 0.05) the limiting rate is 1.2(4) % higher at 2 sigma, 0.18(5) % at 3,
+0.03(2) % at 5."""
 
 MEMORY_RELAXATIONS = 6.0
-"""Horizon in time constants of the structure, of which the second half sees a constant rate."""
+"""Horizon in time constants of the structure; in its second half the rate of first hits is
+constant."""
 
 MEMORY_CORRELATIONS = 24.0
-"""Horizon in integrals of the squared correlation: the same 6 for a light resonance."""
+"""Horizon in integrals of the squared correlation; of a lightly damped resonance these are the same
+6 time constants."""
 
 SLOPES = 0x5107E5
-"""Keeps the random slopes apart from other uses of a seed."""
+"""Number that keeps the random slopes apart from other uses of a seed."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstCrossings(CrossingAges):
-    """Ages of outcrossings of pairs of levels: what is known of first hits of one oscillator.
+    """Ages of outcrossings of pairs of levels by one oscillator, from which its first hits follow.
 
     Parameters
     ----------
     lower, upper
         (levels,) distances of the stops from the mean position, m; infinite for none.
     displacement_std, velocity_std
-        Of the process, m and m/s.
+        Standard deviations of the process and of its rate, m and m/s.
 
     See Also
     --------
@@ -192,7 +195,7 @@ def crossing_plan(scene: Scene, horizons: float = 1.0) -> TabulatedPlan:
 
 
 def horizon_of(plan: TabulatedPlan) -> float:
-    """Seconds after which the response of a plan has forgotten what it was.
+    """Seconds after which the response of a plan has forgotten its past.
 
     From the integral of the squared correlation. With v_k the variances of the bins of a block of
     length L, it is L / 4 times sum v_k^2 / (sum v_k)^2, one over the bandwidth in bins (Parseval).
@@ -214,7 +217,7 @@ class Records:
     def __init__(self, plan: TabulatedPlan, seed: int, lower: Vector, upper: Vector) -> None:
         self.plan, self.seed = plan, seed
         self.lower, self.upper = lower, upper
-        # the stop that is crossed, and the other one; what is alike on both sides is done once
+        # the stop that is crossed, and the other one; sides that are alike are simulated once
         self.sides = [(upper, lower), (lower, upper)]
         alike = np.array_equal(lower, upper)
         if alike or np.all(np.isinf(lower)):
@@ -289,11 +292,11 @@ class Records:
         return back[None]
 
     def ages(self, first_path: int) -> NDArray[np.float32]:
-        """Of the crossings in one block of paths, (strides, sides, levels, paths, starts)."""
+        """Ages (strides, sides, levels, paths, starts) of the crossings in one block of paths."""
         return self.ages_in(*self.block(first_path))
 
     def ages_in(self, records: Vector, unit_slopes: Vector) -> NDArray[np.float32]:
-        """The same of a block that is there already."""
+        """The ages of the crossings in a block of records that has been made."""
         slopes = self.velocity_std * unit_slopes
         ages = [
             [self.look_back(records, slopes, side, stride) for side in range(len(self.sides))]
@@ -302,7 +305,7 @@ class Records:
         return np.array(ages, np.float32)
 
     def found(self, ages: NDArray[np.float32]) -> FirstCrossings:
-        """All that the crossings so far say."""
+        """The answer from the ages of all crossings so far."""
         s = self.displacement_std
         return FirstCrossings(
             outside=np.asarray(ndtr(-self.upper / s) + ndtr(-self.lower / s)),

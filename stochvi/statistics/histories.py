@@ -46,10 +46,10 @@ CONTACT_SAMPLES = 8.0
 """Samples in a contact with a stop that gives way, below which its force is not resolved."""
 
 MOST_PATHS = 2**40
-"""Number of paths that a seed has."""
+"""Number of different paths of one seed."""
 
 ROUNDING = 1e-9
-"""Relative difference up to which an asked rate is taken for that of the step."""
+"""Relative difference up to which the rate asked for counts as that of the step."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -104,7 +104,8 @@ class History(Result):
         return self.samples
 
     def summary(self) -> str:
-        """What it is, and what happened in it, in a sentence."""
+        """The length of the path, how far it moved, and the number of its impacts, in a
+        sentence."""
         moved = ", ".join(
             f"{name} {1e3 * found['displacement_min']:.4g} to "
             f"{1e3 * found['displacement_max']:.4g} {'mrad' if name in ROTATIONS else 'mm'}"
@@ -137,7 +138,7 @@ def history(
     duration
         Length, s.
     seed, path
-        Which realisation: the same numbers, the same digits.
+        Which realisation is wanted: the same two numbers give the same digits.
     rate
         Samples per second. The step of the simulation if not given; every k-th step where it is
         lower, k the largest that keeps the rate; a finer simulation where it is higher.
@@ -239,7 +240,7 @@ def _fitting(plan: Plan, duration: float) -> int:
 def _columns(
     scene: Scene, model: Model, plan: Plan, found: Histories, seed: int, path: int, kept: slice
 ) -> tuple[dict[str, Vector], dict[str, str]]:
-    """The columns beside time, and what they mean."""
+    """All columns but the time, and what they mean."""
     x, v = found.displacement[:, 0, kept], found.velocity[:, 0, kept]
     count = found.displacement.shape[2]
     gaps = {pair.name: pair.direction @ x for pair in model.pairs}
@@ -306,7 +307,7 @@ MEANINGS = {
 
 
 def _before(name: str, names: Sequence[str]) -> str:
-    """What stands before the names of columns of one of several."""
+    """The prefix of the column names of one of several coordinates or pairs."""
     return f"{name}." if len(names) > 1 else ""
 
 
@@ -477,7 +478,7 @@ def _departures(usual: Plan, source: Plan, duration: float, finer: bool) -> list
 
 
 def _cut(model: Model, columns: Mapping[str, Vector], step: float) -> list[str]:
-    """What of the motion of the base lies above the frequencies that are synthesised."""
+    """Sentences on the motion of the base above the frequencies that are synthesised."""
     highest = 0.5 / step
     ends = [float(table.frequency_hz[-1]) for table, _ in model.tables]
     known = any(name.endswith(BASE_COLUMNS[0]) for name in columns)

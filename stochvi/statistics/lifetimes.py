@@ -1,8 +1,8 @@
 """Life times in noise: how long each regime that coexists under a sine lasts, and what follows.
 
 A path starts in a regime and is simulated with the noise of the scene. Every few periods its state
-is taken, and flown on without noise to the regime in whose basin it lies. A path has left where it
-lies outside the basin of its regime for long enough to forget how it got there.
+is followed on without noise, to the regime in whose basin it lies. A path has left its regime once
+it lies outside of that basin for long enough to forget how it got there.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Matrix = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
 BETWEEN_LOOKS = 5
-"""Periods of the force between two looks at the state of a path."""
+"""Number of periods of the force between two looks at the state of a path."""
 
 LOOKS = 8
 """Number of looks between two looks at the clock."""
@@ -50,20 +50,22 @@ FORGOTTEN = 10.0
 which a path must stay outside a basin to have left it."""
 
 DECIDED = 200
-"""Periods for which a state is flown on without noise to the regime of its basin."""
+"""Number of periods for which a state is followed on without noise to the regime of its basin."""
 
 MIXED = 0.1
-"""Share of the looks outside a basin, of paths that come back, from which on a warning is given."""
+"""Share of the looks at which paths lie outside a basin to which they come back, from which on a
+warning is given."""
 
 GROUP = 64
 """Number of paths that are simulated together."""
 
 FIRST_GROUPS = 64
-"""Number of groups of each regime that are begun at first; after each round there are twice as
-many, so that a small budget is not spent on their beginnings."""
+"""Number of groups of each regime that are started at first. After each round there are twice as
+many, so that a small budget is not spent on their starts."""
 
 MORE_PATHS = 2.56
-"""Paths for each that must leave: those that are left behind shorten the wait."""
+"""Number of paths that are simulated for each one that must leave: with more paths, enough of them
+leave earlier."""
 
 SEARCHED = 24
 """Number of values on each side of the plane of starts from which coexisting motions are looked
@@ -81,7 +83,7 @@ class Destination:
     paths
         Number of paths.
     share, share_low, share_high
-        Their share of all that left, with its exact 95 % interval.
+        Share of these paths among all that left, with its exact 95 % interval.
 
     See Also
     --------
@@ -102,7 +104,7 @@ class LifeTime:
     Parameters
     ----------
     regime, kind
-        As of `BasinRegime`.
+        Name and kind of the regime, as in `BasinRegime`.
     impact_speed_max
         Largest impact speed without noise, m/s.
     life_time, life_time_low, life_time_high
@@ -113,7 +115,7 @@ class LifeTime:
     watched
         Seconds that paths spent in the regime, all together.
     destinations
-        Where they went, the most frequent first.
+        The regimes to which these paths went, the most frequent first.
 
     See Also
     --------
@@ -139,7 +141,7 @@ class LifeTimes(Result):
     Parameters
     ----------
     regimes
-        Of each motion that was found.
+        The life time of each motion that was found.
     frequency_hz
         Frequency of the force.
     outside
@@ -230,7 +232,8 @@ def lifetimes(
     regimes
         Names of the regimes whose life times are wanted, as "no impacts"; by default all.
     rel_error
-        Relative standard error of the mean life times, that of so many exponential times.
+        Relative standard error of the mean life times to reach; life times are taken for
+        exponential.
     seed
         Seed of the random numbers: the same seed gives the same digits.
     threads
@@ -338,7 +341,8 @@ def _coexisting(place: Place, threads: int, deadline: Deadline) -> Attractors:
 
 
 class Watch:
-    """What all groups of paths share: the plan, the regimes, and how states are turned."""
+    """What all groups of paths have in common: the plan, the regimes, and the phase of the
+    sines."""
 
     def __init__(self, place: Place, known: Attractors, plan: ModalPlan) -> None:
         self.place, self.known = place, known
@@ -377,7 +381,8 @@ class Watch:
         ]
 
     def more(self, of: Sequence[Group], most: int) -> list[Group]:
-        """As many groups again that start in the same motion, at most `most` with these."""
+        """As many further groups that start in the same motion; `most` at most together with
+        these."""
         first = of[0]
         return [
             Group(self, first.regime, first.number + k, first.seed)
@@ -454,7 +459,7 @@ class Watch:
 
 
 def _share_outside(groups: Sequence[Group]) -> float:
-    """Share of the looks at which paths lay outside a basin that they came back to, or were in."""
+    """Share of the looks at which paths lay outside a basin to which they later came back."""
     looks = sum(group.seen for group in groups)
     return sum(group.returned for group in groups) / looks if looks else 0.0
 
@@ -518,7 +523,7 @@ class Group:
             self._note(here, ends)
 
     def _note(self, here: Whole, ends: Whole) -> None:
-        """Keep in which basins the paths lie that have not left."""
+        """Note the basins in which the paths lie that have not left."""
         outside = ends != self.regime
         started = outside & (self.since[here] == 0)
         self.since[here[started]] = self.looks
@@ -545,7 +550,7 @@ class Group:
             return
         n2 = len(self.motion)
         if self.free is None or self.first + steps > plan.samples:
-            # another piece of noise, to which the motion goes over without a jump
+            # the next block of noise; the motion passes into it without a jump
             self.free = plan.free_response(self.seed, self.number * GROUP, GROUP, self.blocks)
             self.blocks, self.first = self.blocks + 1, 1
             self.state[:n2] = self.motion - plan.motion_of(self.free[0])

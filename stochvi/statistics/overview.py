@@ -37,7 +37,7 @@ class OverviewSettings:
     displacement_bins, velocity_bins
         Numbers of bins of the histograms.
     velocity_reach
-        Half width of the histogram of the velocity, in its rms.
+        Half width of the histogram of the velocity, in rms velocities.
     curve_points
         Points of the exact density of the displacement.
     """

@@ -43,13 +43,13 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 STARTS = 4096
-"""Number of gaps beyond each stop that are drawn for the chance to be beyond any stop at the start:
-its standard error is then below 1 %."""
+"""Number of samples beyond each stop that are drawn for the chance to be beyond any stop at the
+start: its standard error is then below 1 %."""
 
 
 SIDES_WITH_ALL = 4
-"""Number of stops up to which each has as many crossings in a record as fit into it; of more stops
-each has fewer, in proportion."""
+"""Number of stops up to which each stop has as many crossings in a record as fit into it; with more
+stops each has fewer, in proportion."""
 
 ALIKE = 1e-9
 """Relative difference of the directions of two pairs up to which their gaps are one motion."""
@@ -61,7 +61,8 @@ of gaps that are one motion without negative eigenvalues."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PairCrossings(CrossingAges):
-    """Ages of outcrossings of the stops of several pairs: what is known of first hits of any.
+    """Ages of outcrossings of the stops of several pairs, from which the first hits of any pair
+    follow.
 
     Parameters
     ----------
@@ -70,9 +71,9 @@ class PairCrossings(CrossingAges):
     lower, upper
         (levels, pairs): distances of the stops from the mean gaps, m; infinite for none.
     displacement_std, velocity_std
-        (pairs,): of the gaps, m and m/s.
+        (pairs,): standard deviations of the gaps and of their rates, m and m/s.
     crossing
-        (sides,): number of the pair that each row of `rice_rates` belongs to.
+        (sides,): number of the pair to which each row of `rice_rates` belongs.
     outside_error
         (levels,): standard error of `outside`.
     """
@@ -96,8 +97,8 @@ class PairCrossings(CrossingAges):
         ]
 
     def shares(self, mission: float) -> Matrix:
-        """(levels, pairs): which part of the first hits of a mission is on each pair; one that
-        reaches its stop together with an earlier pair has none of these."""
+        """(levels, pairs): share of the first hits of a mission that falls to each pair; a hit of
+        two pairs at once counts for the earlier one."""
         known = np.minimum(self.ages[0].astype(float), mission).mean(axis=(-2, -1))
         found = np.zeros_like(self.lower)
         np.add.at(found.T, self.crossing, self.rice_rates * known)
@@ -105,7 +106,7 @@ class PairCrossings(CrossingAges):
         return np.asarray(np.divide(found, total, out=np.zeros_like(found), where=total > 0.0))
 
     def of_one(self, pair: int) -> FirstCrossings:
-        """The same where one pair alone has stops."""
+        """The first crossings of one pair, as if it alone had stops."""
         return FirstCrossings(
             outside=self.outside,
             horizon=self.horizon,
@@ -180,8 +181,8 @@ def pair_crossings(
 
 
 class PairMotion:
-    """The motion of all gaps of a model without stops, from which crossings of stops at any places
-    are looked back from.
+    """The motion of all gaps of a model without stops, into which crossings of stops at any places
+    are put.
 
     Parameters
     ----------
@@ -190,7 +191,7 @@ class PairMotion:
     longest_step
         Longest sampling interval of the records, s.
     memories
-        How often half a record holds its memory.
+        Length of half a record, as a multiple of the memory of the gaps.
     """
 
     def __init__(self, model: Model, longest_step: float = math.inf, memories: float = 1.0) -> None:
@@ -287,8 +288,8 @@ def same_gaps(model: Model) -> list[str]:
 
 
 def crossing_response(model: Model, directions: Matrix, memories: float = 1.0) -> GapResponse:
-    """Synthesis of gaps, sampled finely enough for peaks, in records of which one half holds their
-    memory so many times."""
+    """Synthesis of gaps, sampled finely enough for peaks, in records whose half is at least
+    `memories` times as long as the memory of the gaps."""
     plan = plan_gaps(model, directions)
     plan = plan.with_step(min(plan.step, 2.0 * math.pi / plan.fastest / SAMPLES_PER_PERIOD))
     while memories * memory_of(plan) > 0.5 * plan.block_length:
@@ -306,7 +307,7 @@ def crossing_response(model: Model, directions: Matrix, memories: float = 1.0) -
 
 
 def memory_of(plan: GapResponse) -> float:
-    """Seconds after which every gap has forgotten where it was (`first_crossings.horizon_of`)."""
+    """Seconds after which every gap has forgotten its past (`first_crossings.horizon_of`)."""
     variances = np.sum(np.abs(plan.amplitudes) ** 2, axis=2)
     bins = variances.sum(axis=0) ** 2 / np.sum(variances**2, axis=0)
     correlation = MEMORY_CORRELATIONS * plan.block_length / (4.0 * float(bins.min()))
@@ -336,7 +337,7 @@ class GapRecords:
             for gap in range(len(self.pairs))
             if np.any(np.isfinite(ahead[:, gap]))
         ]
-        # every stop has crossings of its own: of many stops fewer of each tell as much
+        # every stop has crossings of its own: with many stops, fewer of each give the same accuracy
         apart = self.count * max(1, len(self.sides) // SIDES_WITH_ALL)
         self.starts = np.arange(0, max(self.plan.samples - self.count, 1), apart)
 
@@ -375,14 +376,15 @@ class GapRecords:
         return math.sqrt(-float(self.correlations[2, 0, gap, gap]))
 
     def ages(self, first_path: int) -> NDArray[np.float32]:
-        """Of the crossings in one block of paths, (strides, sides, levels, paths, starts)."""
+        """Ages (strides, sides, levels, paths, starts) of the crossings in one block of paths."""
         records = self.plan.records(self.seed, first_path, self.together, self.chosen)
         return self.ages_in(records, self.units(first_path, self.together), STRIDES)
 
     def ages_in(
         self, records: Vector, units: Vector, strides: Sequence[int]
     ) -> NDArray[np.float32]:
-        """The same of records (paths, samples, 2 pairs) and slopes that are there already."""
+        """The ages of crossings in records (paths, samples, 2 pairs) and with slopes that have been
+        made."""
         found = np.empty((len(strides), len(self.sides), len(self.lower), *units.shape[1:]))
         for side, (gap, near, far) in enumerate(self.sides):
             back, slopes = self.looking_back(gap), self.speed(gap) * units[gap]
@@ -394,7 +396,7 @@ class GapRecords:
         return found.astype(np.float32)
 
     def found(self, ages: NDArray[np.float32]) -> PairCrossings:
-        """All that the crossings so far say."""
+        """The answer from the ages of all crossings so far."""
         outside, error = self._beyond
         return PairCrossings(
             outside=outside,

@@ -1,12 +1,13 @@
 """Chances of hits so fast, or so sharp, that hardly any burst of hits holds one: splitting.
 
-A trial is a stretch of the stationary response without stops, which is Gaussian, and what the stops
-make of it. Two kinds of trials are here. Where first hits are rare, a trial has a crossing of a
-stop put into it (`AfterCrossings`), and if that is a first hit it is followed for as long as its
-burst lasts. Where hits hardly pause, a trial is a piece of the whole motion (`Windows`). The score
-of a trial is its largest impact speed or acceleration, and the chance that it exceeds a limit is a
-product of the chances to get from one level to the next (S. K. Au and J. L. Beck, Probab. Eng.
-Mech. 16 (2001) 263). Trials that exceed a level are copied, and every copy is moved by
+A trial is a stretch of the stationary response without stops, which is Gaussian, and the motion
+that the stops turn it into. There are two kinds of trials. Where first hits are rare, a trial has a
+crossing of a stop put into it (`AfterCrossings`), and if that is a first hit it is followed for as
+long as its burst lasts. Where hits hardly pause, a trial is a piece of the whole motion
+(`Windows`). The score of a trial is its largest impact speed or acceleration, and the chance that
+it exceeds a limit is a product of the chances to get from one level to the next (S. K. Au and J. L.
+Beck, Probab. Eng. Mech. 16 (2001) 263). Trials that exceed a level are copied, and every copy is
+moved by
 
     y <- sqrt(1 - s^2) y + s z
 
@@ -54,8 +55,9 @@ from stochvi.statistics.first_crossings import Records, crossing_plan
 Vector = NDArray[np.float64]
 
 TRIALS, TRIALS_PER_SECOND, TRIALS_FOR_ERROR = 512, 16.0, 2.56
-"""Largest number of trials in one repetition of the splitting; the same per second of budget, so
-that a small budget holds several repetitions, too; and over the square of the error asked for."""
+"""Largest number of trials in one repetition of the splitting; largest number per second of budget,
+so that a small budget, too, holds several repetitions; and largest number times the square of the
+relative error asked for."""
 
 MOST_SAMPLES = 2**21
 """Largest number of samples that the trials of one repetition hold together: 32 MB."""
@@ -106,7 +108,7 @@ PILOT = 2**20
 """Number of the repetition that is the pilot."""
 
 STREAM = 0x5EED5
-"""Keeps the random numbers of this module apart from other uses of a seed."""
+"""Number that keeps the random numbers of this module apart from other uses of a seed."""
 
 HORIZONS = 2.0 * WINDOWS
 """Length of a trial of the whole motion, as a multiple of the time for which the response remembers
@@ -136,7 +138,7 @@ class Trials(NamedTuple):
     score: Vector
 
     def chosen(self, which: NDArray[np.intp]) -> Trials:
-        """Copies of some of them."""
+        """Copies of the trials of these numbers."""
         return Trials(self.records[which], self.pairs[which], self.side[which], self.score[which])
 
 
@@ -147,15 +149,15 @@ class Kind(ABC):
     Parameters
     ----------
     records
-        The plan, and what is known of its correlation.
+        Records of the response without stops: their plan and its correlation.
     event
-        "impact_speed" or "peak_acceleration": what the score is.
+        What the score measures: "impact_speed" or "peak_acceleration".
     samples
-        Length of a trial.
+        Length of a trial, in samples.
     trials
         Number of trials in a repetition.
     sides
-        (stops,): chance that a trial belongs to each of them.
+        (stops,): chance that a trial belongs to each stop.
     """
 
     records: Records
@@ -195,8 +197,8 @@ class Kind(ABC):
         return trials._replace(score=self.scores(trials))
 
     def scores(self, trials: Trials, *, half: bool = False, coarse: bool = False) -> Vector:
-        """The score of every trial; of the first half of what counts alone, or at twice the
-        sampling interval."""
+        """The score of every trial; with `half` from the first half of what counts alone, with
+        `coarse` at twice the sampling interval."""
         found = np.full(len(trials.side), -math.inf)
         (chosen,) = np.nonzero(self._counts(trials))
         plan = self.plan
@@ -208,7 +210,8 @@ class Kind(ABC):
             counted = len(rows) - warm_up - 1
             extremes = Extremes.zeros(len(which))
             sums = Sums.zeros(len(which), plan.contacts).table
-            # the engine begins at what went before, which stands at the end
+            # the engine begins with the samples before the crossing, which stand at the end of a
+            # record
             rows = np.ascontiguousarray(np.roll(rows, -warm_up - 1, axis=0))
             plan.add_impacts(
                 rows, warm_up, counted // 2 if half else counted, sums, None, extremes.table
@@ -232,7 +235,7 @@ class Kind(ABC):
     @abstractmethod
     def _rows(self, trials: Trials, stride: int) -> tuple[Vector, int]:
         """Rows for the engine, (samples, 2 trials), from one sample before the first one that is
-        flown, and how many are flown before counting starts."""
+        simulated, and how many samples are simulated before counting starts."""
 
     @abstractmethod
     def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
@@ -242,7 +245,7 @@ class Kind(ABC):
 
     @abstractmethod
     def overlap(self, scored: float) -> float:
-        """Expected first hits of other bursts in what is followed."""
+        """Expected number of first hits of other bursts in the time that is simulated."""
 
     @abstractmethod
     def bias(self, scored: float, mission: float) -> float:
@@ -251,7 +254,8 @@ class Kind(ABC):
 
     @abstractmethod
     def unfinished(self, exceeded: float, late: float, scored: float) -> float:
-        """Share of the exceedances that come late because bursts do not end."""
+        """Share of the exceedances that fall into the second half of what is counted, without those
+        of new bursts."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -269,7 +273,7 @@ class AfterCrossings(Kind):
 
     @property
     def window(self) -> float:
-        """Seconds that are followed after a first hit."""
+        """Seconds that are simulated after a first hit."""
         return (self.samples - self.records.count - 2) * self.plan.step
 
     @property
@@ -278,7 +282,8 @@ class AfterCrossings(Kind):
         return self.window / WINDOW_RELAXATIONS
 
     def rare(self) -> bool:
-        """Whether first hits are so rare that hardly any falls into the window of another."""
+        """Whether first hits are so rare that hardly any falls into the window after another
+        one."""
         ages = self._ages(self.fresh(_draw(PILOT, 0, 0)))
         # see `first_crossings`: the chance of no hit for so long, and the limiting rate
         quiet = 1.0 - self.rate * float(ages.mean())
@@ -343,7 +348,7 @@ def risk_of_windows(exceeded: Vector, late: Vector, window: float, mission: floa
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Windows(Kind):
-    """Trials of the whole motion, of which the first part is not counted; `counted` samples are."""
+    """Trials of the whole motion, of which the last `counted` samples count."""
 
     counted: int
 
@@ -464,7 +469,7 @@ def pilot(kind: Kind, limit: float, deadline: Deadline) -> Levels:
     while len(levels) < MOST_LEVELS:
         level = float(np.quantile(trials.score, 1.0 - SHARE, method="lower"))
         if math.isinf(level):
-            level = 0.0  # hardly any has a score: to have one is the first level
+            level = 0.0  # few trials have a score: the first level is to have one
         if level >= limit:
             return Levels((*levels, limit), tuple(sizes), True)
         if (levels and level <= levels[-1]) or not np.any(trials.score > level):
@@ -553,16 +558,16 @@ class RareHits:
     Parameters
     ----------
     chance
-        With the bias of the sampling interval and of bursts that meet. Where no trial exceeded the
-        limit it is 0, with an upper limit.
+        The chance, with the bias of the sampling interval and of bursts that meet. Where no trial
+        exceeded the limit it is 0, with an upper limit.
     lower, upper
-        Confidence interval; from 0 to the upper limit where no trial exceeded the limit.
+        Ends of the confidence interval; 0 and the upper limit where no trial exceeded the limit.
     kind
-        The trials of which it was made.
+        The kind of trials from which the chance was found.
     repetitions, levels
         Number of repetitions, and of levels in each.
     seconds
-        CPU seconds of everything.
+        CPU seconds of the pilot and the repetitions.
     """
 
     chance: Estimate
@@ -597,7 +602,8 @@ def rare_hits(
     """The chance that a hit of a mission exceeds an "impact_speed" (m/s) or a "peak_acceleration"
     (m/s^2), of the stationary motion of one oscillator under any Gaussian noise.
 
-    It ends at `rel_error`, or with the budget, with what it has then.
+    It ends once the chance is known to `rel_error`, or at the end of the budget with the accuracy
+    reached by then.
 
     Raises
     ------
@@ -610,7 +616,7 @@ def rare_hits(
     rare = mission > bursts.window and bursts.rare()
     with crew_of(executor, threads) as crew:
         ask = _Question(limit, mission, rel_error, confidence, crew, deadline, progress)
-        # where hits hardly pause, or bursts hardly end, the whole motion is looked at
+        # where hits hardly pause, or bursts hardly end, trials are pieces of the whole motion
         found = (ask.answer(bursts) if rare else None) or ask.answer(windows)
     assert found is not None
     return replace(found, seconds=time.process_time() - began)
@@ -618,7 +624,7 @@ def rare_hits(
 
 @dataclass(frozen=True)
 class _Question:
-    """A limit in a mission, and how accurately its chance is to be known by when."""
+    """A limit and a mission, the accuracy to which the chance is wanted, and the deadline."""
 
     limit: float
     mission: float
@@ -655,7 +661,7 @@ class _Question:
             wanted += math.ceil(begun * min(MARGIN * (error / self.rel_error) ** 2 - 1.0, 3.0))
 
     def _found(self, kind: Kind, levels: Levels, done: list[Repetition]) -> RareHits:
-        """What the repetitions say."""
+        """The answer from the repetitions."""
         count, tried = len(done), kind.trials * (len(done) + 1)
         exceeded, coarse, late, scored = np.array(done).reshape(-1, 4).T
         if count < FEWEST_WITH_ERROR or not exceeded.any():
@@ -695,7 +701,7 @@ class _Question:
         )
 
     def _at_most(self, kind: Kind, levels: Levels, count: int, upper: float, how: str) -> RareHits:
-        """That nothing was seen, and what the chance is at most."""
+        """The answer where no trial exceeded the limit: 0, with an upper limit of the chance."""
         most = min(upper, 1.0)
         return RareHits(
             chance=Estimate(value=0.0, bias=None, how=how, upper_95=most),

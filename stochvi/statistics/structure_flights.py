@@ -6,8 +6,8 @@ given that the gap y_c reaches its stop u with the slope p at t = 0, the modes a
     q_m(t) = x_m(t) + (u - x_c(0)) rho_m(t) + (p - x_c'(0)) eta_m(t),
     rho_m(t) = E[q_m(t) y_c(0)] / E y_c^2,    eta_m(t) = E[q_m(t) y_c'(0)] / E y_c'^2
 
-before and after the crossing (`kernels.crossings`). Where it is a first hit of any pair, the engine
-in modal coordinates adds to that motion what all stops make of it.
+before and after the crossing (`kernels.crossings`). Where the crossing is a first hit of any pair,
+the engine in modal coordinates simulates what all stops change in that motion.
 """
 
 from __future__ import annotations
@@ -34,21 +34,21 @@ Matrix = NDArray[np.float64]
 Records = NDArray[np.float64]
 
 LEAST_SHARE = 0.1
-"""Smallest share of the first hits of a stop that is flown on: those of a stop that is hit seldom
-have little weight, but their bursts may be other ones."""
+"""Smallest share of the first hits of a stop that are simulated on: first hits of a stop that is
+hit seldom have little weight, but their bursts may differ from the others."""
 
 CHOICE = 0xB0457
-"""Keeps the choice of first hits apart from other uses of a seed."""
+"""Number that keeps the choice of first hits apart from other uses of a seed."""
 
 FLOWN_SAMPLES = 2**21
-"""Largest number of samples of all modes that are flown together, 16 MB."""
+"""Largest number of samples of all modes that are simulated together: 16 MB."""
 
 LOGGED = 2**14
-"""Impacts for which a log has room at first."""
+"""Number of impacts for which a log has room at first."""
 
 
 class ModalMotion(PairMotion):
-    """The motion of all modes without stops, of which that of the gaps is made."""
+    """The motion of all modes without stops, from which the motion of the gaps follows."""
 
     @cached_property
     def modes(self) -> GapResponse:
@@ -68,17 +68,17 @@ class ModalMotion(PairMotion):
 
     @cached_property
     def window(self) -> int:
-        """Number of samples that are flown after a first hit."""
+        """Number of samples that are simulated after a first hit."""
         return math.ceil(WINDOWS * self.count)
 
     @cached_property
     def lagged(self) -> Records:
-        """See `GapResponse.correlations`: those of the modes, over the window."""
+        """Correlations of the modes over the window, see `GapResponse.correlations`."""
         return self.modes.correlations(max(self.window, self.count))
 
     @cached_property
     def correlations(self) -> Records:
-        """Those of the gaps, over what records look back."""
+        """Correlations of the gaps over the time for which records look back."""
         kept = self.lagged[:, : self.count + 1]
         return np.asarray(np.einsum("gm,olmn,hn->olgh", self.rows, kept, self.rows))
 
@@ -121,11 +121,11 @@ class StructureFlights:
         return self.motion.modes.block(self.motion.modes.gaps)
 
     def found(self, ages: NDArray[np.float32]) -> PairCrossings:
-        """What the crossings so far say."""
+        """The answer from the ages of all crossings so far."""
         return self.records.found(ages)
 
     def part(self, widening: float, first_path: int) -> Part:
-        """Crossings of one block of paths; those that are first hits are flown on."""
+        """Crossings of one block of paths, and the bursts that follow those that are first hits."""
         records, n = self.records, self.model.modal.size
         free = self.motion.modes.records(self.seed, first_path, self.together, np.arange(n))
         gaps = np.empty((*free.shape[:2], 2 * len(records.pairs)))
@@ -155,7 +155,7 @@ class StructureFlights:
     def _shared(
         self, path: NDArray[np.int64], start: NDArray[np.int64]
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-        """First hits, in parts that are flown together."""
+        """First hits, in parts that are simulated together."""
         size = max(1, FLOWN_SAMPLES // (2 * self.motion.window * self.model.modal.size))
         for first in range(0, len(path), size):
             yield path[first : first + size], start[first : first + size]
@@ -190,7 +190,7 @@ class StructureFlights:
         return np.ascontiguousarray(np.roll(rows, -1, axis=0))
 
     def _around(self, gap: int) -> Records:
-        """See `ModalMotion.around`, of a gap of the records; kept."""
+        """`ModalMotion.around` of a gap of the records, calculated once."""
         if gap not in self._shapes:
             self._shapes[gap] = self.motion.around(int(self.records.chosen[gap]))
         return self._shapes[gap]

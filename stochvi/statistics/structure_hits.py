@@ -53,7 +53,7 @@ FEWEST_WINDOWS, MOST_WINDOWS = 64, 2**15
 """Smallest and largest number of windows of the whole motion."""
 
 LOGGED = 2**16
-"""Impacts for which the log of a block of windows has room at first."""
+"""Number of impacts for which the log of a block of windows has room at first."""
 
 
 class Limit(NamedTuple):
@@ -94,7 +94,7 @@ class Exceedance:
     Parameters
     ----------
     chance
-        0 with an upper limit where no trial exceeded the limit.
+        The chance; 0 with an upper limit where no trial exceeded the limit.
     by_output
         The chance of each output alone, of a limit of an acceleration.
     way

@@ -51,8 +51,9 @@ RARE = 0.2
 """Relative standard error of a quantity of impacts from which impacts are too few to judge it."""
 
 SHARPER = 0.1
-"""Relative error asked of the Fokker-Planck equation, in units of the one asked of Monte Carlo. On
-finer meshes the bounds on its error are safer, and it costs less than the simulation anyway."""
+"""Relative error asked of the Fokker-Planck equation, as a multiple of the one asked of Monte
+Carlo. On finer meshes the bounds on its error are safer, and it costs less than the simulation
+anyway."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +86,8 @@ class Comparison:
 class Check(Result):
     """The verdict on a scene, with every comparison and every response behind it.
 
-    The warnings of the responses are its own, each once; the document holds them with each.
+    Its warnings are those of all responses, each once; the JSON document holds them with each
+    response.
 
     See Also
     --------
@@ -111,7 +113,7 @@ class Check(Result):
         return any(reason.startswith(STOPPED_EARLY) for reason in self.left_out)
 
     def _without_hits(self) -> bool:
-        """Whether the scene has stops, and none of its simulated hits was seen."""
+        """Whether the scene has stops, and the simulation saw no hit on them."""
         rates = [
             estimate
             for response in self.responses
@@ -280,7 +282,7 @@ def answers(
         responses.append(exact(scene))
     except NoExactSolution as reason:
         left_out.append(str(reason))
-    # they have no budget of their own, so that the simulation gets what they leave
+    # the approximations have no budget of their own; the simulation gets the time that they leave
     not_approximated: list[str] = []
     approximate = approximations(scene, not_approximated)
     sampling = deadline.sooner(FOR_SOLVER) if solvable else deadline
@@ -339,7 +341,7 @@ def _solved(
 
 
 def approximations(scene: Scene, left_out: list[str]) -> list[Response]:
-    """Responses by averaging and by every form of linearisation that cover a scene.
+    """Responses by averaging and by every form of linearisation that covers the scene.
 
     The reasons why others do not are appended to `left_out`.
     """
@@ -384,7 +386,7 @@ def compare(
 def _judged(
     responses: Sequence[Response], approximations: Sequence[Response], family: int | None
 ) -> tuple[list[Comparison], float]:
-    """All comparisons, and the standard errors that a comparison may differ by."""
+    """All comparisons, and the number of standard errors by which each may differ."""
     reference = responses[0]
     known = reference.estimates()
     judged = MethodResponses(responses=responses).judged
@@ -424,7 +426,8 @@ def _rare(estimate: Estimate) -> bool:
 
 
 def _bias_unknown(estimate: Estimate, known: Estimate) -> bool:
-    """Whether one of two estimates states no bias, so that they cannot be judged."""
+    """Whether one of two sampled estimates states no bias, so that the comparison cannot be
+    judged."""
     return estimate.bias is None or known.bias is None
 
 

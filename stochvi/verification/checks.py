@@ -96,7 +96,7 @@ class Checks(Result):
 
     @property
     def alarms(self) -> list[tuple[str, Comparison]]:
-        """Every comparison that disagrees, as (scene, comparison)."""
+        """Every comparison that disagrees, with the name of its scene before it."""
         return [
             (name, row)
             for name, verdict in self.checks.items()

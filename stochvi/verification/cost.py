@@ -1,4 +1,5 @@
-"""`cost`: statistical error per CPU second, bias of the step, and error of models, apart."""
+"""`cost`: statistical error per CPU second, bias of the step, and error of models, each stated
+apart."""
 
 from __future__ import annotations
 
@@ -51,13 +52,14 @@ TARGETS = (1e-2, 1e-3, 1e-4)
 """Relative errors for which the CPU time is predicted: 1, 0.1 and 0.01 %."""
 
 NOISE = 3.0
-"""Standard errors up to which a measured bias may be nothing but noise."""
+"""Number of standard errors up to which a measured bias may be nothing but noise."""
 
 MOST_HALVINGS = 10
 """Largest number of times that the finest step is halved on paper to find a small enough bias."""
 
 LARGEST_BLOCK = 256
-"""Largest number of paths of a block: enough for full speed, few enough to stop in time."""
+"""Largest number of paths in a block: enough for full speed, few enough that a block ends in
+time."""
 
 LEAST_SECONDS = 0.3
 """Seconds that the simulation gets, however long everything before it took."""
@@ -202,7 +204,7 @@ class WorkPrecision(Result):
         return min((one for one in found if one), key=lambda one: one.seconds, default=None)
 
     def _priced(self, rows: Sequence[StepError], target: float) -> Prediction | None:
-        """The price at one step is that of the quantity that takes longest."""
+        """The price at one step, which is that of the quantity that takes longest."""
         prices = [(row.seconds(target), row) for row in rows]
         known = [(price, row) for price, row in prices if price is not None]
         if not known or len(known) < len(prices):
@@ -331,7 +333,8 @@ def cost(
     all differences come from the covariance of the paths. A relative error e then takes
     (s / e)^2 seconds, at a step whose bias is below e as well, with NOISE standard errors to
     spare: as measured there, or at a longer step and brought down by its order.
-    Deterministic methods cost next to nothing, and time does not better them: they stand apart.
+    Deterministic methods cost next to nothing, and more time does not improve them: they are stated
+    apart.
 
     Parameters
     ----------
@@ -385,7 +388,8 @@ def cost(
         rung.shortest().averages(0, 0, 2)
     layout = _joint_layout(plans)
     with crew_of(executor, threads) as crew:
-        # they have no budget of their own, so that the simulation gets what they leave
+        # the approximations have no budget of their own; the simulation gets the time that they
+        # leave
         free = approximations(scene, [])
         sampling = deadline.sooner(FOR_SOLVER).in_no_less_than(LEAST_SECONDS)
         statistics, cpu = _simulate(plans, layout, seed, sampling, paths, crew, progress)
@@ -522,7 +526,7 @@ def _joint_layout(plans: Sequence[Plan]) -> Layout:
 
 
 def _at_rung(quantity: Quantity, rung: int) -> Quantity:
-    """A quantity of one step, from the means of all."""
+    """A quantity of one step, as a function of the means of all steps."""
     mark = f"{rung}/"
 
     def of_all(means: Means) -> float:
@@ -545,15 +549,15 @@ def _known(scene: Scene, plan: Plan) -> tuple[dict[Key, Estimate], str]:
 
 
 def _solved(scene: Scene, plan: Plan, deadline: Deadline) -> list[Response]:
-    """The response of the Fokker-Planck equation, of a mesh that the deadline allows; its rates
-    count the same impacts as the simulated ones."""
+    """The response by the Fokker-Planck equation on a mesh that the deadline allows. Its rates
+    count the same impacts as those of the simulation."""
     threshold = next(iter(plan.layout.thresholds.values()), None)
     try:
         return [fokker_planck(scene, speed_threshold=threshold, budget=deadline.rest)]
     except NotApplicable:
         return []
     except (NotConverged, Interrupted) as reason:
-        # its bias says what it has reached
+        # its bias states the accuracy that it has reached
         return [] if reason.response is None else [reason.response]
 
 

@@ -33,11 +33,11 @@ if TYPE_CHECKING:
 APPLIES = "applies"
 
 SECONDS = 3.0
-"""Seconds that an explanation takes at most, if no kernel must be compiled."""
+"""Largest number of seconds that an explanation takes, if no kernel must be compiled."""
 
 MOST_BREAKPOINTS = 10_000
-"""Number of breakpoints of all tables from which no linearisation is tried: it would integrate them
-a hundred times."""
+"""Number of breakpoints of all tables from which on no linearisation is tried, since it would
+integrate over them a hundred times."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -68,11 +68,12 @@ class Explanation(Result):
     simulation: Prospect | None
 
     def summary(self) -> str:
-        """The effects that a simulation has in it."""
+        """The effects that a simulation of the scene contains."""
         return f"simulated: {', '.join(self.effects)}"
 
     def to_frame(self) -> pd.DataFrame:
-        """One row per method: whether it applies, and what it lacks."""
+        """One row per method: whether it applies, or the conditions that the scene does not
+        meet."""
         import pandas as pd
 
         return pd.DataFrame(
@@ -103,7 +104,7 @@ def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS
     threads
         Number of threads; by default all cores.
     budget
-        Seconds for all of it; the pilot gets what is left, `PILOT_SECONDS` at most.
+        Seconds for the whole explanation; the pilot run gets what is left, `PILOT_SECONDS` at most.
 
     Returns
     -------
@@ -178,7 +179,8 @@ MOST_OF_THE_REST = 0.5
 
 
 def _environments(scene: Scene) -> list[str]:
-    """What was read of each table and record, and its rms value, to compare with its source."""
+    """A sentence on what was read of each table and record, with its rms value, to compare with its
+    source."""
     found = []
     for each in scene.excitations:
         if isinstance(each, TabulatedNoise | RecordedNoise):

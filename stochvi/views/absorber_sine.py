@@ -29,7 +29,8 @@ LOWEST = 1e-3
 
 
 def print_absorber_sine(console: Console, found: AbsorberSine) -> None:
-    """Print what is left over frequency, the best tuning, and what the columns mean."""
+    """Print the vibration that is left over frequency, the best tuning, and the meanings of the
+    columns."""
     console.print(found.summary(), style="bold", highlight=False)
     print_frame(console, ranges(found.frequency), f"motion of {found.carrier!r} over frequency")
     if found.tuning:
@@ -66,7 +67,7 @@ def ranges(curve: ResidualCurve) -> pd.DataFrame:
 
 
 def tunings(found: AbsorberSine) -> pd.DataFrame:
-    """The best value of each number that is tuned."""
+    """A row for each number that is tuned: its best value and the ratio there."""
     rows = []
     for curve in found.tuning:
         at = curve.tuned
@@ -92,7 +93,7 @@ def _lasting(curve: ResidualCurve, number: int) -> str:
 
 
 def _name(curve: ResidualCurve) -> str:
-    """What is varied, with its unit where that is known."""
+    """The name of the varied number, with its unit where that is known."""
     if curve.key == "frequency_hz":
         return "frequency (Hz)"
     name, unit, _ = tuned_key(curve.key)
@@ -100,12 +101,13 @@ def _name(curve: ResidualCurve) -> str:
 
 
 def _factor(curve: ResidualCurve) -> float:
-    """Factor from the unit of what is varied to the one that is shown."""
+    """Factor from the SI unit of the varied number to the unit that is shown."""
     return 1.0 if curve.key == "frequency_hz" else tuned_key(curve.key)[2]
 
 
 def draw_absorber_sine(found: AbsorberSine) -> Axes:
-    """What is left over frequency, and over each number that is tuned."""
+    """Draw the ratio that the absorber leaves over frequency, and over each number that is
+    tuned."""
     import matplotlib.pyplot as plt
 
     curves = (found.frequency, *found.tuning)
@@ -119,7 +121,7 @@ def draw_absorber_sine(found: AbsorberSine) -> Axes:
 
 
 def plot_absorber_sine(found: AbsorberSine, ax: Axes | None = None) -> Axes:
-    """The picture of an answer; in given axes, what is left over frequency."""
+    """The picture of an answer; in given axes, the panel over frequency alone."""
     return draw_absorber_sine(found) if ax is None else plot_residual(found.frequency, ax)
 
 

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from stochvi.absorbers.tuned_damper import TunedDamper
 
 SURE = 4.0
-"""Standard errors by which a ratio must exceed 1 for the verdict that an absorber does harm."""
+"""Number of standard errors by which a ratio must exceed 1 for the verdict that an absorber does
+harm."""
 
 SIZE = (7.0, 4.2)
 """Size of a figure, inches."""
@@ -77,7 +78,7 @@ def verdict(found: AbsorberReport) -> str:
 
 
 def tuned_sentence(found: TunedDamper) -> str:
-    """What the same mass does as a tuned damper, with its tuning."""
+    """The effect of the same mass as a tuned damper, with its tuning, in a sentence."""
     return (
         f"The same mass on a tuned spring and dashpot ({found.tuning}: {found.frequency_hz:.4g} "
         f"Hz, damping ratio {found.zeta:.3g}) would leave {found.ratio:.3f} of the rms "
@@ -176,7 +177,7 @@ def rivals_in_words(found: Design) -> str:
 
 
 SIGNIFICANT = 2.0
-"""Standard errors of a difference above which two candidates differ clearly."""
+"""Number of standard errors of a difference above which two candidates differ clearly."""
 
 
 def draw_levels(found: AbsorberReport, ax: Axes | None = None) -> Axes:
@@ -227,7 +228,7 @@ def draw_plays(found: AbsorberReport, ax: Axes | None = None) -> Axes:
 
 
 def _draw_tuned(ax: Axes, found: TunedDamper | None) -> None:
-    """The ratio of the tuned damper of the same mass, a line across."""
+    """Draw the ratio of the tuned damper of the same mass as a horizontal line."""
     if found is not None:
         ax.axhline(found.ratio, color=COLOURS["exact"], linestyle="-.", linewidth=1.0)
         ax.annotate(

@@ -1,4 +1,5 @@
-"""What all pictures share: axes, colours, units of length, the stops, the grid and the legend.
+"""Parts that all pictures share: axes, colours, units of length, the stops, the grid and the
+legend.
 
 matplotlib is imported where the first picture is drawn: a report may have none.
 """
@@ -43,7 +44,7 @@ GRID_COLOUR = "#dddddd"
 """Colour of the lines of a grid."""
 
 LENGTH_UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"))
-"""Units of length that axes may have: metres in the unit, and its name."""
+"""Units of length that axes may have: length of the unit in metres, and its name."""
 
 SCREEN, PAGE = (6.4, 4.0), (5.2, 3.5)
 """Sizes of figures in inches: for a screen, and for half the width of a page, where letters of 10
@@ -53,24 +54,27 @@ PLAIN_NUMBERS = (1e-4, 2e4)
 """A logarithmic axis within these limits is labelled by numbers, another one by powers of ten."""
 
 FEW_DECADES = 300.0
-"""Ratio of the ends of an axis below which 2 and 5 are labelled too."""
+"""Ratio of the ends of a logarithmic axis below which 2 and 5 times a power of ten are labelled
+too."""
 
 LESS_THAN_A_DECADE, FEW_TICKS = 8.0, 6
 """Ratio of the ends of a logarithmic axis below which 1, 2 and 5 alone would be too few labels, and
 the most labels at equal distances that it then has."""
 
 MOST_DECADES, MARGIN = 10, 3.0
-"""Most decades of a logarithmic axis, and the ratio of its ends to the lines on it."""
+"""Largest number of decades of a logarithmic axis, and factor by which it reaches beyond its
+lines."""
 
 LONGEST_LINE, MOST_LINES = 70, 2
-"""Most characters of a line of text in a picture, and lines that a longer one is wrapped to: more
-would leave no room for the picture."""
+"""Largest number of characters in a line of text in a picture, and of lines to which a longer text
+is wrapped: more would leave no room for the picture."""
 
 MOST_POINTS = 4000
-"""Points of a curve above which it is drawn by the smallest and largest values of neighbours."""
+"""Number of points above which a curve is drawn by the smallest and largest values of
+neighbours."""
 
 LEGEND_COLUMNS = 2
-"""Columns of a legend: more do not fit above a picture of half a page."""
+"""Number of columns of a legend: more do not fit above a picture of half a page."""
 
 
 def owner_colours(number: int) -> list[str]:
@@ -162,12 +166,12 @@ def length_unit(size: float) -> tuple[float, str]:
 
 
 def draw_stops(ax: Axes, scene: Scene, unit: float, *, vertical: bool) -> None:
-    """The stops as grey walls; the view is widened where it does not reach them."""
+    """Draw the stops as grey walls; the view is widened where it does not reach them."""
     draw_walls(ax, scene.expanded.impact_pairs, unit, vertical=vertical)
 
 
 def draw_walls(ax: Axes, pairs: Iterable[ImpactPair], unit: float, *, vertical: bool) -> None:
-    """The stops of these pairs as grey walls, positions in metres over `unit`."""
+    """Draw the stops of these pairs as grey walls, at their positions (m) divided by `unit`."""
     limits, span, set_limits = (
         (ax.get_xlim, ax.axvspan, ax.set_xlim)
         if vertical

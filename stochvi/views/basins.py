@@ -53,7 +53,7 @@ LIFE_COLUMNS = {
 """Headings of the columns of life times as the terminal shows them."""
 
 MOST_PRINTED = 40
-"""Values of a bifurcation diagram that the terminal shows."""
+"""Largest number of values of a bifurcation diagram that the terminal shows."""
 
 
 def print_basins(console: Console, found: Basins) -> None:
@@ -169,8 +169,8 @@ def _edges(values: np.ndarray) -> np.ndarray:
 
 
 def _mark(found: Basins, ax: Axes, units: tuple[float, ...]) -> None:
-    """Mark the states of the periodic regimes at the phase of the starts: of one coordinate alone
-    the plane holds them."""
+    """Mark the states of the periodic regimes at the phase of the starts; only with one coordinate
+    do they lie in the plane of the map."""
     if found.regimes and len(found.regimes[0].displacement) > 1:
         return
     for regime in found.regimes:
@@ -181,7 +181,7 @@ def _mark(found: Basins, ax: Axes, units: tuple[float, ...]) -> None:
 
 
 def draw_bifurcation(found: Bifurcation, ax: Axes | None = None) -> Axes:
-    """Impact speeds over what is varied, and the Lyapunov exponent below them."""
+    """Draw impact speeds over the varied number, and the Lyapunov exponent below them."""
     if ax is not None:
         return _plot_speeds(found, ax)
     _, axes = plt.subplots(
@@ -222,7 +222,8 @@ def _distinct(speeds: np.ndarray) -> np.ndarray:
 
 
 def _style(*, upwards: bool) -> dict[str, Any]:
-    """Dots of a sweep; those of one down are smaller, so that both are seen where they agree."""
+    """Style of the dots of a sweep; dots of a downward sweep are smaller, so that both are seen
+    where they agree."""
     colour = COLOURS["simulate"] if upwards else COLOURS["linearise:closure"]
     size = 2.4 if upwards else 0.8
     return {"linestyle": "none", "marker": "o", "markersize": size, "color": colour}

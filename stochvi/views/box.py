@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
 
 SMALLEST_CHANCE = 1e-6
-"""Chance of a hit from which the colour of a snubber no longer changes downwards."""
+"""Chance of a hit below which all snubbers have the same colour."""
 
 
 def modes_in_rows(box: BoxOverview) -> pd.DataFrame:
@@ -63,8 +63,8 @@ def one_axis_in_rows(sizing: PairsSizing) -> pd.DataFrame:
 
 
 def plot_box(sizing: PairsSizing) -> Axes:
-    """The box from outside: mounts, centre of mass, and snubbers coloured by the chance that one
-    alone is hit where the scene has its stops, of several at one place the largest."""
+    """The box from outside: mounts, centre of mass, and snubbers, coloured by the chance that each
+    alone is hit with the stops of the scene; of several at one place, by the largest chance."""
     import matplotlib.pyplot as plt
     from matplotlib.colors import LogNorm
 
@@ -114,7 +114,7 @@ def plot_box(sizing: PairsSizing) -> Axes:
 
 
 def _together(names: list[str]) -> str:
-    """Names of snubbers at one place, the words that all begin with once.
+    """Names of snubbers at one place; words with which all of them begin are written once.
 
     >>> _together(["corner 1 x", "corner 1 y"]), _together(["left", "right"])
     ('corner 1 x, y', 'left, right')

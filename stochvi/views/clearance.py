@@ -47,7 +47,7 @@ def plot_clearance_curve(
 def plot_clearance_ratio(
     curve: pd.DataFrame, predicted: pd.DataFrame | None = None, ax: Axes | None = None
 ) -> Axes:
-    """The same rates divided by Rice's: what the impacts themselves change."""
+    """The same rates divided by Rice's, which shows what the impacts themselves change."""
     ax = axes_or_new(ax)
     smooth = curve if predicted is None else predicted
     ratio = curve["simulated"] / curve["rice"]

@@ -12,7 +12,8 @@ SUFFIXES = {
     "1/s": "per_s", "s": "s", "N": "N", "Hz": "Hz", "kg": "kg", "dB": "dB", "km/h": "km_h",
     "N s/m": "N_s_m", "N/m": "N_m", "g": "g", "mm": "mm",
 }  # fmt: skip
-"""How a unit stands in the name of a column; one that is not here, such as 1, does not."""
+"""Spelling of units in the names of columns; a unit that is not listed, such as 1, is left out of
+the name."""
 
 COLUMN_UNITS = {
     "clearance": "m",
@@ -29,7 +30,8 @@ COLUMN_UNITS = {
 """Units of the columns of tables by their names."""
 
 ENDINGS = ("_low", "_high", "_error")
-"""What stands behind the name, and behind its unit, of a column that bounds another one."""
+"""Endings of columns that hold a bound or an error of another column; they stand behind its name
+and unit."""
 
 
 def with_unit(name: str, unit: str) -> str:

@@ -30,10 +30,10 @@ REACH = 3.5
 """Standard deviations of x and v that a picture shows, where no stop ends it before."""
 
 DECADES = 4.0
-"""Decades of the density that the picture of its plane spans."""
+"""Number of decades of the density that the picture of its plane spans."""
 
 PLANE_POINTS, CURVE_POINTS = 241, 401
-"""Points along each side of a plane, and along a curve: odd numbers, so that v = 0 is a point."""
+"""Number of points along each side of a plane, and along a curve: odd, so that v = 0 is a point."""
 
 SLIT = 0.04
 """Half the height of the slit in a stop at v = 0, relative to the height of the picture."""
@@ -45,7 +45,7 @@ SIZE = (6.4, 4.6)
 """Size of a figure of one picture, inches."""
 
 SLOWEST, FASTEST = 1e-3, 5.0
-"""Impact speeds shown, in units of the rms velocity."""
+"""Smallest and largest impact speed shown, in rms velocities."""
 
 
 class Density(Protocol):
@@ -186,7 +186,7 @@ def _value(found: Density, quantity: str) -> float:
 
 
 def _range(scene: Scene, found: Density) -> tuple[Vector, Vector]:
-    """Places and velocities that a picture shows; rigid stops end it."""
+    """Displacements and velocities that a picture shows; it ends at rigid stops."""
     mean, deviation = _value(found, "displacement_mean"), _value(found, "displacement_std")
     low, high = mean - REACH * deviation, mean + REACH * deviation
     for side, law in (stop for pair in scene.impact_pairs for stop in pair.stops()):

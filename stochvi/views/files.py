@@ -47,7 +47,7 @@ def write_json(document: Mapping[str, Any], target: str) -> None:
 
 
 def _write_to_output(text: str) -> None:
-    """Write to standard output; a reader that has closed it, as `head` does, wants no more."""
+    """Write to standard output; a reader that has closed it, as `head` does, is no error."""
     try:
         sys.stdout.write(text)
         sys.stdout.flush()
@@ -102,7 +102,7 @@ _inputs: ContextVar[Sequence[Path]] = ContextVar("inputs", default=())
 
 @contextlib.contextmanager
 def kept_inputs(files: Sequence[Path]) -> Iterator[None]:
-    """No answer that is written within replaces one of these files, also by way of a link."""
+    """Within this context no answer replaces one of these files, not even through a link."""
     before = _inputs.set([file for file in files if file.exists()])
     try:
         yield
@@ -160,8 +160,8 @@ _pictures_until: ContextVar[Deadline] = ContextVar("pictures_until", default=NEV
 
 @contextlib.contextmanager
 def pictures_until(deadline: Deadline) -> Iterator[None]:
-    """Pages leave out the pictures that are not begun by then (see `time_for_pictures`); after
-    Ctrl-C no picture is drawn at all."""
+    """Within this context pages leave out the pictures that are not begun by the deadline (see
+    `time_for_pictures`); after Ctrl-C no picture is drawn at all."""
     before = _pictures_until.set(deadline)
     try:
         yield
@@ -170,13 +170,13 @@ def pictures_until(deadline: Deadline) -> Iterator[None]:
 
 
 def time_for_pictures() -> bool:
-    """Whether there is still time for one of many pictures, which no answer needs."""
+    """Whether there is still time for one more picture of a page."""
     return not _pictures_until.get().passed()
 
 
 def try_picture(draw: Callable[[], Axes], path: Path) -> None:
-    """Write the picture that `draw` returns; one that cannot be drawn costs a UserWarning, because
-    the answer that it would show is there without it. After Ctrl-C none is drawn."""
+    """Write the picture that `draw` returns; a picture that cannot be drawn gives a UserWarning and
+    no error, so that the answer is kept. After Ctrl-C none is drawn."""
     if _pictures_until.get().interrupted:
         warnings.warn(f"{path.name} was not drawn, because of Ctrl-C", stacklevel=2)
         return
@@ -198,7 +198,7 @@ def try_picture(draw: Callable[[], Axes], path: Path) -> None:
 
 
 def write_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str, folder: Path) -> None:
-    """Hit rate against clearance as `clearance.csv` and `clearance.png`.
+    """Write the hit rate against clearance as `clearance.csv` and `clearance.png`.
 
     `curve` comes from `clearance_curve`, `predicted` from `predicted_curve`.
     """
@@ -209,7 +209,7 @@ def write_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str, fo
 
 
 def write_pairs_clearance(curve: pd.DataFrame, title: str, folder: Path) -> None:
-    """Hit rates of several pairs against their clearances as `clearance.csv` and
+    """Write hit rates of several pairs against their clearances as `clearance.csv` and
     `clearance.png`."""
     from stochvi.views.clearance import draw_pairs_clearance
 

@@ -1,4 +1,4 @@
-"""One realisation: on a terminal, as a picture of its motion and impacts, and as an animation."""
+"""One realisation on a terminal, as a picture of its motion and impacts, and as an animation."""
 
 from __future__ import annotations
 
@@ -38,16 +38,18 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 
 MOST_MARKS = 1000
-"""Impacts of a pair above which only the fastest of each of so many equal intervals is marked."""
+"""Largest number of impacts of a pair that are marked; of more, the fastest in each of so many
+equal intervals is."""
 
 SMALLEST_MARK, MARK_GROWTH = 10.0, 50.0
-"""Area of the mark of an impact in points^2: at speed 0, and how much the fastest has more."""
+"""Area of the mark of an impact at speed 0, and what is added to it for the fastest impact,
+points^2."""
 
 FRAMES, FRAMES_PER_PERIOD, FRAMES_PER_SECOND = 120, 15, 20
-"""Frames of an animation, in a mean period of the motion, and in a second of watching."""
+"""Number of frames in an animation, in a mean period of the motion, and in a second of watching."""
 
 FLASH = 2
-"""Frames after an impact in which its wall is lit."""
+"""Number of frames after an impact for which its wall is lit."""
 
 BLOCK_WIDTH = 0.16
 """Width of a mass in an animation, in units of the farthest place that anything reaches."""
@@ -72,7 +74,7 @@ SHOWN = {
 
 
 def print_history(console: Console, found: History) -> None:
-    """Print what happened, and what the columns of the table are."""
+    """Print the quantities of the history, and the meanings of the columns of its table."""
     import pandas as pd
 
     rows = [
@@ -159,7 +161,8 @@ def _plot_motion(
 
 
 def _fastest(hits: pd.DataFrame, duration: float) -> pd.DataFrame:
-    """The impacts to mark: all, or the fastest of each interval where they are many."""
+    """The impacts to mark: all of them, or the fastest in each interval where there are more than
+    `MOST_MARKS`."""
     if len(hits) <= MOST_MARKS:
         return hits
     interval = (hits["time_s"] * (MOST_MARKS / duration)).astype(int)
@@ -167,7 +170,7 @@ def _fastest(hits: pd.DataFrame, duration: float) -> pd.DataFrame:
 
 
 def _plot_accelerations(found: History, columns: Sequence[str], ax: Axes) -> None:
-    """Absolute accelerations: in g of what a base shakes, in m/s^2 of what forces shake."""
+    """Draw absolute accelerations: in g where a base is shaken, in m/s^2 where forces act."""
     time = found.samples["time_s"].to_numpy()
     shaken = any(_ends(str(name), "base_acceleration_m_s2") for name in found.samples)
     unit, name = (STANDARD_GRAVITY, "g") if shaken else (1.0, "m/s²")
@@ -214,7 +217,7 @@ def write_animation(found: History, scene: Scene, path: Path, title: str = "") -
         heading.set_parse_math(False)
         as_written(ax)
         figure.canvas.draw()
-        figure.set_layout_engine("none")  # what was laid out once stays where it is
+        figure.set_layout_engine("none")  # the layout of the first frame is kept in all frames
         writer = PillowWriter(fps=FRAMES_PER_SECOND)
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / "animation.gif"
@@ -280,7 +283,7 @@ def _tracks(found: History, scene: Scene, time: Vector) -> list[Track]:
     def place(name: str) -> Vector:
         column = f"{name}.displacement_m" if len(names) > 1 else "displacement_m"
         if name in whole.structure.coordinates and name not in names:
-            return np.zeros_like(time)  # the others are seen from it
+            return np.zeros_like(time)  # the other masses are shown relative to this one
         if name not in names:
             owner = name.removeprefix("gap of ")
             column = f"{owner}.gap_m" if len(whole.impact_pairs) > 1 else "gap_m"

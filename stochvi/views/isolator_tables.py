@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 def print_screening(console: Console, linear: Screening) -> None:
-    """The linear screening of an isolator, with its notes, after what a record says of it."""
+    """Print the verdict on a record, then the linear screening of an isolator with its notes."""
     print_record(console, linear.record)
     print_frame(console, linear.to_frame(), "linear screening, stops left out")
     for note in linear.notes:
@@ -46,7 +46,7 @@ def print_screening(console: Console, linear: Screening) -> None:
 
 
 def print_structure_screening(console: Console, linear: StructureScreening) -> None:
-    """The linear screening of several coordinates and gaps, with its notes."""
+    """Print the linear screening of several coordinates and gaps, with its notes."""
     print_frame(console, _joined(linear.to_frame()), "linear screening, stops left out")
     if linear.impact_pairs:
         print_frame(console, linear.gaps_to_frame(), "gaps, and hits by Rice")
@@ -79,7 +79,7 @@ CONTRADICTED = "bold red"
 
 
 def print_record(console: Console, record: RecordVerdict | None) -> None:
-    """Whether a record moves the mount as Gaussian noise would; nothing without a record."""
+    """Print whether a record moves the mount as Gaussian noise would; nothing without a record."""
     if record is None:
         return
     style = None if record.agrees else CONTRADICTED
@@ -99,7 +99,8 @@ CLEARANCE_COLUMNS = {
 
 
 def print_clearance(console: Console, curve: pd.DataFrame, notes: Sequence[str] = ()) -> None:
-    """Hit rate against clearance, as `clearance_curve` returns it, and the notes on it."""
+    """Print the hit rate against clearance, as `clearance_curve` returns it, and the notes on
+    it."""
     limits = zip(curve["simulated_low"], curve["simulated_high"], strict=True)
     shown = curve.assign(
         gap=1e3 * curve["clearance"], interval=[f"{a:.3g} to {b:.3g}" for a, b in limits]

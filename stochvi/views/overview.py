@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from stochvi.statistics.overview import Overview
 
 CURVE_POINTS = 801
-"""Points of the curve of a normal law."""
+"""Number of points of the curve of a normal law."""
 
 
 def plot_displacement_density(found: Overview, ax: Axes | None = None) -> Axes:

@@ -32,7 +32,7 @@ def interval_in_words(chance: Probability) -> str:
 
 
 def pairs_in_words(sizing: PairsSizing) -> pd.DataFrame:
-    """A row per pair: its clearance with the interval, and what it risks."""
+    """A row per pair: its clearance with the interval, and its risk."""
     import pandas as pd
 
     rows = []
@@ -55,7 +55,7 @@ def pairs_in_words(sizing: PairsSizing) -> pd.DataFrame:
             }
         )
     table = pd.DataFrame(rows)
-    # a warning of the answer says why they are not known
+    # columns without a known number are left out; a warning of the answer says why
     return table[[name for name in table if not (table[name] == UNSEEN).all()]]
 
 
@@ -83,7 +83,7 @@ def places_in_rows(sizing: PairsSizing) -> pd.DataFrame:
 
 
 MM_DIGITS = 6
-"""Digits of a mean gap in mm behind the point: what is smaller is rounding."""
+"""Number of digits behind the point of a mean gap in mm; smaller digits are rounding error."""
 
 PLACES = (
     "where the stops go: clearances count from the mean gap, rounded up to what can be made; lower "
@@ -93,11 +93,11 @@ PLACES = (
 
 
 UNSEEN = "unknown"
-"""A number of a table of pairs that is not known."""
+"""Cell of a table of pairs for a number that is not known."""
 
 
 def _known(value: float) -> str:
-    """A number of three digits; `UNSEEN` where it is not one."""
+    """A number with three digits; `UNSEEN` for NaN."""
     return f"{value:.3g}" if value == value else UNSEEN
 
 
@@ -175,11 +175,11 @@ SAME_CURVE = 5e-3
 """Relative distance of two curves below which a picture shows them as one line."""
 
 MOST_JOINED = 3
-"""Most names of pairs in one entry of a legend."""
+"""Largest number of names of pairs in one entry of a legend."""
 
 
 def _alike(sizing: PairsSizing) -> list[list[str]]:
-    """Names of the sized pairs, those together whose curves a picture cannot tell apart."""
+    """Names of the sized pairs, grouped where a picture cannot tell their curves apart."""
     groups: list[list[str]] = []
     for name in sizing.clearances:
         own = sizing.curve[name]
@@ -205,8 +205,8 @@ def draw_pairs_risk(sizing: PairsSizing, title: str = "") -> Axes:
 
 
 def plot_pairs_clearances(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
-    """The clearance of each pair, with that of the worst combination of tolerances, beside what
-    three sigma would give it."""
+    """The clearance of each pair, its clearance in the worst combination of tolerances, and three
+    sigma of its gap."""
     ax = axes_or_new(ax, (6.8, 0.9 + 0.42 * max(len(sizing.clearances), 3)))
     names = list(sizing.clearances)
     values = np.array([sizing.clearances[name].value for name in names])

@@ -52,13 +52,14 @@ if TYPE_CHECKING:
     from stochvi.verification.testing.judging import Judgement
 
 ROW_HEIGHT, LEAST_HEIGHT = 0.22, 1.6
-"""Height of a picture in inches: of a row of a list, and of what stands around the rows."""
+"""Heights in inches: of a row in the picture of a list, and of everything around the rows."""
 
 MOST_ROWS = 40
-"""Rows of a list that a picture shows, those with the largest values."""
+"""Largest number of rows of a list that a picture shows; they are those with the largest values."""
 
 MOST_SCORE = 3.0
-"""Scores above this multiple of the alarm stand at the edge of the picture."""
+"""Scores above this multiple of the one that raises an alarm are drawn at the edge of the
+picture."""
 
 SIGMAS = np.linspace(1.0, 6.0, 101)
 """Clearances of the picture of a screening, in rms displacements."""
@@ -67,7 +68,7 @@ SIGMAS = np.linspace(1.0, 6.0, 101)
 def plot(found: Result, ax: Axes | None = None) -> Axes:
     """Draw an answer, in `ax` or in a figure of its own; returns the first Axes.
 
-    Where a figure has several panels, the first of them is what is drawn in `ax`.
+    Where a figure has several panels, `ax` gets the first of them.
     """
     for kind in type(found).__mro__:
         if kind.__name__ in PICTURES:

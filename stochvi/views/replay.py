@@ -42,12 +42,14 @@ ROWS = {
 
 
 def headline(found: Replay, record: RecordVerdict | None) -> str:
-    """The clearance that the record itself needs, where it is known, and what happened."""
+    """The clearance that the record itself needs, where it is known, and the summary of the
+    replay."""
     return "; ".join([*([] if record is None else [record.needs()]), found.summary()])
 
 
 def print_replay(console: Console, found: Replay, record: RecordVerdict | None) -> None:
-    """What the record needs, and what it did at one clearance, or a row per clearance."""
+    """Print the clearance that the record needs, then its effect at one clearance, or a row per
+    clearance."""
     console.print(headline(found, record), style="bold", highlight=False)
     if found.single is not None:
         _print_one(console, found.single)

@@ -40,13 +40,14 @@ LEAST_PROBABILITY = 1e-5
 """Lower end of the picture of the risk, unless the target lies lower."""
 
 FEW_BREAKPOINTS = 60
-"""Above this number of points a table is a measured density, and its points are not marked."""
+"""Number of points above which a table is taken for a measured density, and its points are not
+marked."""
 
 TOLERANCE_DB = 3.0
-"""Half width of the band around the input density: a usual tolerance of vibration tests."""
+"""Half width of the band around the input density, dB: a usual tolerance of vibration tests."""
 
 LABEL_WIDTH = 30
-"""Letters in a line of a label."""
+"""Largest number of letters in a line of a label."""
 
 GRAVITY_SQUARED = STANDARD_GRAVITY**2
 
@@ -164,10 +165,10 @@ def plot_response(review: Review, ax: Axes | None = None) -> Axes:
 
 
 def plot_transmissibility(review: Review, ax: Axes | None = None) -> Axes:
-    """What the mount passes on: in theory without stops, and apparently in a path with stops.
+    """Transmissibility of the mount: by theory without stops, and apparent in a path with stops.
 
-    Of the path, the density of -(b v + omega^2 x), the part of the acceleration that spring and
-    damper cause, over that of the base: with stops it is no property of the mount any more.
+    For the path it is the density of -(b v + omega^2 x), the part of the acceleration that spring
+    and damper cause, over that of the base: with stops it is no longer a property of the mount.
     """
     ax = axes_or_new(ax, PAGE)
     spectra = _spectra(review.environment)
@@ -309,7 +310,8 @@ def plot_exceedances_over_clearance(review: Review, ax: Axes | None = None) -> A
 
 
 def _hard_hits(review: Review) -> tuple[pd.DataFrame, float, str]:
-    """The table, the factor from SI to the unit of its axis, and the label of that axis."""
+    """The table of chances of hard hits, the factor from SI to the unit of their axis, and its
+    label."""
     table = review.exceedances
     assert table is not None
     if table["event"].iloc[0] == "peak_acceleration":
@@ -332,7 +334,7 @@ LEAST_CHANCE = 1e-9
 def _chance_line(
     ax: Axes, x: Any, rows: pd.DataFrame, colour: str, label: str, marker: str = ""
 ) -> None:
-    """Chances with their 95 % band, and the label at the end of the line."""
+    """Draw chances with their 95 % band, and the label at the end of the line."""
     y = rows["probability"].to_numpy()
     ax.plot(x, y, color=colour, linewidth=1.6, marker=marker, markersize=4)
     ax.fill_between(x, np.maximum(rows["probability_low"], LEAST_CHANCE), rows["probability_high"],
@@ -343,7 +345,7 @@ def _chance_line(
 
 
 def _limit_mark(ax: Axes, review: Review) -> None:
-    """The limit of the target, if it has one."""
+    """Draw the limit of the target, if it has one."""
     target = review.sizing.target
     if target.exceedance is None:
         return

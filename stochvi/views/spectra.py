@@ -38,7 +38,7 @@ TITLE = "spectra, one-sided per hertz, with 95 % bands"
 
 
 def plot_curve(curve: Curve, ax: Axes, *, colour: str = OWNERS[0], label: str = "") -> Axes:
-    """A curve with its 95 % band, both axes logarithmic; what reaches zero leaves the view."""
+    """A curve with its 95 % band, both axes logarithmic; values that reach zero leave the view."""
     ax.fill_between(
         curve.frequency_hz, np.maximum(curve.lower, 1e-300), curve.upper,
         color=colour, alpha=BAND_ALPHA, linewidth=0,

@@ -25,15 +25,16 @@ STARTS = {"rest": "rest", "stationary": "the stationary motion"}
 """The starts of a mission in words."""
 
 NEAR_ONE = 0.999
-"""Probability from which the lower end of its interval is printed: its own digits would be 9s."""
+"""Probability from which on the lower end of its interval is printed instead, since its own digits
+would all be 9."""
 
 SURELY = 0.9
-"""Lower end of an interval up to 1 from which on "over" that end says all; where it is lower the
-chance is hardly known, and the interval is printed."""
+"""Lower end of an interval that reaches to 1, from which on "over" and that end are printed; where
+it is lower the chance is hardly known, and the interval is printed."""
 
 
 def print_spectrum(console: Console, found: ResponseSpectrum) -> None:
-    """Print the peak of each spectrum and what the spectra mean."""
+    """Print the peak of each spectrum and the meanings of the spectra."""
     print_frame(console, found.peaks(), "at the peak of each spectrum, one-sided per hertz")
     for name, meaning in found.meanings.items():
         console.print(f"{name}: {meaning}", style="dim", highlight=False)
@@ -55,8 +56,8 @@ def _print_limits(console: Console, assumptions: Sequence[str], warnings: Sequen
 
 
 def chance_in_words(value: float, error: float, lower: float) -> str:
-    """A probability with its error; near 1, the number that it exceeds, or the interval down to a
-    far lower one."""
+    """A probability with its error; near 1, the number that it exceeds, or its interval where that
+    reaches far below 1."""
     if value < NEAR_ONE:
         return format_with_error(value, error)
     if lower < SURELY:
@@ -66,7 +67,8 @@ def chance_in_words(value: float, error: float, lower: float) -> str:
 
 
 def _print_pairs(console: Console, found: Reliability) -> None:
-    """Print what each of several pairs risks, and the chances of single coordinates and points."""
+    """Print the risk of each of several pairs, and the chances for single coordinates and
+    points."""
     table = new_table(
         "pair by pair",
         [

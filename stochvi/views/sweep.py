@@ -1,4 +1,4 @@
-"""A sweep for people: the main columns of its table, and pictures over its first key."""
+"""Views of a sweep: the main columns of its table, and pictures over its first key."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ ON_TERMINAL = (
     "expected_hits", "hit", "passage", "impact_speed", "peak_acceleration", "displacement_max",
     "displacement_min", "hits", "impact_speed_max",
 )  # fmt: skip
-"""Those of them that the table on the terminal shows."""
+"""The ones among these quantities that the table on the terminal shows."""
 
 MOST_PANELS, PANEL = 12, (3.6, 2.9)
 """Largest number of pictures on a contact sheet, and the size of one, inches."""
 
 PAGE_UNITS = {"m": (MM, "mm"), "m/s^2": (G, "g")}
-"""Units of pictures where they are not those of SI: factor and name."""
+"""Factor and name of the units of pictures that are not SI units, by the SI unit."""
 
 EVENT_NAMES = {
     "clearance": "clearance per side",
@@ -120,7 +120,7 @@ def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
 
 
 def unseen(table: pd.DataFrame) -> pd.Series:
-    """Whether something was never seen in a row, so that only an upper limit of it is known."""
+    """For each row, whether an event was never seen, so that only an upper limit is known."""
     limits = [name for name in table if str(name).endswith(f".{LIMIT}")]
     return table[limits].notna().any(axis=1)
 
@@ -279,7 +279,7 @@ def write_sweep(
 
 
 ENDS = ("", f".{ERROR}", f".{BIAS}", f".{LIMIT}")
-"""What follows the name of a quantity in the names of its columns."""
+"""Endings that the columns of a quantity may have behind its name."""
 
 
 def with_units(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:

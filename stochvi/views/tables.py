@@ -41,8 +41,8 @@ QUANTITY_NAMES = {
     "relative_displacement_std": "std. dev. rel. displ.",
     "relative_velocity_std": "rms relative velocity",
 }
-"""Short names for people; w is the speed of an impact. The standard deviation of a displacement
-leaves out its mean; velocities and accelerations of a stationary motion have none."""
+"""Short names of quantities in tables; w is the speed of an impact. The standard deviation of a
+displacement leaves out its mean; velocities and accelerations of a stationary motion have none."""
 
 
 NOISE = 4.0
@@ -54,7 +54,7 @@ ROUGH = 1e-3
 
 
 NEGLIGIBLE = 1e-12
-"""Means below this share of the standard deviation are rounding, and shown as 0."""
+"""Share of the standard deviation below which a mean is rounding error, and shown as 0."""
 
 
 def print_response(console: Console, response: Response) -> None:
@@ -138,7 +138,7 @@ def print_first_passage(console: Console, found: FirstPassage) -> None:
 
 
 NO_VALUE = "-"
-"""Cell of a table for a number that there is none of."""
+"""Cell of a table where no number is known."""
 
 
 def print_frame(
@@ -146,7 +146,8 @@ def print_frame(
 ) -> None:
     """A table of numbers, one format per column (default: 4 significant digits).
 
-    Numbers stand to the right, also those that are text already; "-" stands for what is not known.
+    Numbers are set flush right, also those that are text already; "-" stands for a number that is
+    not known.
     """
     numeric = {str(name): all(map(_is_number, frame[name])) for name in frame.columns}
     table = new_table(title, list(numeric), [name for name in numeric if not numeric[name]])
@@ -220,7 +221,7 @@ def print_line(console: Console, line: str) -> None:
 
 
 def _deviation(response: Response) -> float:
-    """The smallest standard deviation of a coordinate, the measure of means."""
+    """The smallest standard deviation of a coordinate, to which means are compared."""
     found = [
         estimate.value
         for (_, name), estimate in response.estimates().items()
@@ -235,7 +236,7 @@ def value_with_error(estimate: Estimate, scale: float = 0.0) -> str:
     if abs(estimate.value) < NEGLIGIBLE * scale:
         return "0"
     if estimate.standard_error == 0.0:
-        # an approximation has no use for many digits
+        # many digits of an approximation would mean nothing
         rough = estimate.bias is None or estimate.bias > ROUGH * abs(estimate.value)
         return f"{estimate.value:.4g}" if rough else f"{estimate.value:.7g}"
     return format_with_error(estimate.value, estimate.standard_error)

@@ -22,7 +22,8 @@ MOST_PANELS = 9
 
 WORK_SECONDS = (1e-4, 1e4)
 ERROR_PERCENT = (1e-3, 1e2)
-"""Seconds and per cent that the picture of errors spans; a method beyond is drawn on its edge."""
+"""Ends of both axes of the picture of errors, CPU seconds and per cent; a method beyond them is
+drawn at the edge."""
 
 WORK_TITLES = {
     "displacement_mean_square": "mean square displacement",
@@ -108,8 +109,9 @@ def plot_work_precision(found: WorkPrecision, of: str, quantity: str, ax: Axes) 
 def draw_scores(found: Checks, ax: Axes | None = None) -> Axes:
     """Normal quantile plot of the scores of all comparisons: a line of slope 1 if all agree.
 
-    Scores of one simulation hang together. Against an exact answer there is no bias; the others
-    are what stated biases do not cover, and lie within the line where these are generous.
+    Scores of one simulation are correlated. Against an exact answer there is no bias; the other
+    scores are the part of a difference that the stated biases do not cover, and lie within the line
+    where these biases are larger than needed.
     """
     frame = found.to_frame()
     frame = frame[frame["verdict"].isin([AGREES, DISAGREES]) & frame["score"].notna()]

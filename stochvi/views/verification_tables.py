@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 def print_check(console: Console, verdict: Check) -> None:
-    """What was judged, what linearisation gets wrong, and the verdict in a sentence."""
+    """Print what was judged, the errors of linearisation, and the verdict in a sentence."""
     judged = [row for row in verdict.comparisons if row.verdict != APPROXIMATE]
     for method in dict.fromkeys(row.method for row in judged):
         _print_judged(console, [row for row in judged if row.method == method])
@@ -52,7 +52,7 @@ def print_check(console: Console, verdict: Check) -> None:
 
 
 def print_checks(console: Console, verdict: Checks) -> None:
-    """A line for each scene, every alarm, and the verdict in a sentence."""
+    """Print a line for each scene, every alarm, and the verdict in a sentence."""
     overview = verdict.overview()
     headings = [str(name) for name in overview.columns]
     table = new_table("scenes, under one alarm rate", headings, ["scene", "methods", "verdict"])
@@ -71,14 +71,14 @@ def print_checks(console: Console, verdict: Checks) -> None:
 
 
 def print_problems(console: Console, sentences: Mapping[str, str]) -> None:
-    """A line for each problem: its name, and what it is in a sentence."""
+    """Print a line for each problem: its name, and a sentence that describes it."""
     width = max(map(len, sentences))
     for name, sentence in sentences.items():
         console.print(f"{name:{width}}  {sentence}", markup=False, highlight=False, soft_wrap=True)
 
 
 def print_judgement(console: Console, verdict: Judgement) -> None:
-    """Every quantity beside its true value, what disagreements look like, and the verdict."""
+    """Print every quantity with its true value, likely causes of disagreements, and the verdict."""
     if verdict.read_as:
         print_line(console, verdict.read_as)
     headings = ["quantity", "truth", "found", "off by (%)", "visible (%)", "verdict"]
@@ -151,7 +151,7 @@ def _print_approximations(console: Console, verdict: Check) -> None:
 
 
 def _error_in_words(row: Comparison) -> str:
-    """The relative error in per cent; of what the reference never saw there is none."""
+    """The relative error in per cent; "never seen" where the reference value is 0."""
     if row.reference_value == 0.0 != row.value:
         return "never seen"
     return f"{100.0 * row.relative:+.2f}"
@@ -216,7 +216,8 @@ def _print_modes(console: Console, explanation: Explanation) -> None:
 
 
 def print_cost(console: Console, found: WorkPrecision) -> None:
-    """Bias and statistical error at each step, the prices that follow, and errors of models."""
+    """Print bias and statistical error at each step, the CPU times that follow, and errors of
+    models."""
     steps = [f"{step:.3g} s" for step in found.steps]
     bias = new_table("bias of the step (%)", ["quantity", *steps])
     noise = new_table("standard error of one CPU second (%)", ["quantity", *steps])
@@ -246,7 +247,7 @@ def print_cost(console: Console, found: WorkPrecision) -> None:
 
 
 def _whose(found: WorkPrecision, owner: str, quantity: str) -> str:
-    """A quantity in words; of whom, where the scene has several coordinates or pairs."""
+    """A quantity in words, with its owner where the scene has several coordinates or pairs."""
     hits = [row.of for row in found.errors if row.quantity == "impact_speed_rate"]
     moments = [row.of for row in found.errors if row.quantity == "velocity_mean_square"]
     alone = len(set(hits)) < 2 and len(set(moments)) < 2
@@ -254,7 +255,8 @@ def _whose(found: WorkPrecision, owner: str, quantity: str) -> str:
 
 
 def _step_bias(found: WorkPrecision, row: StepError) -> str:
-    """In per cent with its standard error; an upper limit where it may be nothing but noise."""
+    """The bias of a step in per cent with its standard error; an upper limit where it may be
+    nothing but noise."""
     if row.step_bias_limit is None:
         return "unknown"
     if row.bias_is_seen:
@@ -265,7 +267,7 @@ def _step_bias(found: WorkPrecision, row: StepError) -> str:
 
 
 def _print_prices(console: Console, found: WorkPrecision) -> None:
-    """CPU seconds to bring statistical error and bias below each target, by step."""
+    """Print the CPU seconds that bring statistical error and bias below each target, by step."""
     targets = [f"{100.0 * target:g} %" for target in TARGETS]
     groups = [("", False), ("hits ", True)]
     groups = [group for group in groups if found.of_step(found.steps[0], rates=group[1])]
@@ -288,7 +290,7 @@ def _print_prices(console: Console, found: WorkPrecision) -> None:
 
 
 def _print_models(console: Console, found: WorkPrecision) -> None:
-    """Errors that no time makes smaller."""
+    """Print the errors of models, which more time does not make smaller."""
     if not found.models:
         return
     methods = list(dict.fromkeys(row.method for row in found.models))

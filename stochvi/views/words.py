@@ -22,7 +22,8 @@ G = 1.0 / STANDARD_GRAVITY
 UNKNOWN = "not known"
 
 MOST_PLACES = 5
-"""Most digits after the point; a number that needs more is written with a power of ten."""
+"""Largest number of digits after the point; a number that needs more is written with a power of
+ten."""
 
 
 def millimetres(metres: float) -> str:
@@ -45,7 +46,7 @@ def made_millimetres(made: Rounded) -> str:
 
 
 def step_in_words(made: Rounded) -> str:
-    """The step that a clearance is rounded up to."""
+    """The step to which a clearance is rounded up, in words."""
     return f"{MM * made.step:.{_places(made.step)}f} mm"
 
 
@@ -54,7 +55,7 @@ def _places(step: float) -> int:
 
 
 def tolerances_in_words(review: Review) -> str:
-    """The tolerances that a worst case rests on."""
+    """The tolerances of a worst case, in words."""
     found = review.tolerances
     words = [
         f"natural frequency ± {100.0 * found.frequency:.3g} %",
@@ -84,7 +85,7 @@ def limits_of(low: float, high: float) -> str:
 
 
 def with_interval(estimate: Estimate | None, factor: float) -> str:
-    """A value, on a second line its 95 % interval; an upper limit of what was never seen.
+    """A value, with its 95 % interval on a second line; an upper limit where nothing was seen.
 
     >>> with_interval(Estimate(value=0.2498, standard_error=0.0096), 1.0)
     '0.250\\n0.231 to 0.269'
@@ -113,7 +114,7 @@ def with_error(estimate: Estimate | None) -> str:
 
 
 def count_of(number: float) -> str:
-    """A number of things, three digits of it.
+    """A number of things, to three digits.
 
     >>> count_of(0.25), count_of(12.34), count_of(976.4), count_of(88623.0), count_of(2.5e7)
     ('0.25', '12.3', '976', '88 600', '2.5e+07')
@@ -124,8 +125,8 @@ def count_of(number: float) -> str:
 
 
 def name_of_answer(sizing: Sizing) -> str:
-    """What a page calls the calculated clearance: it is recommended unless a record contradicts the
-    Gaussian noise that it holds for."""
+    """Name of the calculated clearance on a page: it is recommended, unless a record contradicts
+    the Gaussian noise for which it holds."""
     return "recommended" if sizing.doubtful is None else "for Gaussian noise"
 
 
@@ -147,7 +148,8 @@ TINY = 1e-12
 
 
 def places_of_stops(sizing: Sizing) -> str:
-    """Where the clearance is sought, and what the stops of the scene risk where they are.
+    """The side or sides of the calculated clearance, and the chance of a hit on the stops of the
+    scene at their places.
 
     Clearances are equal distances from the mean position, which the stops of a scene need not be.
     """

@@ -22,8 +22,9 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, kw_only=True)
 class Exponent:
-    """Of the density of impact speeds near 0, w^(1 - beta): fitted, and 1 - beta by theory (None
-    where there is none: stops that give way, noise that is not white, several coordinates)."""
+    """Exponent 1 - beta of the density of impact speeds near 0, w^(1 - beta): fitted, and by theory
+    (None where no theory holds: stops that give way, noise that is not white, several
+    coordinates)."""
 
     fitted: Estimate
     theory: float | None
@@ -31,12 +32,14 @@ class Exponent:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PairStatistics:
-    """Impacts of one pair faster than `speed_threshold` (m/s); None for what was never hit.
+    """Impacts of one pair faster than `speed_threshold` (m/s); numbers are None where nothing was
+    hit.
 
     Parameters
     ----------
     rates
-        "lower", "upper" (of the stops there are) and "both".
+        Rates of impacts on the "lower" and the "upper" stop, as far as the pair has them, and on
+        "both".
     dispersion
         Variance over mean of counts in windows: 1 for Poisson's process, more for clusters.
     speeds, intervals
@@ -44,13 +47,14 @@ class PairStatistics:
     speed_rms
         Root mean square impact speed, m/s.
     exponents
-        By side, or "both" where both stops have one restitution.
+        Exponents by side, or under "both" where both stops have the same restitution.
     energy, striking_energy
         Mean loss per impact, and mean m w^2 / 2 with which the reduced mass m arrives, the energy
         of a blow, in `energy_unit`: J, or J/kg where the scene gives no mass.
     rice_rates, clump_rate, first_hit_rate
-        1/s, without stops: Rice's crossings of each stop and of both; of their clumps
-        (Vanmarcke); of first hits, from simulated first crossings, if they were asked for.
+        Rates without stops, 1/s: Rice's of crossings of each stop and of both; that of clumps of
+        crossings (Vanmarcke); that of first hits, from simulated first crossings, if they were
+        asked for.
     """
 
     speed_threshold: float
@@ -78,11 +82,11 @@ class PairStatistics:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ImpactStatistics(Result):
-    """Of every impact pair of a scene.
+    """Statistics of the impacts of every impact pair of a scene.
 
-    `step` is that of the motion, within which impacts are found; `duration` is that of a path,
-    `window` that of the dispersion, s. `each` says that impacts are seen one by one however close,
-    which they always are.
+    `step` (s) is that of the motion, within which impacts are found, `duration` (s) that of a path,
+    and `window` (s) the time in which impacts are counted for the dispersion. `each` says that
+    impacts are seen one by one however close, which they always are.
 
     See Also
     --------
@@ -105,7 +109,7 @@ class ImpactStatistics(Result):
         return pd.DataFrame(rows).reindex(columns=columns)
 
     def to_table(self) -> pd.DataFrame:
-        """The same for people: numbers with their errors in words."""
+        """The same table for reading: numbers with their errors in words."""
         import pandas as pd
 
         def spoken(row: Any) -> dict[str, str]:
@@ -176,7 +180,7 @@ class ImpactStatistics(Result):
 
 
 def _rows(name: str, pair: PairStatistics) -> list[dict[str, Any]]:
-    """Of `to_frame`, for one pair."""
+    """Rows of `to_frame` for one pair."""
     rows: list[dict[str, Any]] = []
 
     def add(quantity: str, unit: str, estimate: Estimate | None, **more: Any) -> None:

@@ -54,53 +54,58 @@ from stochvi.statistics.impacts.tallies import (
 Vector = NDArray[np.float64]
 
 SLOWEST_SHARE, FASTEST_SHARE = 0.01, 10.0
-"""Speeds that a histogram holds, in rms speeds; from the threshold if that is more."""
+"""Slowest and fastest speed of a histogram, in rms speeds; it begins at the threshold if that is
+faster."""
 
 SHORTEST_ANGLE = 0.03
-"""Shortest interval that a histogram holds, times the largest frequency of the motion, rad: a
-hundredth of the usual time between impacts on two stops."""
+"""Shortest interval of a histogram, times the largest frequency of the motion, rad: a hundredth of
+the usual time between impacts on two stops."""
 
 FIT_FROM, FIT_RANGE = 0.02, 6.0
-"""Exponents are fitted from the threshold, at least this share of the rms speed, to speeds so many
-times as large, and to half of that."""
+"""Exponents are fitted to impacts from the threshold, or `FIT_FROM` rms speeds if that is faster,
+up to `FIT_RANGE` times that speed, and once more up to half of it."""
 
 CORNER_SHARE = 0.06
-"""Steps near a stop, where slow impacts are resolved, in the time in which noise changes a slow
-mass. They are that share of it at any speed, so that they shift the power itself of the law of slow
-speeds: at a share of 0.25 and a stop in the rest position by +0.09 at R = 0.5 and +0.13 at 0.3;
-at this one by +0.001(7) and +0.024(10)."""
+"""Length of a step near a stop, where slow impacts are resolved, as a share of the time in which
+noise changes the speed of a slow mass. It is this share at any speed, so that steps shift the
+exponent itself of the law of slow speeds: at a share of 0.25 and a stop in the rest position by
++0.09 at R = 0.5 and +0.13 at 0.3; at this share by +0.001(7) and +0.024(10)."""
 
 SHIFT_PER_SHARE = 0.57
-"""Of an exponent, from what is seen at R = 0.3 and a share of 0.25; at smaller shares and larger R
-it is less, so that this times the share bounds what is left."""
+"""Shift of an exponent over the share of `CORNER_SHARE`, as measured at R = 0.3 and a share of
+0.25; at smaller shares and larger R the shift is smaller, so that this number times the share
+bounds it."""
 
 SHIFT_KNOWN_FROM = 0.3
-"""Least restitution at which that was seen."""
+"""Smallest restitution at which that shift was measured."""
 
 RESOLVED_EXPONENT = 0.8
 """Restitution from which on an exponent is free of the steps near a stop even at a share of 0.25:
 it is shifted by less than 0.01."""
 
 FEWEST_FITTED = 100
-"""Impacts in the shorter range for an exponent to be fitted."""
+"""Smallest number of impacts in the shorter range of speeds from which an exponent is fitted."""
 
 FEWEST_PATHS = 64
-"""For an honest standard error."""
+"""Smallest number of paths from which a standard error can be trusted."""
 
 FEWEST_HITS = 30
-"""For a dispersion; with fewer the counts tell nothing against Poisson."""
+"""Smallest number of hits from which a dispersion is given; fewer cannot tell other counts from
+Poisson's."""
 
 REL_ERROR = 0.02
-"""Of the rates, where neither an error nor a number of paths is asked for."""
+"""Relative standard error of the rates where neither an error nor a number of paths is asked
+for."""
 
 FOR_FIRST_HITS = 0.3
-"""Share of the time that the impacts leave to the first hits, where these are asked for."""
+"""Share of the time that is kept for the rate of first hits, where that is asked for."""
 
 NO_FIRST_HITS = "no time was left for the rate of first hits; raise budget"
 """What is missing where the deadline passed before the first hits."""
 
 MOST_UNSEEN = 2**17
-"""Paths without any impact after which none is looked for, also where there is time left."""
+"""Number of paths without any impact after which the search for one ends, even if there is time
+left."""
 
 
 @shown_in_notebooks
@@ -126,8 +131,8 @@ def impacts(
     scene
         Any scene with an impact pair that `simulate` covers.
     rel_error, paths
-        Relative standard error of every pair's rate to reach, 0.02 if nothing is said, or instead
-        the number of paths. A pair that is never hit beside others does not govern.
+        Relative standard error of every pair's rate to reach, by default 0.02, or instead the
+        number of paths. A pair that is never hit while others are does not count for the error.
     duration
         Seconds counted of a path, in eight windows for the dispersion.
     speed_threshold
@@ -288,7 +293,7 @@ def _fell_short(
 def _block(
     plan: ImpactPlan, grids: dict[str, Grid], seed: int, first: int, paths: int, deadline: Deadline
 ) -> dict[str, Tally]:
-    """One task: the impacts of some paths, counted and let go; of the first of them where the
+    """One task: the counts of the impacts of some paths, or of the first of these paths where the
     deadline passes."""
 
     def counted(first: int, paths: int) -> dict[str, Tally]:
@@ -377,7 +382,8 @@ def _root(square: tuple[float, float], how: str) -> Estimate:
 
 
 def _exponents(pair: Pair, tally: Tally, grid: Grid, plan: ImpactPlan) -> dict[str, Exponent]:
-    """Of both stops together where they have one restitution, else of each."""
+    """The exponent of both stops together where they have the same restitution, else that of
+    each."""
     restitutions = {stop.name: stop.law.restitution for stop in pair.stops}
     if len(set(restitutions.values())) == 1:
         groups = {"both": (tally.fits.sum(axis=1), next(iter(restitutions.values())))}
@@ -399,7 +405,7 @@ def _exponents(pair: Pair, tally: Tally, grid: Grid, plan: ImpactPlan) -> dict[s
 
 
 def _shift(plan: ImpactPlan, restitution: float) -> float | None:
-    """Most that the steps near a stop shift an exponent; None where that is not known."""
+    """Largest shift of an exponent by the steps near a stop; None where that is not known."""
     if restitution >= RESOLVED_EXPONENT:
         return 0.0
     share = plan.corner_share
@@ -435,7 +441,7 @@ def _first_hits(
 
 
 def _unseen(pairs: dict[str, PairStatistics], exposure: float) -> list[str]:
-    """Of stops that were never hit; as `simulate` says it."""
+    """Notes on stops that were never hit, in the words of `simulate`."""
     return [
         f"no impact on the {side} stop of {name} in {exposure:.3g} s of motion: its rate has an "
         "upper limit only, rel_error does not govern it; more paths or a longer duration look "

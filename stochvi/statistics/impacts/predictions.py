@@ -19,7 +19,7 @@ CLUMPING = 1.2
 """Power of the bandwidth in E. H. Vanmarcke's rate (J. Appl. Mech. 42 (1975) 215)."""
 
 NODES = 20_001
-"""Of the first moment of a spectrum."""
+"""Number of nodes of the integral for the first moment of a spectrum."""
 
 
 class LinearGap(NamedTuple):
@@ -80,7 +80,8 @@ def _first_moment(table: Table, omega: float, damping_rate: float) -> float:
 
 
 def rice_rates(gap: LinearGap, pair: Pair) -> dict[str, float]:
-    """Of each stop, as if nothing hit them; "both" for their sum."""
+    """Rice's rate of crossings of each stop, 1/s, as if hits changed nothing, and their sum under
+    "both"."""
     found = {
         stop.name: rice_rate(stop.position - gap.mean, gap.displacement_std, gap.velocity_std)
         for stop in pair.stops

@@ -22,21 +22,21 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 WINDOWS = 8
-"""Windows of a path in which impacts are counted for the dispersion."""
+"""Number of windows of a path in which impacts are counted for the dispersion."""
 
 BINS = 40
-"""Of a histogram, evenly in the logarithm."""
+"""Number of bins of a histogram, equally wide in the logarithm."""
 
 LARGEST_DISPERSION = 1.25
-"""Upper limit of the dispersion up to which counts pass for Poisson's, and its inverse from which
-on: an interval is then at most 12 % too narrow or too wide."""
+"""Counts pass for Poisson's where the upper limit of their dispersion lies between the inverse of
+this number and this number: an interval is then at most 12 % too narrow or too wide."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grid:
-    """What impacts of a pair are counted by: edges of speeds (m/s) and intervals (s), the two
-    ranges of speeds from one start that exponents are fitted to, length of a window (s), and loss
-    of energy over w^2 at the lower and the upper stop."""
+    """The classes in which the impacts of a pair are counted: edges of the bins of speeds (m/s) and
+    intervals (s), the two ranges of speeds, with one start, to which exponents are fitted, length
+    of a window (s), and loss of energy over w^2 at the lower and the upper stop."""
 
     speeds: Vector
     intervals: Vector
@@ -47,7 +47,8 @@ class Grid:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Tally:
-    """Sums over the impacts of each path, the first axis; the second is lower and upper stop.
+    """Sums over the impacts of each path. The first axis are the paths, the second the lower and
+    the upper stop.
 
     `fits` are numbers, sums of ln(w / start) and of w in both ranges, (paths, 2, 2 ranges, 3).
     """
@@ -62,7 +63,7 @@ class Tally:
 
     @classmethod
     def of(cls, log: ImpactLog, paths: int, grid: Grid) -> Tally:
-        """Of the impacts of a block of paths."""
+        """The tally of the impacts of a block of paths."""
         side = (log.speed > 0.0).astype(np.int64)
         speed = np.abs(log.speed)
 
@@ -95,14 +96,14 @@ class Tally:
 
 
 def merged(tallies: list[Tally]) -> Tally:
-    """Of all paths, in order."""
+    """The tally of all paths together, in the order of the tallies."""
     names = [each.name for each in fields(Tally)]
     return Tally(**{name: np.concatenate([getattr(t, name) for t in tallies]) for name in names})
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rate:
-    """Impacts per second with a 95 % interval, and what that rests on: "Poisson" or "paths"."""
+    """Impacts per second with a 95 % interval, and its source: "Poisson" or "paths"."""
 
     estimate: Estimate
     lower: float
@@ -111,7 +112,7 @@ class Rate:
 
 
 def rate(counts: Vector, duration: float, poisson: bool, how: str) -> Rate:
-    """Of counts of impacts in independent paths of `duration` seconds."""
+    """The rate from counts of impacts in independent paths of `duration` seconds."""
     value, error = ratio_and_error(counts, np.full(len(counts), duration))
     if poisson:
         low, high = poisson_interval(round(counts.sum()), duration * len(counts))
@@ -149,7 +150,7 @@ def dispersion(windows: Matrix, window: float) -> Estimate:
 
 
 def passes_for_poisson(found: Estimate | None) -> bool:
-    """Whether counts of this dispersion are those of Poisson's process, as far as can be told."""
+    """Whether counts of this dispersion may pass for those of Poisson's process."""
     if found is None:
         return True
     low, high = (found.value + side * 2.0 * found.standard_error for side in (-1.0, 1.0))
@@ -172,7 +173,8 @@ class Histogram:
 
 
 def histogram(counts: Matrix, edges: Vector) -> Histogram:
-    """From counts (paths, BINS + 2) whose first and last bins lie outside."""
+    """The histogram of counts (paths, BINS + 2), whose first and last columns lie outside of the
+    bins."""
     all_of = counts.sum(axis=1)
     shares = [ratio_and_error(counts[:, k], all_of) for k in range(1, BINS + 1)]
     width = np.diff(edges)
@@ -190,8 +192,8 @@ def fitted_exponent(fits: NDArray[np.float64], ranges: tuple[tuple[float, float]
     In u = ln(w / start), 0 <= u < L, the density is proportional to e^((a + 1) u), whose mean
     m(a) = L / (1 - e^(-(a + 1) L)) - 1 / (a + 1) is put equal to that seen; the error is that of
     the mean over independent paths. The law is no pure power but in the limit of slow impacts: the
-    bias is the distance to that limit if what is fitted goes with the mean speed of what it is
-    fitted to, as the second, shorter range tells.
+    bias is the distance to that limit if the fitted exponent changes in proportion to the mean
+    speed of the impacts in the range, as the second, shorter range shows.
     """
     (value, error), (other, _) = (
         _exponent(fits[:, number, 0], fits[:, number, 1], math.log(high / low))
@@ -199,7 +201,7 @@ def fitted_exponent(fits: NDArray[np.float64], ranges: tuple[tuple[float, float]
     )
     low, high = ranges[0]
     long, short = (ratio_and_error(fits[:, k, 2], fits[:, k, 0])[0] for k in range(2))
-    # where all that is fitted lies in the shorter range, it tells nothing
+    # where all impacts lie in the shorter range, the two fits do not differ
     bias = abs(value - other) * long / (long - short) if long > short else None
     return Estimate(
         value=value, standard_error=error, bias=bias,
@@ -209,10 +211,10 @@ def fitted_exponent(fits: NDArray[np.float64], ranges: tuple[tuple[float, float]
 
 
 STEEPEST = 50.0
-"""Largest exponent that is looked for, either way."""
+"""Largest magnitude of an exponent that is looked for."""
 
 SMALL = 1e-6
-"""Slope times range below which a mean is that of an even density, to first order."""
+"""Slope times range up to which the mean is taken as that of an even density, to first order."""
 
 
 def _exponent(numbers: Vector, sums: Vector, length: float) -> tuple[float, float]:

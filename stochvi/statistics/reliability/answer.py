@@ -1,4 +1,4 @@
-"""What is said of a mission: chances with their intervals, the way they were found, the price."""
+"""The answer on a mission: chances with their intervals, how they were found, and the CPU time."""
 
 from __future__ import annotations
 
@@ -22,23 +22,24 @@ class Chance:
     event
         "hit", "passage", "impact_speed" or "peak_acceleration".
     limit
-        Above which it is one, m/s or m/s^2; None where there is none.
+        Value above which an impact speed (m/s) or an acceleration (m/s^2) is the event; None for
+        the other events.
     estimate
         P of the event in one mission.
     lower, upper, rule
         Confidence interval at `confidence`, statistical errors alone, and how it was made.
     wilson
-        Wilson's interval, of a count.
+        Wilson's interval, where missions were counted; else None.
     way, why
-        How it was found, and why so.
+        The way in which it was found, and the reason for that way.
     trials
-        Missions, or repetitions of a splitting in `levels` levels.
+        Number of missions, or of repetitions of a splitting in `levels` levels.
     seconds
         CPU seconds of the answer, its pilot and its coarser steps included.
     seconds_per_mission
-        CPU seconds of one crude mission, measured; None where none was flown.
+        CPU seconds of one crude mission, measured; None where none was simulated.
     crude_seconds
-        What crude simulation would take for the same standard error, from it.
+        CPU seconds that crude simulation would take for the same standard error.
 
     See Also
     --------
@@ -77,18 +78,18 @@ class Chance:
 
 @dataclass(frozen=True, kw_only=True)
 class PairRisk:
-    """What one of several pairs risks in a mission.
+    """The risk of one of several pairs in a mission.
 
     Parameters
     ----------
     probability
-        Chance that it is hit, as if it alone had stops.
+        Chance that the pair is hit, as if it alone had stops.
     share_of_first_hits
-        Which part of the first hits of a mission is on it. Where two pairs reach their stops at the
-        same time, the earlier one of the scene counts.
+        Share of the first hits of a mission that falls to the pair. Where two pairs reach their
+        stops at the same time, the hit counts for the earlier one in the scene.
     expected_hits, impact_speed_mean
-        Hits on it in a mission, with all stops where they are, and their mean speed, m/s; None
-        where they are not known.
+        Hits on the pair in a mission, with all stops at their places, and their mean speed, m/s;
+        None where they are not known.
     """
 
     probability: Estimate
@@ -99,7 +100,7 @@ class PairRisk:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Reliability(Result):
-    """What a mission risks: `chances` by event, and `hits`, the expected number of impacts.
+    """The risk of a mission: `chances` by event, and `hits`, the expected number of impacts.
 
     `hits` is None without stops; `hits_interval` is its confidence interval. `missing` says why
     something was not found, or not as accurately as asked for: then the answer comes with a

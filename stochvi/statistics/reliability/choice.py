@@ -37,7 +37,8 @@ Way = Literal["crude", "splitting", "first crossings"]
 
 
 class Hits(NamedTuple):
-    """Expected impacts in a mission, their interval, and the steps they took (0 if not counted)."""
+    """Expected impacts in a mission, their interval, and the number of time steps simulated (0 if
+    not counted)."""
 
     estimate: Estimate
     interval: tuple[float, float]
@@ -45,32 +46,33 @@ class Hits(NamedTuple):
 
 
 PILOT_MISSIONS = 4096
-"""Of crude simulation."""
+"""Largest number of missions in a pilot of crude simulation."""
 
 PILOT_FEWEST = 256
-"""Of them, where missions are long."""
+"""Number of missions in that pilot where missions are long."""
 
 PILOT_STEPS = 2.0**27
-"""Of all pilot missions together: a second or two."""
+"""Number of time steps of all pilot missions together: a second or two."""
 
 ENOUGH_FAILURES = 20
-"""In the pilot, for a guess of a chance within some 20 %."""
+"""Number of failures in the pilot from which it gives the chance within some 20 %."""
 
 PILOT_REPETITIONS = 8
-"""Of splitting: they guess the spread within some 25 %."""
+"""Number of repetitions in a pilot of splitting: they give the spread within some 25 %."""
 
 FEWEST_REPETITIONS = 20
-"""Of splitting in an answer: Student's quantile is then 2.09."""
+"""Smallest number of repetitions of a splitting in an answer: Student's quantile is then 2.09."""
 
 LARGEST_SPREAD = 0.5
-"""Relative standard deviation of a repetition; where it is larger there are more paths in each, so
-that no single repetition decides, and the mean of 20 is close to normal."""
+"""Largest relative standard deviation of a repetition. Where it is larger, each repetition gets
+more paths, so that no single repetition decides, and the mean of 20 is close to normal."""
 
 MOST_PARTICLES = 2**16
-"""Paths of a stage."""
+"""Largest number of paths in a stage of a splitting."""
 
 MARGIN = 1.3
-"""More than the pilot asks for, as its guess of the spread may be low."""
+"""Factor on the size of a sample for which the pilot asks, as its estimate of the spread may be
+low."""
 
 MISSED = 1.3
 """Ratio of the error reached to the error asked for, above which more is sampled."""
@@ -79,10 +81,10 @@ MOST_GROWTH = 4.0
 """Largest factor by which a sample grows at once."""
 
 COARSE_SHARE = 0.25
-"""Of the trials, made again at twice the step."""
+"""Share of the trials that are simulated again at twice the step, for the bias."""
 
 KEPT = 0.1
-"""Share of the time that is left that every calculation leaves to those after it."""
+"""Share of the time left that every calculation keeps for those after it."""
 
 PURPOSES = ("pilot missions", "levels", "pilot repetitions", "answer", "twice the step")
 """Uses of a seed that share no random number."""
@@ -90,10 +92,11 @@ PURPOSES = ("pilot missions", "levels", "pilot repetitions", "answer", "twice th
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """What a second stage says, at the step and, if there was time, at twice the step, and the way
-    to it.
+    """The result of a second stage, at the step and, if there was time, at twice the step, with the
+    way in which it was found.
 
-    `price` are CPU seconds of one crude mission, `steps` and `seconds` those of everything.
+    `price` are the CPU seconds of one crude mission, `steps` the time steps and `seconds` the CPU
+    seconds of pilot and second stage together.
     """
 
     fine: Sample
@@ -108,10 +111,10 @@ class Found:
 
 @dataclass(kw_only=True)
 class Jobs:
-    """How chances are found: by whom, the seed, the accuracy and what it may cost.
+    """The settings with which chances are found: workers, seed, accuracy and budget.
 
-    `until` is the deadline of what is being looked for; `cut_short` names what was found from fewer
-    trials than were asked for.
+    `until` is the deadline of the present calculation; `cut_short` names the results that come from
+    fewer trials than were asked for.
     """
 
     crew: Crew
@@ -125,7 +128,8 @@ class Jobs:
 
     @property
     def sampling(self) -> dict[str, Any]:
-        """How another calculation samples for the same answer, in the time that is left."""
+        """Arguments of another calculation that samples for the same answer, in the time that is
+        left."""
         crew = self.crew
         return {
             "seed": self.seed,
@@ -137,11 +141,11 @@ class Jobs:
 
     @property
     def sampling_to_rel_error(self) -> dict[str, Any]:
-        """The same, to the accuracy that is asked for."""
+        """The same arguments with the accuracy that is asked for."""
         return self.sampling | {"rel_error": self.rel_error}
 
     def chance(self, plan: MissionPlan, event: str, limit: float | None, way: Way | None) -> Chance:
-        """The chance of the event of a plan."""
+        """The chance of the event in a mission of the plan."""
         found = self._found(plan, event, way, hits=False)
         fine, coarse = found.fine, found.coarse
         interval = fine.interval(self.confidence)
@@ -190,7 +194,7 @@ class Jobs:
         return Hits(estimate * missions, (missions * lower, missions * upper), found.steps)
 
     def _found(self, plan: MissionPlan, event: str, way: Way | None, hits: bool) -> Found:
-        """Pilot, choice, second stage."""
+        """Run the pilot, choose a way, and run the second stage."""
         with compiling(self.progress):
             plan.advance(plan.fleet(0, 0, 2), 0.0)  # compiled, or taken from the cache
         self.until = self.deadline.sooner(KEPT)
@@ -259,8 +263,8 @@ class Jobs:
     def _enough(
         self, sample: Callable[[int], Sample], trials: int, hits: bool
     ) -> tuple[Sample, int]:
-        """A sample of so many trials, and of more where its error is larger than the pilot let
-        expect, as long as there is time; and how many trials it should have had."""
+        """A sample of so many trials, or of more where its error is larger than the pilot predicted
+        and time is left; and the number of trials that it should have had."""
         found = sample(trials)
         while (
             found.trials >= trials
@@ -286,7 +290,7 @@ class Jobs:
     def _missions_needed(self, pilot: Counted, repeated: Sample | None, hits: bool) -> int:
         """Crude missions for the accuracy asked for, from the better guess of the chance."""
         if pilot.failed >= ENOUGH_FAILURES or repeated is None:
-            # of what was not seen nothing is known: as if one had been
+            # where no failure was seen, one is assumed
             variance = _variance(pilot, hits) if pilot.failed else float(pilot.missions)
         else:
             variance = (1.0 - repeated.chance) / max(repeated.chance, 1e-300)
@@ -300,7 +304,7 @@ class Jobs:
         repetitions: int,
         way: Way | None,
     ) -> tuple[str, str]:
-        """The way, and a sentence that says why."""
+        """The way that is chosen, and a sentence on the reason."""
         seen = f"{pilot.failed} of {pilot.missions} pilot missions failed"
         if way is not None:
             return way, f"{way}, as asked for; {seen}"
@@ -332,8 +336,8 @@ class Jobs:
         return of_repetitions(self._all(work, blocks, enough))
 
     def _all(self, work: Work, blocks: list[Block], enough: float = math.inf) -> list[Any]:
-        """What the work gives of all blocks, in their order; where time is up, of the first ones if
-        they are `enough`."""
+        """Results of the work on all blocks, in their order; when time is up, those of the first
+        ones if they are `enough`."""
         done: list[Any] = []
         try:
             for result in self.crew.results(work, blocks, self.until):
@@ -361,7 +365,7 @@ def _variance(sample: Sample, hits: bool) -> float:
 
 
 def _bias(plan: MissionPlan, fine: float, coarse: float) -> float | None:
-    """What the step leaves, as that of a sum of impact speeds (`step_bias.extrapolated`)."""
+    """Bias of the step, taken as that of a sum of impact speeds (`step_bias.extrapolated`)."""
     return plan.base.step_bias("impact_speed_rate", abs(coarse - fine))
 
 

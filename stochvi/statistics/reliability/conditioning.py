@@ -1,4 +1,5 @@
-"""Chances from what is given: first crossings of the motion without stops, bursts after them."""
+"""Chances from records that are conditioned on a crossing: first crossings of the motion without
+stops, and the bursts after them."""
 
 from __future__ import annotations
 
@@ -31,14 +32,14 @@ Ends = tuple[float | None, float | None]
 """Lower and upper stop or barrier, m; None for none."""
 
 SMALL = 0.5
-"""A chance of a first hit up to which first crossings reach the accuracy asked for."""
+"""Chance of a first hit up to which first crossings reach the accuracy asked for."""
 
 
 def first_hit(
     scene: Scene, ends: Ends, mission: float, jobs: Jobs, *, surely: bool
 ) -> Chance | None:
     """P(any hit, or passage) of the stationary motion; None where another way is better, unless
-    it is to be this one `surely`."""
+    this way is asked for (`surely`)."""
     rest = model_of(scene).rest
     below, above = (
         math.inf if end is None else side * (end - rest)
@@ -66,7 +67,7 @@ def first_hits_of_pairs(
     scene: Scene, pair: str | None, mission: float, jobs: Jobs
 ) -> tuple[Chance, dict[str, PairRisk], float]:
     """P(any pair is hit) in the stationary motion, or that of one `pair` as if it alone had stops;
-    what each pair risks; and the `overlap_of` bursts."""
+    the risk of each pair; and the `overlap_of` bursts."""
     started = time.process_time()
     model = model_of(scene)
     below, above = own_distances(model)
@@ -92,8 +93,8 @@ def first_hits_of_pairs(
 def harder_hits_of_pairs(
     scene: Scene, limit: Limit, mission: float, overlap: float, jobs: Jobs
 ) -> tuple[Chance, dict[str, Estimate]]:
-    """The chance that any hit of the mission exceeds a limit; of an acceleration, that of every
-    output alone, too."""
+    """The chance that any hit of the mission exceeds a limit and, for an acceleration, the chance
+    for every output alone."""
     started = time.process_time()
     found = exceedance_of_pairs(scene, limit, mission, overlap, **jobs.sampling_to_rel_error)
     estimate = found.chance
@@ -128,7 +129,7 @@ def harder_hits_of_pairs(
 def hits_of_pairs(
     scene: Scene, mission: float, overlap: float, risks: Mapping[str, PairRisk], jobs: Jobs
 ) -> tuple[Hits, dict[str, PairRisk]]:
-    """Expected hits of a mission on all pairs; and what each pair risks, with its own hits."""
+    """Expected hits of a mission on all pairs, and the risk of each pair with its own hits."""
     found = count_hits(scene, overlap, **jobs.sampling_to_rel_error)
     named = [pair.name for pair in scene.impact_pairs]
     known = {
@@ -144,8 +145,9 @@ def hits_of_pairs(
 
 
 SMALLEST = sys.float_info.min
-"""Smallest chance that a number holds in full: stops some 38 standard deviations away are crossed
-less often, which is known without a record, and then the chance is given as 0."""
+"""Smallest chance that a floating-point number holds with all its digits. Stops some 38 standard
+deviations away are crossed less often; the chance is then given as 0, with this number as its upper
+limit."""
 
 
 def _from_crossings(
@@ -176,8 +178,8 @@ def _from_crossings(
 def by_conditioning(
     scene: Scene, ends: Ends, limits: dict[str, float], mission: float, jobs: Jobs
 ) -> tuple[dict[str, Chance], Hits | None, dict[str, str]]:
-    """Of noise with a memory of its own, from a stationary start: chances, expected hits, and why
-    what is missing was not found."""
+    """Chances and expected hits from a stationary start under noise with a memory of its own, and
+    the reasons why something was not found."""
     chance = first_hit(scene, ends, mission, jobs, surely=True)
     assert chance is not None
     chances = {chance.event: chance}

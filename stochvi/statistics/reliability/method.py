@@ -55,10 +55,11 @@ FIRST_HITS = 0.4
 """Share of the budget that the chance of any hit of several pairs may take."""
 
 AS_MUCH = 1e-3
-"""Chance that springs and dampers alone exceed an acceleration, from which a warning tells it."""
+"""Chance that springs and dampers alone exceed an acceleration, from which on a warning states
+it."""
 
 AT_ONCE = 0.05
-"""Share of P(hit) that is there at the start, from which a warning tells its size."""
+"""Share of P(hit) that falls to the start itself, from which on a warning states it."""
 
 
 @shown_in_notebooks
@@ -231,14 +232,14 @@ def reliability(
 
 
 def check_pair(model: Model, pair: str | None) -> None:
-    """ValueError unless a pair that is asked after is one of the scene."""
+    """Raise ValueError if `pair` is given and is no pair of the scene."""
     names = [each.name for each in model.pairs]
     if pair is not None and pair not in names:
         raise ValueError(f"pair must be one of {', '.join(names) or '(none)'}, got {pair!r}")
 
 
 def _check_several(model: Model, barrier: float | Ends | None, start: str, way: str | None) -> None:
-    """Raise what cannot be answered where there are several coordinates or pairs."""
+    """Raise an error for arguments that several coordinates or pairs do not allow."""
     several = "where there are several coordinates or pairs"
     unmet = []
     if barrier is not None or not model.pairs:
@@ -268,15 +269,15 @@ def _limits_of_pairs(
 def _of_pairs(
     scene: Scene, pair: str | None, limits: list[Limit], mission: float, jobs: Jobs, started: float
 ) -> Reliability:
-    """The chance that any pair is hit, or any limit exceeded, expected hits, and what each pair
-    risks."""
+    """The chance that any pair is hit, or any limit exceeded, expected hits, and the risk of each
+    pair."""
     some = replace(jobs, deadline=jobs.deadline.sooner(1.0 - FIRST_HITS))
     try:
         chance, risks, overlap = first_hits_of_pairs(scene, pair, mission, some)
     except NotApplicable as reason:
         raise NotApplicable("reliability", reason.conditions) from reason
     chances = {"hit": chance}
-    # first crossings end where the chances below SMALL are known
+    # first crossings end once the chances below SMALL are known
     missing = _inaccurate(chances, jobs) if chance.estimate.value < SMALL else {}
     outputs: dict[str, Estimate] = {}
     unknown: list[str] = []
@@ -345,8 +346,8 @@ def _sampled(
     model: Model, scene: Scene, ends: Ends, limits: dict[str, float], mission: float,
     start: Start, way: Way | None, jobs: Jobs,
 ) -> tuple[dict[str, Chance], Hits | None, dict[str, str]]:  # fmt: skip
-    """Of white noise: missions, and first crossings where the start allows it; and why what is
-    missing was not found."""
+    """Answers under white noise, by missions, and by first crossings where the start allows it; and
+    the reasons why something was not found."""
     name = "hit" if model.stops else "passage"
     chances: dict[str, Chance] = {}
     missing: dict[str, str] = {}
@@ -375,8 +376,8 @@ def _sampled(
                 chances[event] = guided
     if not model.stops:
         return chances, None, missing
-    # hits of a stationary motion are proportional to its duration: one in which it forgets its
-    # start tells all, and is shorter than long missions and sees more than short ones
+    # hits of a stationary motion are proportional to its duration: a duration in which it forgets
+    # its start suffices; it costs less than a long mission and shows more hits than a short one
     part = settling_time(model) if start == "stationary" else mission
     hits = None
     try:
@@ -403,7 +404,7 @@ def _check(
     mission: float, impact_speed: float | None, peak_acceleration: float | None, start: str,
     way: str | None, rel_error: float, confidence: float,
 ) -> None:  # fmt: skip
-    """ValueError for what makes no sense of what was asked for."""
+    """Raise ValueError where an argument is out of range or contradicts another one."""
     for name, value, unit in (
         ("mission", mission, "seconds"),
         ("impact_speed", impact_speed, "m/s"),
@@ -455,8 +456,9 @@ def _barriers(model: Model, barrier: float | Ends | None) -> Ends:
 
 
 def _outside(model: Model, ends: Ends) -> str:
-    """That stops or barriers leave out the position where spring and load balance; empty if they
-    do not. A mass may rest on a stop, but a barrier there is passed before the start."""
+    """A sentence, if the position where spring and load balance does not lie between the stops or
+    barriers; else an empty one. A mass may rest on a stop, but a barrier at its place is passed
+    before the start."""
     if model.omega == 0.0:  # nothing holds the mass anywhere
         return ""
     rest = model.rest
@@ -507,7 +509,8 @@ def _assumptions(scene: Scene, start: str) -> list[str]:
 def _beyond_at_the_start(
     scene: Scene, model: Model, ends: Ends, start: str, coloured: bool, chances: dict[str, Chance]
 ) -> list[str]:
-    """Where much of P(hit) is that of a start beyond the stops, which impacts do not share."""
+    """Warnings where much of P(hit) is the chance to start beyond the stops, where no impact
+    happens."""
     chance = chances.get("hit") or chances.get("passage")
     if start == "rest" or chance is None:
         return []
@@ -535,7 +538,8 @@ def _beyond_at_the_start(
 
 
 def _by_the_spring(model: Model, ends: Ends, limit: float | None) -> list[str]:
-    """Where the spring alone brings an acceleration, which is not counted: contacts are."""
+    """A warning where the spring alone exceeds the limit of the acceleration, since only contacts
+    count."""
     if limit is None:
         return []
     most = max(model.omega**2 * abs(end - model.rest) for end in ends if end is not None)

@@ -1,4 +1,4 @@
-"""What a spectrum answers with: curves that carry their errors."""
+"""The answer of `spectrum`: curves with their errors."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ UNITS = {
     "transmissibility_ratio": "1",
     "coherence": "1",
 }
-"""Units of what a spectrum has."""
+"""Units of the quantities of a spectrum."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
     """A quantity at every frequency: value, standard error, bias, and its 95 % band.
 
-    The band is that of Student's t for the logarithm, widened by the bias. What refers to the
-    excitation is told at the frequencies where there is one.
+    The band is that of Student's t for the logarithm, widened by the bias. Quantities that refer to
+    the excitation are given at the frequencies of its density.
     """
 
     frequency_hz: Vector
@@ -64,9 +64,10 @@ class ResponseSpectrum(Result):
     bandwidth
         Narrowest half-power bandwidth expected, Hz, by which the segment was chosen.
     degrees_of_freedom
-        Of a chi-square law with the scatter seen, median over the bins of the first displacement.
+        Degrees of freedom of a chi-square law with the scatter of the paths; median over the bins
+        of the first displacement.
     meanings
-        What a quantity is here, in words, or why it is left out.
+        The meaning of each quantity in this scene, in words, or why it is left out.
 
     See Also
     --------
@@ -119,7 +120,8 @@ class ResponseSpectrum(Result):
         )
 
     def peaks(self) -> pd.DataFrame:
-        """For people: each density where it is largest, with its band."""
+        """A short table for reading: the largest value of each density, with its frequency and
+        band."""
         import pandas as pd
 
         rows = []
@@ -154,7 +156,7 @@ class ResponseSpectrum(Result):
         return found | {"method": f"spectrum:{self.method}", "spectra": spectra}
 
     def summary(self) -> str:
-        """How it was estimated, in a sentence."""
+        """How the spectra were estimated, in a sentence."""
         shown = next(iter(self.curves.values()))["displacement"]
         peak, last = (float((shown.bias / shown.value)[k]) for k in (np.argmax(shown.value), -1))
         return (

@@ -8,10 +8,11 @@ X_i* X_j and their scatter, from which everything else follows at each frequency
     transmissibility |G_fa| / G_ff (H1), (G_aa / G_ff)^(1/2)     coherence  |G_fa|^2 / (G_ff G_aa)
 
 Standard errors come from independent paths. Two biases are stated beside them. The taper W smears
-a spectrum, G * |W|^2; how much is told by the difference between the estimate smeared once more and
-smeared twice more, of which most of the noise is gone. And white noise acts in kicks a step h
-apart, sampled with the response: an impulse's tail 1/w^2 becomes h^2 / (4 sin^2 (w h / 2)) with all
-its aliases, relative to which the density is off by (w h)^2 / 6 to leading order.
+a spectrum, G * |W|^2; the size of this bias follows from the difference between the estimate
+smeared once more and smeared twice more, in which most of the noise is averaged out. And white
+noise acts in kicks a step h apart, sampled with the response: an impulse's tail 1/w^2 becomes h^2 /
+(4 sin^2 (w h / 2)) with all its aliases, relative to which the density is off by (w h)^2 / 6 to
+leading order.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ MOST_SAMPLES = 2**22
 """Largest number of samples of a path."""
 
 CONTACT_SAMPLES = 8.0
-"""Samples in the contact of a mass with a stop that gives way."""
+"""Number of samples in a contact with a stop that gives way."""
 
 FEWEST_PATHS = 64
 """Smallest number of paths from which a standard error can be trusted."""
@@ -76,8 +77,9 @@ REL_ERROR = 0.05
 for."""
 
 EXCITED = 1e-3
-"""Density of an excitation, relative to its largest, below which there may be nothing but what
-tapers leak: transmissibility and coherence are given only where the density is higher."""
+"""Density of an excitation, relative to its largest value, below which an estimate may consist of
+leakage of the tapers alone: transmissibility and coherence are given only where the density is
+higher."""
 
 
 @shown_in_notebooks
@@ -110,8 +112,7 @@ def spectrum(
     scene
         Any scene that `simulate` covers.
     rel_error, paths
-        Median relative standard error to reach, 0.05 if nothing is said, or instead the number of
-        paths.
+        Median relative standard error to reach, by default 0.05, or instead the number of paths.
     method
         Welch's: Hann segments that overlap by half. Or Thomson's multitapers over whole paths.
     highest
@@ -134,7 +135,8 @@ def spectrum(
     Raises
     ------
     NotApplicable
-        If the scene is none that `simulate` covers, or its times lie too far apart.
+        If `simulate` does not cover the scene, or its shortest and longest times lie too far apart
+        for one record.
     NotConverged
         If time ends first; it carries the answer so far.
     ValueError
@@ -226,7 +228,7 @@ def _check_options(method: str, highest: float | None, segment: float | None) ->
 def _planned(
     scene: Scene, method: str, highest: float | None, segment: float | None, deadline: Deadline
 ) -> tuple[HistoryPlan, Layout, float]:
-    """Records, how they are cut, and the bandwidth that they resolve."""
+    """The plan of the records, their layout in segments, and the bandwidth that they resolve."""
     plan = plan_histories(scene, deadline)
     bandwidth = 1.0 / (2.0 * math.pi * plan.slowest)
     length = SEGMENT_BANDWIDTHS / bandwidth if segment is None else segment
@@ -277,7 +279,8 @@ def _jumps(model: Model) -> list[float]:
 def _block(
     plan: HistoryPlan, layout: Layout, seed: int, first: int, paths: int, deadline: Deadline
 ) -> PathMoments:
-    """One task: records of some paths, reduced; of the first of them where the deadline passes."""
+    """One task: the moments of records of some paths, or of the first of these paths where the
+    deadline passes."""
 
     def reduced(first: int, paths: int) -> NDArray[np.float64]:
         return products(channels_of(plan, plan.histories(seed, first, paths)), layout)

@@ -1,4 +1,5 @@
-"""What is asked of the products of channels: densities, transmissibilities, coherence."""
+"""The quantities that are made from products of channels: densities, transmissibilities,
+coherence."""
 
 from __future__ import annotations
 
@@ -16,7 +17,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.statistics.spectra.segments import Matrix, Quantity, Vector
 
 Weights = NDArray[np.complex128]
-"""Of channels at each frequency (channels, bins)."""
+"""Complex weights of channels at each frequency (channels, bins)."""
 
 
 def channels_of(plan: HistoryPlan, histories: Histories) -> NDArray[np.float64]:
@@ -42,7 +43,8 @@ def _soft_pairs(model: Model) -> list[Pair]:
 def quantities_of(
     scene: Scene, plan: HistoryPlan, omega: Vector
 ) -> tuple[dict[tuple[str, str], Quantity], dict[str, str]]:
-    """What is asked of the rows of `products`, by owner and name; and what it means here."""
+    """The quantities as functions of the rows of `products`, by owner and name; and their meanings
+    in this scene."""
     model = plan.model
     n, soft = len(model.coordinates), _soft_pairs(model)
     known = plan.plan.excitation_known

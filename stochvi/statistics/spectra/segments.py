@@ -19,17 +19,17 @@ Matrix = NDArray[np.float64]
 Quantity = Callable[[Matrix], Vector]
 
 OVERLAP = 0.5
-"""Of Hann segments: more of it adds hardly anything."""
+"""Share by which Hann segments overlap: more overlap hardly lowers the error."""
 
 TIME_HALF_BANDWIDTH = 4.0
 """NW of the multitapers (D. J. Thomson 1982). Their kernel is as wide as that of a Hann segment
 NW times shorter, which is the whole path here."""
 
 TAPERS = 7
-"""2 NW - 1: those that leak little."""
+"""Number of multitapers, 2 NW - 1: the ones that leak little."""
 
 KERNEL_BINS = {"welch": 2, "multitaper": 8}
-"""Half width, in bins, of the part of a kernel |W|^2 that is kept, beyond which it is neglected."""
+"""Half width, in bins, of a kernel |W|^2; beyond it the kernel is neglected."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -44,13 +44,13 @@ class Layout:
 
     @property
     def frequency_hz(self) -> Vector:
-        """Of the kept bins."""
+        """Frequencies of the kept bins, Hz."""
         df = 1.0 / (self.tapers.shape[1] * self.step)
         return np.asarray(df * np.arange(self.bins.start, self.bins.stop))
 
 
 def moments_of(products: NDArray[np.float64]) -> PathMoments:
-    """Of the products of each path, (paths, rows, bins)."""
+    """Moments of the products of each path, (paths, rows, bins)."""
     mean = products.mean(axis=0)
     away = products - mean
     return PathMoments(

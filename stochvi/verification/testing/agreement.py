@@ -5,7 +5,8 @@ from __future__ import annotations
 from stochvi.results.estimates import Estimate
 
 Z = 4.5
-"""Largest difference in standard errors: a right answer exceeds it once in 150 000 cases."""
+"""Largest difference that passes, in standard errors: a right answer exceeds it once in 150 000
+cases."""
 
 
 def assert_agrees(estimate: Estimate, truth: float, z: float = Z) -> None:
@@ -16,9 +17,9 @@ def assert_agrees(estimate: Estimate, truth: float, z: float = Z) -> None:
     estimate
         The sampled number.
     truth
-        What it should be.
+        The true value.
     z
-        Standard errors that it may be off.
+        Number of standard errors by which the estimate may be off.
 
     Raises
     ------

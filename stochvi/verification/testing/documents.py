@@ -78,7 +78,8 @@ DEFINITIONS = {
     "impact_speed_rate": "Sum of the speeds just before impact, of all impacts, per second.",
     "impact_speed_square_rate": "Sum of their squares, of all impacts, per second.",
 }
-"""What the quantities mean that are judged, and the averages of a path that they are made of."""
+"""Meanings of the quantities that are judged, and of the averages of a path from which they
+follow."""
 
 
 def _square(value: Any) -> Any:
@@ -87,7 +88,7 @@ def _square(value: Any) -> Any:
 
 
 def _listed(value: Any) -> Any:
-    """A list of JSON as the tuple that it stands for."""
+    """A JSON list as a tuple; other values as they are."""
     return tuple(value) if isinstance(value, list) else value
 
 
@@ -363,7 +364,7 @@ def problem_document(problem: Problem, answer: Response) -> dict[str, Any]:
 
 
 def index_row(problem: Problem, answer: Response) -> dict[str, Any]:
-    """One line on a problem, for the index of all."""
+    """The row of a problem in the index of all problems."""
     model = problem.model
     stops = [
         f"{pair.name} {stop.name} {stop.position:g} m R {stop.law.restitution:g}"
@@ -385,7 +386,7 @@ def index_row(problem: Problem, answer: Response) -> dict[str, Any]:
 
 
 def in_a_sentence(problem: Problem, answer: Response) -> str:
-    """What a problem is, in a sentence."""
+    """The structure, stops and noise of a problem, in a sentence."""
     row = index_row(problem, answer)
     masses = "one coordinate" if row["coordinates"] == 1 else f"{row['coordinates']} coordinates"
     count = len(problem.model.stops)
@@ -397,7 +398,7 @@ def in_a_sentence(problem: Problem, answer: Response) -> str:
 
 
 README_WIDTH = 96
-"""Characters in a line of the README of the problems."""
+"""Largest number of characters in a line of the README of the problems."""
 
 
 def readme() -> str:

@@ -1,4 +1,5 @@
-"""What other programs wrote, read and judged: statistics, averages of each path, or records."""
+"""Files that other programs wrote are read and judged: statistics, averages of each path, or
+records."""
 
 from __future__ import annotations
 
@@ -40,11 +41,11 @@ FORMATS = (STATISTICS, PER_PATH, RECORDS)
 """The forms of a file: a row for each quantity, for each path, or for each time of each path."""
 
 SHORT_NAMES = {"x": "displacement", "v": "velocity"}
-"""Names of the columns of records that stand for longer ones."""
+"""Short names that columns of records may have, with the names for which they stand."""
 
 STEP_ERROR = 1e-3
-"""Largest difference of a time step of a record from their mean, as a share of it, that passes for
-rounding of the times."""
+"""Largest difference between one time step of a record and the mean step, as a share of the mean,
+that passes for rounding of the times."""
 
 MOST_BAD_WORDS = 40
 """Number of characters of a wrong entry that a message shows."""
@@ -52,7 +53,8 @@ MOST_BAD_WORDS = 40
 
 @dataclass(frozen=True)
 class Sheet:
-    """A table with a header: its cells, texts or numbers, and the row of its source of each."""
+    """A table with a header: its cells, which are texts or numbers, and the number of each row in
+    its source."""
 
     source: str
     header: tuple[str, ...]
@@ -91,7 +93,7 @@ def judge_file(
     relaxations: float = RELAXATIONS,
     allowed_percent: float = 0.0,
 ) -> Judgement:
-    """Judge what another program wrote for a problem.
+    """Judge the file that another program wrote for a problem.
 
     Parameters
     ----------
@@ -106,7 +108,8 @@ def judge_file(
     format
         One of `FORMATS`; None to recognise it by the header.
     paths, relaxations
-        The run that a problem that ships is asked for; a file of a problem states its own.
+        Number of paths, and their length in relaxation times, that a problem that ships asks for; a
+        file of a problem states its own.
     allowed_percent
         A bias that is harmless, in per cent of each quantity.
 
@@ -118,7 +121,7 @@ def judge_file(
     Raises
     ------
     ValueError
-        If the file cannot be read so; the message names the file, the row and the column.
+        If the file cannot be read in this form; the message names the file, the row and the column.
 
     See Also
     --------
@@ -222,7 +225,8 @@ def _holds(line: str) -> bool:
 
 
 def _all_numbers(path: str | Path, separator: str, header: int) -> NDArray[np.float64] | None:
-    """The rows below the header, if all of them are numbers; this is quick where there are many."""
+    """The rows below the header if all cells are numbers, else None; this is quick for long
+    files."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # on a file without rows

@@ -26,13 +26,15 @@ from stochvi.verification.testing.samples import IMPACTS, Function, Sample, Valu
 from stochvi.verification.testing.suspects import suspects_of
 
 SURE = 4.0
-"""Standard errors from which a deviation is reported as a hint."""
+"""Number of standard errors from which a deviation is reported as a hint."""
 
 SHARP = 4.0
-"""Standard errors in the energy that a start from rest lacks, from which it is named as a cause."""
+"""Ratio of the energy that a start from rest lacks to its standard error, from which on that start
+is named as a cause."""
 
 NEAR = 0.04
-"""Relative distance from a number that has a known cause (a half, 2, R^2) to name that cause."""
+"""Largest relative distance from a number that has a known cause (a half, 2, R^2) at which that
+cause is named."""
 
 NOISE_FACTORS = (
     (2.0, "noise twice too strong (a one-sided density for S0)"),
@@ -143,7 +145,7 @@ def hints_of(measured: Sequence[Measured]) -> Iterator[str]:
 
 
 def _near(value: float, error: float, wanted: float) -> bool:
-    """Whether a positive number is one that has a known cause, within its error."""
+    """Whether a positive number agrees, within its error, with one that has a known cause."""
     return abs(value / wanted - 1.0) < min(NEAR + SURE * error / wanted, 0.2)
 
 
@@ -377,7 +379,8 @@ def _noise_or_damping(measured: Sequence[Measured], ratio: float) -> str:
 
 
 def _lost(own: Problem) -> Function:
-    """The share of its energy that an impact loses, (S0 - 2 b E v^2) / F2, as a function."""
+    """The share of its energy that an impact loses, (S0 - 2 b E v^2) / F2, as a function of the
+    quantities."""
 
     def share(values: Values) -> object:
         left = own.intensity - 2.0 * own.damping_rate * values["velocity_std"] ** 2

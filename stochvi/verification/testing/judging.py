@@ -59,7 +59,8 @@ SCENES = (
 """Scenes of the zoo that are judged by default: cheap ones, each of which shows some mistake."""
 
 SURELY_SEEN = 100.0
-"""Number of expected impacts from which it is a disagreement, and not chance, that none is seen."""
+"""Expected number of impacts from which on a sample without any impact disagrees, because chance
+does not explain it."""
 
 NOT_FINITE = "not finite"
 """Verdict on a quantity that is NaN or infinite."""
@@ -233,7 +234,7 @@ def judge(
         Averages, an array (paths,) each: `displacement_mean`, `displacement_mean_square`,
         `velocity_mean_square`, and per second `collision_rate` (of impacts faster than
         `problem.speed_threshold`), `impact_speed_rate` and `impact_speed_square_rate` (sums of w
-        and w^2 over all impacts). What is not there is not judged.
+        and w^2 over all impacts). A quantity whose averages are not returned is not judged.
 
         Statistics: the quantities with a finished `(value, standard error)`, or `Estimate`, whose
         stated bias is granted.
@@ -244,7 +245,7 @@ def judge(
         Names of the zoo, or scenes of your own by name: linear structures with rigid stops or none
         under white noise or noise of a tabulated density, whose answer is known.
     paths, relaxations
-        How many paths, and of how many relaxation times of the oscillator.
+        Number of paths, and their length in relaxation times of the oscillator.
     seed
         Seed of the random numbers: the same seed gives the same digits.
     allowed_percent
@@ -346,7 +347,7 @@ def _judgement(measured: Sequence[Measured], allowed_percent: float) -> Judgemen
         if missing:
             words = ", ".join(_missing(name, each.sample) for name in missing)
             left_out.append(f"{each.problem.name}: {words} not returned")
-        # an integrator may return the impacts that it does not have where there are no stops
+        # without stops an integrator may still return its numbers of impacts, which are zero
         unknown = [
             name
             for name in each.sample.names()
@@ -367,7 +368,8 @@ def _judgement(measured: Sequence[Measured], allowed_percent: float) -> Judgemen
 
 
 def _missing(name: str, sample: Sample) -> str:
-    """The name of a quantity that was not returned; what else it takes, where part of it was."""
+    """The name of a quantity that was not returned, and the averages that it still needs where some
+    of them were."""
     lacking = [each for each in needs(name) if each not in sample.parts()]
     if 0 < len(lacking) < len(needs(name)):
         return f"{name} (which needs {', '.join(lacking)} too)"

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
 
 class Judge:
-    """What the fixture gives: a call judges, and fails the test where the verdict is no pass."""
+    """The object that the fixture gives: calling it judges, and fails the test unless the verdict
+    is a pass."""
 
     def __call__(self, problem: str | Path, found: Any, **options: Any) -> Judgement:
         """Judge what an integrator finds for a problem.

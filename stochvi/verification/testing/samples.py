@@ -46,10 +46,10 @@ FEWEST_PATHS = 16
 """Smallest number of independent paths from which a standard error is taken."""
 
 BATCHES = 32
-"""Number of parts into which a single long record is cut, to take a standard error from them."""
+"""Number of batches into which a single long record is cut for a standard error."""
 
 SHORTEST_BATCH = 3.0
-"""Shortest batch in relaxation times, so that batches are nearly independent."""
+"""Smallest length of a batch in relaxation times, so that batches are nearly independent."""
 
 
 class Sample(Protocol):
@@ -63,7 +63,7 @@ class Sample(Protocol):
         """The quantities that the sample has; `split` takes such a name apart."""
 
     def parts(self) -> Sequence[str]:
-        """What was returned that quantities can be made from."""
+        """The returned names from which quantities can be made."""
 
     def bias(self, name: str) -> float:
         """Bound on the bias that was stated with a quantity; 0 where none was stated."""
@@ -134,7 +134,7 @@ class Statistics:
 
 
 def split(name: str) -> tuple[str, str]:
-    """The name of what a quantity belongs to, with its point, and the quantity.
+    """The owner of a quantity, with the point that follows it, and the quantity without it.
 
     >>> split("front.left.velocity_std"), split("velocity_std")
     (('front.left.', 'velocity_std'), ('', 'velocity_std'))
@@ -371,7 +371,7 @@ def _common_shape(rows: list[Vector]) -> tuple[int, ...]:
 
 
 def _parts(problem: Problem, record: Vector) -> list[Vector]:
-    """A long record cut into batches."""
+    """A long record, cut into batches."""
     if problem.duration / BATCHES < SHORTEST_BATCH * problem.relaxation_time:
         raise ValueError(
             f"integrator returned a single path of {problem.duration:.3g} s, too short for "

@@ -1,4 +1,5 @@
-"""Problems that differ from the right one by a mistake people make: whose answer is it?"""
+"""Problems that differ from the right one by a common mistake, and whether one of them explains an
+answer."""
 
 from __future__ import annotations
 
@@ -15,10 +16,12 @@ from stochvi.verification.testing.samples import Sample
 from stochvi.verification.testing.truths import solved, truths_of
 
 AGREED = 4.0
-"""Standard errors within which every quantity must lie for a suspected problem to explain them."""
+"""Number of standard errors within which every quantity must lie for a suspected problem to explain
+the answer."""
 
 RTOL = 1e-2
-"""Relative error asked of the answer to a suspected problem; what is left of it is allowed for."""
+"""Relative error asked of the answer to a suspected problem; the error that it reaches is allowed
+for."""
 
 Document = dict[str, Any]
 Change = Callable[[Document], None]
@@ -122,4 +125,5 @@ SUSPECTS: dict[str, Change] = {
     "half the damping": _damping(0.5),
     "stops that lose no energy (R = 1)": _elastic,
 }
-"""Mistakes by what they make of a problem, as a change of the document of its scene."""
+"""Changes of the document of a scene, by the words for the problem that each mistake makes of
+it."""

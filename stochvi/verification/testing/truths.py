@@ -20,13 +20,14 @@ from stochvi.verification.testing.problems import Problem, problem_of
 from stochvi.verification.testing.samples import QUANTITIES
 
 PATHS = 1024
-"""Number of paths of a problem for a function, unless another is asked for."""
+"""Number of paths that a problem asks of an integrator by default."""
 
 RELAXATIONS = 20.0
-"""Length of a path in relaxation times, unless another is asked for."""
+"""Length of a path in relaxation times by default."""
 
 RTOL = 1e-4
-"""Relative error asked of the Fokker-Planck equation; what it reached is the bias of a truth."""
+"""Relative error asked of the Fokker-Planck equation; the error that it reaches is the bias of a
+true value."""
 
 
 def known_problems(
@@ -106,7 +107,8 @@ def solved(scene: Scene, speed_threshold: float | None = None, *, rtol: float = 
 
 
 def truths_of(problem: Problem, response: Response) -> dict[str, Estimate]:
-    """The known quantities of a problem whose error is stated, by the names that are returned.
+    """The known quantities of a problem whose error is stated, by the names under which integrators
+    return them.
 
     A mean that is rounding error is 0.
     """

@@ -1,4 +1,5 @@
-"""Pages of a reliability and of a replay: chances of a mission, and what a record itself does."""
+"""Pages of a reliability, with the chances of a mission, and of a replay, with the motion under a
+record."""
 
 from __future__ import annotations
 
@@ -126,7 +127,7 @@ def _value(chance: Chance) -> str:
 
 
 def _below(upper: float) -> str:
-    """An upper limit of a chance, of which nothing is known where that is 1."""
+    """An upper limit of a chance in words; unknown where that limit is nearly 1."""
     return UNKNOWN if upper > NEAR_ONE else f"below {spoken_percent(upper)}"
 
 
@@ -263,7 +264,7 @@ def write_replay_report(
 
 
 def replay_page(found: Replay, scene: Scene, record: RecordVerdict | None, origin: Origin) -> Page:
-    """The page of what a record does to a structure between its stops."""
+    """The page of the motion of a structure between its stops under a record."""
     summary = headline(found, record)
     return Page(
         title=scene.title or "Replay of a record",

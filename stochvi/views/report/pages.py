@@ -45,7 +45,7 @@ class Grid:
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A picture as a data URI, which is empty where it was not drawn, and what it shows."""
+    """A picture as a data URI, which is empty where it was not drawn, and its caption."""
 
     uri: str
     caption: str
@@ -75,7 +75,7 @@ class Section:
 
 @dataclass(frozen=True, kw_only=True)
 class Page:
-    """A report: the verdict first, then what it rests on.
+    """A report: the verdict first, then its evidence.
 
     Parameters
     ----------
@@ -127,8 +127,8 @@ class Page:
 
 
 def write_page(page: Page, document: Mapping[str, Any], name: str, folder: Path) -> Path:
-    """Write `report.html`, and beside it the document that holds its numbers, with what the page
-    states of its making under "report"; returns the path of the page."""
+    """Write `report.html`, and beside it the document that holds its numbers, with the origin of
+    the page under "report"; returns the path of the page."""
     found = {**document, "report": plain(page.origin)}
     write_text(to_json(found) + "\n", folder / f"{name}.json")
     write_text(page.html(), folder / "report.html")

@@ -68,12 +68,12 @@ def write_report(review: Review, folder: str | Path, origin: Origin | None = Non
     review
         The answer of `review`.
     folder
-        Made if it is missing.
+        Folder for the files; it is made if it is missing.
     origin
-        What the page states of its making; by default that of a call from Python.
+        When, how and from what the page was made; by default a call from Python.
     """
     folder, sizing = Path(folder), review.sizing
-    # first: the pictures of the page may be left out for want of time
+    # this picture comes first, since those of the page may be left out for want of time
     try_picture(lambda: draw_sizing(sizing, sizing.scene.title), folder / "risk.png")
     page = clearance_page(review, origin or origin_of(sizing.provenance))
     path = write_page(page, review.to_dict(), "size", folder)
@@ -94,7 +94,7 @@ def write_report(review: Review, folder: str | Path, origin: Origin | None = Non
 
 
 def _evidence_table(sizing: Sizing) -> pd.DataFrame | None:
-    """All estimates of the simulations, with the clearance that each belongs to."""
+    """All estimates of the simulations, each with the clearance to which it belongs."""
     import pandas as pd
 
     frames = [answer.to_frame().assign(at=name) for name, answer in sizing.evidence.items()]
@@ -162,7 +162,7 @@ def _record_card(sizing: Sizing) -> list[Fact]:
 
 
 def _verdict(review: Review) -> str:
-    """The clearance that can be made, and that of the worst case beside it."""
+    """The verdict: the clearance that can be made, and the one for the worst case."""
     sizing, made = review.sizing, review.recommended
     most = " at most" if sizing.kept_with is not None else ""
     worst = (
@@ -180,7 +180,8 @@ def _verdict(review: Review) -> str:
 
 
 def _statements(review: Review) -> list[str]:
-    """What the verdict means: hits to expect, like risks side by side, and the numbers behind."""
+    """Sentences on the verdict: expected hits, risks at both clearances, and the calculated
+    numbers."""
     sizing = review.sizing
     return [
         *filter(None, [_hits_statement(review), _risk_statement(review), _worst_statement(review)]),
@@ -234,7 +235,7 @@ def _risk_statement(review: Review) -> str:
 
 
 def _worst_statement(review: Review) -> str:
-    """What the recommended clearance risks in the worst case."""
+    """The chance of a hit at the recommended clearance in the worst case, in a sentence."""
     row = review.worst_case.iloc[-1]
     if review.worst is None or len(review.worst_case) < 2:
         return ""
@@ -300,7 +301,7 @@ def _worst_card(review: Review) -> Fact:
 
 
 def _risk_card(review: Review) -> Fact:
-    """The chance of exceeding the limit that is to be kept, or of any hit."""
+    """The chance of exceeding the limit of the target or, without a limit, of any hit."""
     sizing = review.sizing
     target, mission = sizing.target, spoken_mission(sizing.mission)
     hits = review.hits["recommended"]

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from stochvi.isolators.sizing.review import Chance, Exceeding, HitsAt, Review
 
 SMALLEST_CHANCE = 1e-6
-"""A chance of no hit below this value is only stated to be smaller than it."""
+"""Smallest chance of no hit that is stated as a number; smaller ones are stated to lie below it."""
 
 NOTABLE_CHANGE = 0.1
 """Relative change of the transmissibility by the stops from which on it is drawn."""
