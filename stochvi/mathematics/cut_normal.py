@@ -1,8 +1,8 @@
 """The density C exp(slope x - curvature x^2 / 2) between two stops, and its moments.
 
-With curvature > 0 it is a normal law cut at the stops; with curvature <= 0 it leans on them.
-Everything is computed relative to the largest value of the density, so that cuts many standard
-deviations out in the tail, and gaps many orders of magnitude small, keep all their digits.
+With curvature > 0 it is a normal law cut at the stops; with curvature <= 0 it is largest at a stop.
+Everything is computed relative to the largest value of the density, so that results keep all their
+digits also for stops many standard deviations out in the tail and for very small gaps.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.mathematics.quadrature import gauss_legendre
 
 NODES, WEIGHTS = gauss_legendre(64)
-"""Nodes and weights of the Gauss-Legendre rule in each panel of a density."""
+"""Nodes and weights of the Gauss-Legendre rule in each panel of the integral over a density."""
 
 CUT = 50.0
-"""Panels end where the density has fallen by e^-50, far below rounding."""
+"""Panels end where the density has fallen to e^-CUT of its largest value, far below rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,8 +32,8 @@ class CutNormal:
     slope, curvature
         1/m and 1/m^2; a normal law N(m, s^2) has slope m / s^2 and curvature 1 / s^2.
     lower, upper
-        Stops in metres, None for none. Where a side has no stop the density must fall off
-        towards it: curvature > 0, or curvature = 0 with a slope of the right sign.
+        Stops, m; None for no stop. On a side without a stop the density must fall towards
+        infinity: curvature > 0, or curvature = 0 with a slope of the right sign.
 
     Examples
     --------
@@ -50,8 +50,8 @@ class CutNormal:
     def __post_init__(self) -> None:
         if not self._integrable():
             raise ValueError(
-                f"the density grows without bound where there is no stop (slope {self.slope:g}, "
-                f"curvature {self.curvature:g}, stops {self.lower} and {self.upper})"
+                f"the density must fall towards a side without a stop, got slope {self.slope:g}, "
+                f"curvature {self.curvature:g} and stops {self.lower} and {self.upper}"
             )
 
     def _integrable(self) -> bool:
@@ -81,7 +81,7 @@ class CutNormal:
         return offset * (self._slope_at(self.peak) - self.curvature * offset / 2.0)
 
     def _slope_at(self, x: float) -> float:
-        """Derivative of the log density, clear of rounding at an inner peak."""
+        """Derivative of the log density, without rounding errors at a peak between the stops."""
         if self.curvature > 0.0 and x == self.slope / self.curvature:
             return 0.0
         return self.slope - self.curvature * x
@@ -96,8 +96,8 @@ class CutNormal:
         return offset, weight
 
     def _panels(self) -> list[tuple[float, float]]:
-        """Intervals in which the density is monotone and outside which it is negligible, as offsets
-        from the peak."""
+        """Intervals, as offsets from the peak, in which the density is monotone; outside all of
+        them it is negligible."""
         low = -math.inf if self.lower is None else self.lower - self.peak
         high = math.inf if self.upper is None else self.upper - self.peak
         if self.curvature > 0.0 or self.lower is None or self.upper is None:
@@ -113,7 +113,8 @@ class CutNormal:
         return [(low, left), (right, high)]
 
     def _reach(self, start: float, direction: float) -> float:
-        """How far from `start` the density has fallen by e^-CUT; infinite if it never does."""
+        """Distance from `start` at which the density has fallen to e^-CUT of its largest value;
+        infinite if there is none."""
         fall = max(-direction * self._slope_at(start), 0.0)
         bend = 2.0 * self.curvature * CUT
         if bend >= 0.0:
@@ -163,7 +164,7 @@ class CutNormal:
         return 0.0 if x is None else float(self.density(x))
 
     def log_density_at(self, x: float) -> float:
-        """Logarithm of the density between the stops, also where the density is no number."""
+        """Logarithm of the density between the stops, also where the density itself underflows."""
         return float(self._relative_log(np.asarray(x - self.peak))) - math.log(self._mass)
 
 

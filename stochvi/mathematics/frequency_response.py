@@ -4,8 +4,7 @@ Modal coordinates, q'' + B q' + K q = p f with f of a one-sided density G per he
 
     H(w) = (K - w^2 + i w B)^-1 p,    E q q' = int Re(H H*) G df        (n modes, w = 2 pi f)
 
-Sources that depend on each other are written as independent ones whose forces p depend on
-frequency.
+Correlated sources are expressed by independent ones whose forces p depend on frequency.
 """
 
 from __future__ import annotations
@@ -27,16 +26,17 @@ Waves = NDArray[np.complex128]
 
 @dataclass(frozen=True, eq=False)
 class Steering:
-    """Forces per unit of a source that depend on frequency.
+    """Modal forces per unit of a source, as a function of frequency.
 
     Parameters
     ----------
     rows
-        Forces (n, k) per unit of each of k quantities that the source moves.
+        Forces (n, k) per unit of each of the k quantities that the source drives.
     shares
-        Frequencies (Hz) -> complex (frequencies, k): those quantities per unit of the source.
+        Function from frequencies (Hz) to complex (frequencies, k): the quantities per unit of the
+        source.
     breaks
-        Frequencies (Hz) at which the shares are not smooth.
+        Frequencies (Hz) at which `shares` is not smooth.
     """
 
     rows: Matrix
@@ -51,7 +51,7 @@ class Steering:
         """The same source with its forces multiplied by a matrix from the left."""
         return Steering(matrix @ self.rows, self.shares, self.breaks)
 
-    __array_ufunc__ = None  # so that matrix @ steering is __rmatmul__
+    __array_ufunc__ = None  # so that numpy leaves matrix @ steering to __rmatmul__
 
 
 Force = Vector | Steering
@@ -64,7 +64,7 @@ NODES = 6
 """Number of Gauss-Legendre nodes on each panel; panels narrow geometrically towards resonances."""
 
 AT_ONCE = 2**14
-"""Number of frequencies whose matrices are in memory together: 100 MB for 20 modes."""
+"""Number of frequencies whose matrices are held in memory together: 100 MB for 20 modes."""
 
 NARROWEST = 1e-9
 """Smallest width of a resonance, relative to its frequency, that panels resolve."""
@@ -146,7 +146,8 @@ def covariance(tables: Tables, stiffness: Matrix, damping: Matrix) -> Matrix:
 def beyond(
     tables: Tables, stiffness: Matrix, damping: Matrix, rows: Matrix
 ) -> tuple[Vector, Matrix]:
-    """Frequencies (Hz), and the velocity variance of each of `rows` . q at and above them."""
+    """Frequencies (Hz), and the part of the velocity variance of each `rows` . q that comes from
+    each frequency and above, (frequencies, rows)."""
     nodes, parts = [], []
     for table, force in tables:
         f, weight = quadrature(table, stiffness, damping, force)
@@ -165,11 +166,12 @@ NODES_OF_BIN = 3
 def bin_amplitudes(
     table: Table, force: Force, stiffness: Matrix, damping: Matrix, length: float, count: int
 ) -> tuple[Waves, Matrix]:
-    """Amplitudes B of the bins 1 ... count - 1, [(k -+ 1/2)] / length, and their E q'^2.
+    """Amplitudes B of the bins k = 1 ... count - 1, and the contributions of each bin to E q'^2.
 
-    |B|^2 is the integral of |H|^2 G over the bin, so that the edges of a table are exact; the
-    phases, which tell modes from one another, are those of H in its middle. What lies below the
-    first bin is added to it. Both (count - 1, n).
+    Both are (count - 1, n). Bin k reaches from (k - 1/2) / length to (k + 1/2) / length. |B|^2 is
+    the integral of |H|^2 G over the bin, so that a table that ends within a bin loses nothing. The
+    phases, which relate the modes to each other, are those of H in the middle of the bin. The
+    density below the first bin is added to it.
     """
     nodes, weights = gauss_legendre(NODES_OF_BIN)
     edges = (np.arange(count) + 0.5) / length

@@ -18,7 +18,7 @@ M. R. Swift and A. J. Bray, Phys. Rev. Lett. 81 (1998) 1142)."""
 
 
 class StopStatistics(NamedTuple):
-    """What one stop sees: hits per second, and sums of w and w^2 per second (F1, F2)."""
+    """Impacts on one stop per second, and sums of their speeds w and of w^2 per second (F1, F2)."""
 
     rate: float
     speed_rate: float
@@ -29,12 +29,12 @@ NO_STOP = StopStatistics(0.0, 0.0, 0.0)
 
 
 class ContactStatistics(NamedTuple):
-    """What a stop that gives way sees beyond the onsets of its contacts.
+    """Statistics of the contacts with a compliant stop, besides the rate at which they begin.
 
     `probability` is the share of time in contact: the mass is beyond the stop, and the damper of
     the stop, if it has one, has not brought the force back to zero. `force` is the mean force over
-    all time, `peak_force` the mean over contacts of their largest force (None where a method has
-    no law for it), `power` the mean power that the stop takes.
+    all time, `peak_force` the mean over contacts of their largest force (None if the method has no
+    law for it), and `power` the mean power that the stop takes.
     """
 
     probability: float
@@ -44,7 +44,7 @@ class ContactStatistics(NamedTuple):
 
 
 def gaussian_stop(density: float, velocity_mean_square: float) -> StopStatistics:
-    """Statistics of a stop where x has density p and v, independent of it, is N(0, s^2).
+    """Statistics of a stop where x has the density p, and v is N(0, s^2) and independent of x.
 
     Impact speeds are Rayleigh distributed: rate = p s / sqrt(2 pi), F1 = p s^2 / 2,
     F2 = p s^3 sqrt(2 / pi). Exact for elastic stops (B 13.44).
@@ -66,9 +66,9 @@ def corner_exponent(restitution: float) -> float:
 
     The root of R^(beta - 2) = 2 sin((1 + 2 beta) pi / 6) other than 2, which solves it for every
     R: below 2 for R > exp(-pi / sqrt 3), above 2 for smaller R, 5/2 at R = 0. Impact speeds have
-    the density w^(1 - beta) near 0, so that from beta = 2 on their rate has no limit, but grows
-    like w^(2 - beta) as slower and slower ones are counted. Beta = 5/2 follows from the reflected
-    motion at R = 0 that leaves the stop at once (J. Bertoin, Ann. Probab. 35 (2007) 2021): as it
+    the density w^(1 - beta) near 0. From beta = 2 on, the rate of impacts faster than w therefore
+    grows without limit, like w^(2 - beta), as w decreases. Beta = 5/2 follows from the reflected
+    motion at R = 0 that leaves the stop at once (J. Bertoin, Ann. Probab. 35 (2007) 2021): if it
     starts at the speed u, it meets the stop again at a speed above w with a probability
     ~ (u / w)^(1/2).
 
@@ -84,7 +84,7 @@ def corner_exponent(restitution: float) -> float:
         sine = 2.0 * math.sin((1.0 + 2.0 * beta) * math.pi / 6.0)
         return (beta - 2.0) * math.log(restitution) - math.log(sine)
 
-    # beta = 2 solves the equation for every R: the bracket ends where that root still dominates
+    # beta = 2 solves the equation for every R: the bracket excludes that root
     if restitution > COLLAPSE_RESTITUTION:
         low, high = 0.0, 2.0 - 1e-9
     else:

@@ -1,4 +1,4 @@
-"""One contact with a spring and a damper side by side that can only push (B App. I)."""
+"""One contact with a spring and a parallel damper, which can only push (B App. I)."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import NamedTuple
 class Impact(NamedTuple):
     """One contact of a free mass with a stop, from its first touch on (SI units).
 
-    The mass leaves with `restitution` times the speed it came with; `time_to_peak` is that of the
-    peak force, counted from the first touch.
+    The mass leaves with `restitution` times the speed with which it arrived; `time_to_peak` is the
+    time from the first touch to the peak force.
     """
 
     contact_time: float
@@ -52,10 +52,10 @@ def kelvin_voigt(stiffness: float, z: float, speed: float, mass: float) -> Impac
 
 
 def damping_ratio_of(restitution: float) -> float:
-    """The damping ratio z at which a free mass leaves the stop with a restitution (B App. I).
+    """The damping ratio z of a stop from which a free mass rebounds with a restitution (B App. I).
 
-    The root of exp(-2 z arccos z / sqrt(1 - z^2)) = R, which falls from 1 at z = 0 to 0; it is the
-    same at every speed.
+    It is the root of exp(-2 z arccos z / sqrt(1 - z^2)) = R. The left side falls from 1 at z = 0
+    to 0 as z grows, and does not depend on the speed.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def damping_ratio_of(restitution: float) -> float:
     if restitution == 1.0:
         return 0.0
     loss = -math.log(restitution)
-    highest = 1.0 + math.exp(loss / 2.0)  # from z = 1 on the left side is above 2 ln z
+    highest = 1.0 + math.exp(loss / 2.0)  # 2 z arccos z / sqrt(1 - z^2) > 2 ln z for z > 1
     return float(brentq(lambda z: 2.0 * z * half_contact(z) - loss, 0.0, highest, xtol=1e-14))
 
 
@@ -87,13 +87,13 @@ def identify_viscoelastic(contact_time: float, time_to_peak: float) -> tuple[flo
     Parameters
     ----------
     contact_time, time_to_peak
-        Time from the first touch until the force is back at zero, and until it is largest, s.
+        Times from the first touch until the force is back at zero, and until it is largest, s.
 
     Raises
     ------
     ValueError
-        Unless 0 < 2 time_to_peak <= contact_time: damping brings the peak forward, and from
-        z = 1/2 on the force is largest at the first touch, which tells z no more.
+        Unless 0 < 2 time_to_peak <= contact_time: damping makes the peak come earlier, and for
+        z >= 1/2 the force is largest at the first touch, so that z cannot be found.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Passages of a level by a stationary normal process that is known at equal steps."""
+"""Passages of a level by a stationary normal process that is sampled at equal steps."""
 
 from __future__ import annotations
 
@@ -10,17 +10,19 @@ from scipy.special import ndtr
 from stochvi.mathematics.quadrature import gauss_legendre
 
 WIDEST = 9.0
-"""Largest rise between two samples that is integrated over, in standard deviations of the rise."""
+"""Upper limit of the integral over the rise between two samples, in its standard deviations."""
 
 NODES = 128
-"""Number of nodes of that integral: half of them give the same 12 digits up to 8 sigma."""
+"""Number of nodes of the integral over the rise: half as many give the same 12 digits for levels up
+to 8 sigma."""
 
 
 def moments_of_rises(level: float, variance: float, change: float) -> tuple[float, float, float]:
-    """Mean of 1, d and d^2 at a sample over the passages of a level between it and the one before.
+    """Moments of order 0, 1 and 2 of the rise between two samples, over upward passages of a level.
 
-    The rise d = y1 - y0 and the middle m = (y0 + y1) / 2 of two samples are independent normal
-    variables, and the level u lies between the samples, y0 < u <= y1, where |m - u| <= d / 2:
+    A sample y1 and the one before it, y0, contribute where y0 < u <= y1, u the level; otherwise 0.
+    The rise d = y1 - y0 and the middle m = (y0 + y1) / 2 of two successive samples are independent
+    normal variables, and the level u lies between the samples if |m - u| <= d / 2:
 
         E d^k = int_0^inf d^k p(d) [Phi((u + d / 2) / s_m) - Phi((u - d / 2) / s_m)] dd.
 
@@ -35,7 +37,7 @@ def moments_of_rises(level: float, variance: float, change: float) -> tuple[floa
 
     Examples
     --------
-    Of E d there is a closed form, sigma phi(u / sigma) (1 - rho):
+    E d has the closed form sigma phi(u / sigma) (1 - rho):
 
     >>> _, rise, _ = moments_of_rises(2.0, 1.0, 0.1)
     >>> round(rise / (0.1 * math.exp(-2.0) / math.sqrt(2.0 * math.pi)), 12)
@@ -46,7 +48,7 @@ def moments_of_rises(level: float, variance: float, change: float) -> tuple[floa
     nodes, weights = gauss_legendre(NODES)
     rise = 0.5 * WIDEST * spread * (nodes + 1.0)
     density = np.exp(-0.5 * (rise / spread) ** 2) / (math.sqrt(2.0 * math.pi) * spread)
-    # by the upper tails, which keep their digits at high levels
+    # computed from upper tails, which keep their digits at high levels
     between = ndtr(-(level - 0.5 * rise) / middle) - ndtr(-(level + 0.5 * rise) / middle)
     share = 0.5 * WIDEST * spread * weights * density * between
     found = [float(share @ rise**power) for power in range(3)]

@@ -19,16 +19,15 @@ NODES = 16
 """Number of Gauss-Legendre nodes in each panel of a table."""
 
 FEW_NODES = 4
-"""Number of nodes in a panel that is narrow, of which a measured table has thousands."""
+"""Number of Gauss-Legendre nodes in a narrow panel, of which a measured table has thousands."""
 
 NARROW, LEVEL = 0.1, 0.5
-"""A panel is narrow if it is no wider than this part of its distance to the resonance, and if the
-logarithm of the density changes by no more than this in it: the error of 4 nodes is then below
-1e-11 of the panel's part."""
+"""Limits of a narrow panel: its width over its distance to the resonance, and the change of the
+logarithm of the density in it. The error of 4 nodes is then below 1e-11 of the integral over the
+panel."""
 
 FEWEST_BREAKPOINTS = 200
-"""Smallest number of breakpoints of a table for which its narrow panels are integrated
-separately."""
+"""Smallest number of breakpoints of a table whose narrow panels are integrated with fewer nodes."""
 
 MOST_BREAKPOINTS = 100_000
 """Largest number of breakpoints of a table: sums over more take seconds, and no analyser has more
@@ -37,13 +36,13 @@ lines."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
-    """Breakpoints of a density; log-log straight between them, zero outside.
+    """Breakpoints of a density, which is log-log linear between them and zero outside.
 
     Parameters
     ----------
     frequency_hz, density
-        Arrays of equal length >= 2, positive, frequencies increasing. A frequency that stands
-        twice is a step of the density, which holds no area.
+        Arrays of equal length >= 2, positive, frequencies increasing. A frequency that appears
+        twice is a step of the density.
     """
 
     frequency_hz: NDArray[np.float64]
@@ -117,14 +116,14 @@ class Table:
         p1, p2 = self.density[:-1], self.density[1:]
         ratio = np.log(f2 / f1)
         exponent = np.log(p2 / p1) + (power + 1.0) * ratio
-        # (e^t - 1) / t, which is 1 at t = 0 and needs no case of its own
+        # (e^t - 1) / t without loss of digits near t = 0, where it is 1
         growth = np.where(
             exponent == 0.0, 1.0, np.expm1(exponent) / np.where(exponent, exponent, 1)
         )
         return float(np.sum(p1 * f1 ** (power + 1.0) * ratio * growth))
 
     def mean_square(self) -> float:
-        """Area under the table.
+        """Mean square of the noise: the area under the density.
 
         >>> flat = Table(frequency_hz=np.array([20.0, 2000.0]), density=np.array([0.01, 0.01]))
         >>> round(flat.mean_square(), 9)
@@ -168,7 +167,7 @@ class Filter(NamedTuple):
             E x^2  = S0 w_f^2 (b W^2 + b_f w_f^2 + b b_f (b + b_f)) / (2 b b_f W^2 d),
             E x'^2 = S0 w_f^4 (b + b_f) / (2 b b_f d).
 
-        Infinite where nothing damps or holds.
+            Both are infinite without damping, and E x^2 is infinite without stiffness.
 
         >>> sea = Filter(omega=1.0, damping_rate=0.2, intensity=0.2)
         >>> [round(moment, 6) for moment in sea.response_moments(omega=1.0, damping_rate=0.1)]
@@ -200,7 +199,7 @@ def response_moments(tables: Sequence[Table], omega: float, damping_rate: float)
     """Mean squares of the linear response to the sum of `tables` (acceleration densities).
 
     Integrates |H|^2 G over frequency by 16-point Gauss-Legendre on panels that end at the
-    breakpoints and narrow geometrically towards the resonance, so that any damping resolves.
+    breakpoints and narrow geometrically towards the resonance, so that any damping is resolved.
 
     Examples
     --------
@@ -231,7 +230,7 @@ def response_moments(tables: Sequence[Table], omega: float, damping_rate: float)
 def _quadrature(
     table: Table, omega: float, damping_rate: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Nodes and weights over the table, graded towards the resonance."""
+    """Nodes (Hz) and weights over the table, in panels that narrow towards the resonance."""
     resonance = omega / (2.0 * math.pi)
     low, high = float(table.frequency_hz[0]), float(table.frequency_hz[-1])
     width = max(damping_rate / (4.0 * math.pi), 1e-9 * resonance, 1e-300)
@@ -271,10 +270,11 @@ def _ends(edges: NDArray[np.float64]) -> NDArray[np.float64]:
 def welch(
     samples: NDArray[np.float64], rate: float, length: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Frequencies (Hz) and density of samples, from segments of `length` samples.
+    """Frequencies (Hz) and one-sided density of samples, from segments of `length` samples.
 
-    Hann windows that overlap by half, each segment less its mean (P. D. Welch, IEEE Trans. Audio
-    Electroacoust. 15 (1967) 70). It is here because scipy.signal takes half a second to import.
+    Hann windows overlap by half, and each segment has its mean subtracted (P. D. Welch, IEEE Trans.
+    Audio Electroacoust. 15 (1967) 70). scipy.signal is not used, because its import takes half a
+    second.
 
     >>> wave = np.sqrt(2.0) * np.sin(2.0 * np.pi * 8.0 * np.arange(1024) / 64.0)
     >>> frequency, density = welch(wave, 64.0, 256)
@@ -288,5 +288,5 @@ def welch(
         segment = samples[start : start + length]
         total += np.abs(np.fft.rfft(window * (segment - segment.mean()))) ** 2
     density = total / (len(starts) * rate * np.sum(window**2))
-    density[1 : (length + 1) // 2] *= 2.0  # but the ends of an even length
+    density[1 : (length + 1) // 2] *= 2.0  # not at 0 Hz, nor at half the rate for an even length
     return np.asarray(np.fft.rfftfreq(length, 1.0 / rate), float), density

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 Matrix = NDArray[np.float64]
 
 DOUBLINGS_FROM = 0.5
-"""Largest norm of A h for which a step is computed at once; longer steps are found by doubling."""
+"""Largest norm of A h for which a step is computed directly; longer ones are found by doubling."""
 
 
 def transition(generator: Matrix, step: float) -> Matrix:
@@ -28,7 +28,8 @@ def step_covariance(generator: Matrix, noise: Matrix, step: float) -> Matrix:
 
     Q(h) = int_0^h exp(A s) N exp(A' s) ds, from one matrix exponential (C. F. Van Loan, IEEE
     Trans. Autom. Control 23 (1978) 395) over a short step, and Q(2h) = Q(h) + exp(A h) Q(h)
-    exp(A' h): the exponential of -A, which would grow, is only taken over the short one.
+    exp(A' h). The matrix exponential contains exp(-A h), which grows with h, and is therefore
+    taken over the short step only.
 
     Parameters
     ----------
@@ -45,7 +46,7 @@ def step_covariance(generator: Matrix, noise: Matrix, step: float) -> Matrix:
     doublings = max(0, int(np.ceil(np.log2(norm / DOUBLINGS_FROM)))) if norm > 0.0 else 0
     short = step / 2.0**doublings
     block = np.zeros((2 * size, 2 * size))
-    scale = float(np.max(np.abs(noise))) or 1.0  # the noise may have any unit, unlike rates
+    scale = float(np.max(np.abs(noise))) or 1.0  # its size depends on its unit
     block[:size, :size], block[:size, size:] = -generator, noise / scale
     block[size:, size:] = generator.T
     grown = scipy.linalg.expm(block * short)
@@ -70,8 +71,9 @@ def stationary_covariance(generator: Matrix, noise: Matrix) -> Matrix:
 
 
 def square_root(covariance: Matrix, tolerance: float) -> Matrix:
-    """Columns L with L L' equal to a covariance, without what is below `tolerance` of the largest
-    eigenvalue of the correlations; the columns are as many as there are independent noises.
+    """Columns L with L L' equal to a covariance, one for each independent noise.
+
+    Eigenvalues of the correlations below `tolerance` times the largest one are left out.
 
     >>> square_root(np.diag([4.0, 0.0]), 1e-12)
     array([[2.],

@@ -52,7 +52,7 @@ UNITS: dict[str, dict[str, float]] = {
 """Quantity -> units in their usual spelling -> factor to SI units."""
 
 DENSITIES = ("acceleration density", "force density")
-"""Quantities that a one-sided density per hertz may be of."""
+"""Quantities in `UNITS` that are one-sided densities per hertz."""
 
 PREFIXES = (
     "nano- = 1e-9 = n-",
@@ -100,7 +100,7 @@ SPELLINGS = frozenset(
     for name in itertools.chain(*map(_names, WORDS))
     for prefix in ("", *itertools.chain(*map(_names, PREFIXES)))
 ) | {"sqrt", "per", "rms", "RMS"}
-"""Words of which a spelling may consist."""
+"""All words that the spelling of a unit may contain."""
 
 DIMENSIONS = {
     "meter ** 2 / second ** 3": "acceleration density",
@@ -112,20 +112,20 @@ DIMENSIONS = {
     "1 / second": "frequency",
     "meter / second": "speed",
 }
-"""Base units, as pint writes them -> quantity."""
+"""Product of base units, as pint writes it -> quantity."""
 
 PLAIN_SIGNS = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹\u2212·⋅\u00d7\u2044\u2215", "-0123456789-***//")
-"""Raised digits and signs of typeset units -> how they are written in plain text."""
+"""Superscripts and signs of typeset units -> the same in plain text."""
 
 LONGEST_SPELLING = 60
-"""Largest number of characters of the spelling of a unit; a longer text is not taken for one."""
+"""Largest number of characters of the spelling of a unit; a longer text is not read as a unit."""
 
 
 @dataclass(frozen=True)
 class Unit:
     """A unit of a quantity: `name` as written in scene files, `factor` to SI units.
 
-    Of a level in decibels, `factor` is that of the reference, and `decibels` is true.
+    For a level in decibels, `decibels` is true and `factor` is that of the reference.
     """
 
     name: str
@@ -144,7 +144,7 @@ class Unit:
             return np.asarray((10.0 ** (found / 10.0) if self.decibels else found) * self.factor)
 
     def same(self, other: Unit) -> bool:
-        """Whether two names stand for one unit."""
+        """Whether both are the same unit, whatever their names."""
         alike = (self.quantity, self.decibels) == (other.quantity, other.decibels)
         return alike and math.isclose(self.factor, other.factor, rel_tol=1e-9)
 
@@ -159,7 +159,7 @@ def unit(spelling: str) -> Unit:
     Raises
     ------
     ValueError
-        For a spelling that is not known; the message lists the usual ones.
+        If the spelling is not known. The message lists the usual units.
 
     Examples
     --------
@@ -192,13 +192,13 @@ def listed_units(*quantities: str) -> str:
 
 def _unknown(spelling: str) -> ValueError:
     return ValueError(
-        f"{spelling!r} is not a unit that is known; usual ones are {listed_units()}, "
-        "dB re 1 g2/Hz, and products and powers of these"
+        f"{spelling!r} is not a known unit; expected one of {listed_units()}, dB re 1 g2/Hz, or "
+        "products and powers of these"
     )
 
 
 def _level(text: str, reference: str) -> Unit:
-    """A level in decibels over a reference of a density."""
+    """The unit of a level in decibels relative to a reference density."""
     if reference.startswith("(") and reference.endswith(")") and "(" not in reference[1:-1]:
         reference = reference[1:-1]
     found = re.fullmatch(r"(\d[\d.]*(?:[eE][-+]?\d+)?)?\s*\*?\s*(.*)", reference)
@@ -241,7 +241,7 @@ def _parsed(text: str) -> tuple[float, str]:
 
 @cache
 def _registry() -> pint.UnitRegistry[float]:
-    """Loaded at its first use: pint takes 0.4 s."""
+    """The registry of pint, made at its first use because the import of pint takes 0.4 s."""
     import pint
 
     registry: pint.UnitRegistry[float] = pint.UnitRegistry(None)
@@ -251,18 +251,18 @@ def _registry() -> pint.UnitRegistry[float]:
 
 
 MEASURED = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?")
-"""A number and what follows it."""
+"""Pattern of a number and the text that follows it."""
 
 
 def measured_in(text: str, name: str) -> float:
-    """A number in the unit `name`, from one that bears its own unit or none.
+    """A number in the unit `name`, from a text that states a unit of its own or none.
 
-    `name` is that of a unit, "dB" for a level, or empty for a number that has no unit.
+    `name` is the name of a unit, "dB" for a level, or empty for a number without a unit.
 
     Raises
     ------
     ValueError
-        If it is not a number, or its unit is not one of the same quantity.
+        If the text is not a number, or states a unit of another quantity.
 
     Examples
     --------
@@ -288,19 +288,19 @@ def measured_in(text: str, name: str) -> float:
     except ValueError:
         with_unit = f", plain or with a unit such as {name}" if name else " without a unit"
         raise ValueError(f"must be a number{with_unit}, got {text!r}") from None
-    # 36 km/h, and not what is left of it after two roundings
+    # rounded to 15 digits, so that 36 km/h stays 36 after two conversions
     return float(f"{number * of.factor / wanted.factor:.15g}")
 
 
 CLOCK = re.compile(r"\s*(\d+):([0-5]\d):([0-5]\d(?:\.\d*)?)\s*")
-"""A duration as hours, minutes and seconds: 1:30:00."""
+"""Pattern of a duration as hours, minutes and seconds: 1:30:00."""
 
 PARTS = re.compile(r"(?:\s*(?:\d+\.?\d*|\.\d+)\s*(?![eE]\d)[A-Za-zµμ]+){2,}\s*")
-"""A duration of several parts, each with its unit: 1h 5min; 1e9 s is one number."""
+"""Pattern of a duration of several parts, each with its unit: 1h 5min, but not the number 1e9 s."""
 
 
 def _seconds(text: str) -> float | None:
-    """Seconds of a duration of several parts with smaller and smaller units; None for another."""
+    """Seconds of a duration of several parts with decreasing units; None for any other text."""
     if clock := CLOCK.fullmatch(text):
         hours, minutes, seconds = map(float, clock.groups())
         return 3600.0 * hours + 60.0 * minutes + seconds
@@ -315,14 +315,14 @@ def _seconds(text: str) -> float | None:
 
 
 def measured(text: str, quantity: str, plain: float = 1.0) -> float:
-    """A number with its unit, in SI units; without one, the number times `plain`.
+    """A number with its unit, converted to SI units; without a unit, the number times `plain`.
 
-    A time may have several parts: "1h 5min" or "1:30:00", hours, minutes and seconds.
+    A time may have several parts: "1h 5min", or "1:30:00" for hours, minutes and seconds.
 
     Raises
     ------
     ValueError
-        If it is not a finite number with a unit of that quantity.
+        If the text is not a finite number with a unit of that quantity.
 
     Examples
     --------
@@ -373,7 +373,7 @@ def density_from_intensity(intensity: float) -> float:
 
 
 def power_ratio(level_db: float) -> float:
-    """Factor on a density for a level change in decibels, 10^(dB/10).
+    """Factor by which a change of level in decibels multiplies a density, 10^(dB/10).
 
     >>> round(power_ratio(3.0), 4)
     1.9953
@@ -382,7 +382,7 @@ def power_ratio(level_db: float) -> float:
 
 
 def plain_number(value: Any) -> Any:
-    """A number of NumPy as one of Python, which JSON knows; all else as it is.
+    """A number of NumPy as a number of Python, which JSON can hold; any other value unchanged.
 
     Examples
     --------

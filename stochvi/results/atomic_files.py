@@ -1,4 +1,4 @@
-"""A file is written whole or not at all, by however many processes at once."""
+"""Writing of files: each is written whole or not at all, even by several processes at once."""
 
 from __future__ import annotations
 
@@ -10,29 +10,32 @@ import time
 from pathlib import Path
 
 REPLACE_ATTEMPTS = 5
-"""Number of attempts to replace a file, because on Windows it may be open for a moment."""
+"""Number of attempts to replace a file, which on Windows another program may have open briefly."""
 
 REPLACE_PAUSE = 0.02
 """Seconds between two attempts to replace a file."""
 
 
 def write_whole(data: bytes, path: Path, *, durable: bool = False, follow: bool = True) -> None:
-    """Write a file whole or not at all. `durable`: it is on the disk when this returns. `follow`:
-    what a link names is written; otherwise the file takes the place of the link.
+    """Write a file whole or not at all.
 
-    The bytes go to a file of its own name beside it, hidden, which then takes its place: two that
-    write one file never mix. What dies in between (`kill -9`) leaves that hidden file behind.
+    With `durable`, the file is on the disk when this function returns. With `follow`, the target of
+    a symbolic link is written; otherwise the file replaces the link.
+
+    The bytes are first written to a hidden file in the same folder, which then replaces the file,
+    so that two processes that write the same file never mix their bytes. A process that is killed
+    in between (`kill -9`) leaves the hidden file behind.
 
     Raises
     ------
     OSError
-        With the name of the file that was asked for; nothing is left then.
+        It names the file that was asked for. No hidden file remains.
     """
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "Is a folder, expected a file name", str(path))
     try:
         _write_beside(data, path.resolve() if follow else path, durable)
-    except OSError as error:  # it would name the hidden file, or none
+    except OSError as error:  # this error names the hidden file, or no file
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
 
 

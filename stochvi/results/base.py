@@ -21,26 +21,26 @@ COMMON = ("warnings", "cost", "provenance", "interrupted")
 """Fields that every answer has; they come last in documents."""
 
 MOST_ROWS = 60
-"""Rows of a table that a notebook shows; longer ones are cut in the middle."""
+"""Largest number of rows of a table that a notebook shows; a longer table is cut in the middle."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Result:
     """The answer of a calculation.
 
-    A kind of answer is a frozen dataclass on this base. It says `to_frame` and, in `summary`, what
-    was found in a sentence; the rest follows from its fields.
+    A kind of answer is a frozen dataclass derived from this class. It defines `to_frame` and
+    `summary`, a sentence on what was found; the rest follows from its fields.
 
     Parameters
     ----------
     warnings
         What a reader must know before believing the numbers, a sentence each.
     cost
-        What the answer took.
+        Time and number of paths that the answer took.
     provenance
-        What is needed to make it again: versions, processor, seed and the scene.
+        What is needed to compute the answer again: versions, processor, seed and the scene.
     interrupted
-        Whether Ctrl-C ended it: it holds what there was until then.
+        Whether Ctrl-C ended the calculation: the answer then holds the results up to that moment.
     """
 
     warnings: Sequence[str] = ()
@@ -55,7 +55,7 @@ class Result:
         return f"<{self.summary()}>"
 
     def summary(self) -> str:
-        """The answer in a sentence; where there is none, the name of the method."""
+        """The answer in a sentence; by default the name of the method."""
         return str(getattr(self, "method", type(self).__name__))
 
     def to_frame(self) -> pd.DataFrame:
@@ -76,7 +76,7 @@ class Result:
         matplotlib.axes.Axes
             The Axes that were drawn in, the first of several.
         """
-        # results stand below the views: a picture is looked for when somebody asks for one
+        # this package may not import views at its top: the picture is looked for when needed
         found: Axes = import_module("stochvi.views.pictures").plot(self, ax)
         return found
 
@@ -85,8 +85,10 @@ class Result:
         return {name: plain(value) for name, value in self._document().items()}
 
     def _document(self) -> dict[str, Any]:
-        """The fields by name, those that are common to all answers last; a kind of answer whose
-        document has other names, or holds more, overrides this."""
+        """The fields by name, with those that are common to all answers last.
+
+        A kind of answer whose document has other keys, or more of them, overrides this.
+        """
         names = [each.name for each in fields(self) if each.name not in self.not_in_document]
         names.sort(key=COMMON.__contains__)
         return {name: getattr(self, name) for name in names}
@@ -106,7 +108,7 @@ class Result:
 
 
 def plain(value: Any) -> Any:
-    """A value as what JSON knows; a number that is not finite as None.
+    """A value as plain types that JSON can hold; a number that is not finite becomes None.
 
     >>> plain({"speeds": np.array([1.0, np.nan]), "seen": np.bool_(True), "by": ("x", 2)})
     {'speeds': [1.0, None], 'seen': True, 'by': ['x', 2]}

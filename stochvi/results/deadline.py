@@ -1,6 +1,6 @@
-"""The time that was asked for: the one clock at which everything with a budget looks.
+"""Deadlines: when a calculation with a budget must end.
 
-Ctrl-C is the same as a deadline that passes: what is under way ends with what it has.
+Ctrl-C acts like a deadline that passes: a calculation under way ends with the results that it has.
 """
 
 from __future__ import annotations
@@ -20,38 +20,40 @@ from stochvi.results.errors import Interrupted, NotConverged
 Found = TypeVar("Found")
 
 _asked_for: ContextVar[float | None] = ContextVar("asked_for", default=None)
-"""Seconds that a user asked for, of which calculations get parts; None if they get all of it."""
+"""Budget that a user asked for, s, which messages name while a calculation gets a part of it; None
+while the calculation gets all of it."""
 
 SHORTEST_BUDGET = 1e-3
-"""Seconds that are handed on once a deadline has passed: a budget must be positive."""
+"""Budget of a calculation that begins after its deadline, s: a budget must be positive."""
 
 _heard = [0]
-"""How often Ctrl-C has ended what was under way in this process."""
+"""Number of times that Ctrl-C has ended calculations in this process, as the only entry."""
 
 _heeded_from: list[int] = []
-"""How often it had when Ctrl-C began to be heeded (see `heeding_ctrl_c`); empty where it is not."""
+"""Value of `_heard` when `heeding_ctrl_c` was entered, as the only entry; empty outside it."""
 
 
 _stood_still = [0.0]
-"""Seconds for which the clock of all deadlines has stood still in this process."""
+"""Seconds for which the clock of all deadlines stood still in this process, as the only entry."""
 
 _stands_still_since: list[float] = []
-"""When it was stopped and not started again, by `time.time()`, outermost first."""
+"""Times (`time.time()`, s) at which the clock was stopped and not yet started again, outermost
+first."""
 
 
 def stood_still() -> float:
-    """Seconds for which the clock of all deadlines has stood still: kernels were being compiled,
-    which no budget pays for."""
+    """Time for which the clock of all deadlines has stood still, s. It stands still while kernels
+    are compiled, which does not count against a budget."""
     return _stood_still[0] + sum(time.time() - since for since in _stands_still_since[:1])
 
 
 def stop_clock() -> None:
-    """Let the clock of all deadlines stand still, until `start_clock` was called as often."""
+    """Stop the clock of all deadlines. It goes on after as many calls of `start_clock`."""
     _stands_still_since.append(time.time())
 
 
 def start_clock() -> None:
-    """Let the clock of all deadlines go on."""
+    """Undo one call of `stop_clock`."""
     since = _stands_still_since.pop()
     if not _stands_still_since:
         _stood_still[0] += time.time() - since
@@ -64,16 +66,16 @@ class Deadline:
     Parameters
     ----------
     moment
-        A time of `time.time()`, s: workers on other machines have that clock as well. Infinite
-        where nothing is due.
+        Moment on the clock `time.time()`, s, which workers on other machines share. Infinite for
+        no limit.
     budget
-        The seconds that were asked for, for messages (see `asked_for`); None for no limit.
+        Budget that messages name, s (see `asked_for`); None for no limit.
     before
-        How often Ctrl-C had been heard when it was made: one more, and it has passed. Infinite
-        where Ctrl-C is not heard.
+        Number of times that Ctrl-C had been heard when the deadline was made; at the next one the
+        deadline passes. Infinite where Ctrl-C is not heard.
     stood
-        For how many seconds the clock had stood still when it was made; it is `due` by as much
-        later as that has grown since then.
+        Seconds for which the clock had stood still when the deadline was made. It is `due` later
+        by the seconds for which the clock has stood still since then.
 
     Examples
     --------
@@ -87,14 +89,14 @@ class Deadline:
     stood: float = field(default_factory=stood_still, compare=False)
 
     def __reduce__(self) -> tuple[type[Deadline], tuple[float, float | None, float]]:
-        # another process has a count of its own of the seconds for which its clock stood still
+        # another process counts the seconds for which its own clock stood still
         return Deadline, (self.due, self.budget, self.before)
 
     @classmethod
     def after(cls, budget: float | None) -> Deadline:
-        """The deadline that so many seconds from now make; None for no limit.
+        """The deadline `budget` seconds from now; None for no limit.
 
-        A Ctrl-C that came earlier makes it pass as well, if it is part of what that one ended.
+        Within `heeding_ctrl_c`, a Ctrl-C that came earlier makes the new deadline pass as well.
         """
         before = _heeded_from[0] if _heeded_from else _heard[0]
         if budget is None:
@@ -103,21 +105,21 @@ class Deadline:
 
     @property
     def due(self) -> float:
-        """The moment, as time has stood still since it was made."""
+        """The moment, later by the seconds for which the clock has stood still meanwhile."""
         return self.moment + (stood_still() - self.stood)
 
     def passed(self) -> bool:
-        """Whether the answer is due."""
+        """Whether the moment is over, or Ctrl-C was heard."""
         return self.interrupted or time.time() >= self.due
 
     @property
     def interrupted(self) -> bool:
-        """Whether Ctrl-C came since it was made, and was heeded (see `heeding_ctrl_c`)."""
+        """Whether Ctrl-C was heard since the deadline was made (see `heeding_ctrl_c`)."""
         return _heard[0] > self.before
 
     @property
     def left(self) -> float:
-        """Seconds until the answer is due: infinite without a limit, zero once it has passed."""
+        """Seconds until the deadline: infinite without a limit, 0 once it has passed."""
         return 0.0 if self.passed() else max(self.due - time.time(), 0.0)
 
     @property
@@ -126,7 +128,7 @@ class Deadline:
         return None if math.isinf(self.left) else max(self.left, SHORTEST_BUDGET)
 
     def sooner(self, share: float) -> Deadline:
-        """The deadline that leaves a share (0 to 1) of the seconds that are left unused."""
+        """An earlier deadline, which leaves a share (0 to 1) of the remaining seconds unused."""
         if math.isinf(self.moment):
             return self
         return replace(self, moment=self.moment - share * self.left)
@@ -136,35 +138,35 @@ class Deadline:
         return replace(self, moment=self.moment - seconds)
 
     def in_no_less_than(self, seconds: float) -> Deadline:
-        """This deadline, or that which so many seconds from now make if it is later."""
+        """The later one of this deadline and the moment so many seconds from now."""
         moment = max(self.due, time.time() + seconds)
         return replace(self, moment=moment, stood=stood_still())
 
     def part(self, share: float) -> float | None:
-        """A share (0 to 1) of the seconds that are left, as the `budget` of one of several
+        """A share (0 to 1) of the remaining seconds, as the `budget` of one of several
         calculations; None for no limit."""
         return None if self.rest is None else max(share * self.rest, SHORTEST_BUDGET)
 
     def fell_short(self, where: str, remedy: str, answer: Any = None) -> NotConverged | Interrupted:
-        """The error to raise where an answer was due before it was what was asked for.
+        """The error to raise if the deadline passed before an answer was as accurate as asked for.
 
-        Its message is "the budget of 5 s ended `where`; `remedy`", and it carries the answer so
-        far. After Ctrl-C it is `Interrupted`, and the answer is marked.
+        Its message is "the budget of 5 s ended `where`; `remedy`", and it carries the answer up to
+        that moment. After Ctrl-C the error is `Interrupted`, and the answer is marked so.
         """
         if self.interrupted:
             if is_dataclass(answer) and hasattr(answer, "interrupted"):
                 answer = replace(answer, interrupted=True)  # type: ignore[type-var]
             return Interrupted(f"interrupted by Ctrl-C {where}", answer)
-        # a share of a budget is no round number
+        # rounded, because a share of a budget may have many digits
         budget = float(f"{self.budget or 0.0:.3g}")
         return NotConverged(f"the budget of {budget:g} s ended {where}; {remedy}", answer)
 
 
 def as_far_as_it_got(calculate: Callable[..., Found], *arguments: Any, **named: Any) -> Found:
-    """What a calculation finds, or what it had found when its budget or Ctrl-C ended it.
+    """The answer of a calculation, or its answer so far if its budget or Ctrl-C ended it.
 
-    For a calculation that is a part of another one, which looks at the errors of what it gets and
-    at its own deadline.
+    It is for a calculation that is part of another one, which judges the errors of the partial
+    answer and watches its own deadline.
     """
     try:
         return calculate(*arguments, **named)
@@ -176,12 +178,14 @@ def as_far_as_it_got(calculate: Callable[..., Found], *arguments: Any, **named: 
 
 
 NEVER = Deadline()
-"""The deadline of what may take as long as it needs, and does not heed Ctrl-C."""
+"""The deadline of a calculation that may take as long as it needs and ignores Ctrl-C."""
 
 
 @contextmanager
 def asked_for(budget: float | None) -> Iterator[None]:
-    """Messages of all deadlines that are made within name this budget, of which they get parts.
+    """Let messages name this budget for all deadlines that are made within the `with` block.
+
+    Such deadlines may have only a part of the budget.
 
     >>> with asked_for(60.0):
     ...     str(Deadline.after(17.3).fell_short("on the way", "raise budget"))
@@ -196,10 +200,10 @@ def asked_for(budget: float | None) -> Iterator[None]:
 
 @contextmanager
 def heeding_ctrl_c() -> Iterator[None]:
-    """Meanwhile the first Ctrl-C makes all deadlines pass instead of raising KeyboardInterrupt.
+    """Let the first Ctrl-C within the `with` block make all deadlines pass.
 
-    A second one raises it as ever. Nothing changes outside the main thread, where a program has a
-    handler of its own, or within another calculation that heeds it.
+    Only a second Ctrl-C raises KeyboardInterrupt. Nothing changes outside the main thread, in a
+    program with its own handler of SIGINT, or within another block of this kind.
     """
     usual = signal.default_int_handler
     main = threading.current_thread() is threading.main_thread()

@@ -58,11 +58,11 @@ class NoExactSolution(NotApplicable):
 
 
 class TargetError(StochviError, ValueError):
-    """An answer cannot be written where it was asked for, or would replace what is read."""
+    """An answer cannot be written to the given file or folder, or would replace an input file."""
 
 
 class NotConverged(StochviError):
-    """The accuracy asked for was not reached; `response` holds what the method got to.
+    """The accuracy that was asked for was not reached; `response` holds the answer so far.
 
     See Also
     --------
@@ -75,7 +75,7 @@ class NotConverged(StochviError):
 
 
 class CheckpointError(StochviError, ValueError):
-    """A checkpoint is damaged, of another scene, version or seed, or cannot be written.
+    """A checkpoint is damaged, belongs to another scene, version or seed, or cannot be written.
 
     See Also
     --------
@@ -84,9 +84,9 @@ class CheckpointError(StochviError, ValueError):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Stopped by Ctrl-C; `response` holds what was simulated so far, None if that says nothing.
+    """Stopped by Ctrl-C; `response` holds the answer so far, None if there is none yet.
 
-    It is a KeyboardInterrupt still: nothing that catches errors swallows it.
+    It derives from KeyboardInterrupt, so that `except Exception` does not catch it.
 
     See Also
     --------
@@ -103,7 +103,7 @@ LISTS = ("absorber", "excitation", "impact_pair")
 
 
 def toml_remedy(error: ValueError) -> str:
-    """What to do about a part that stands in a scene file twice, a table each; else nothing.
+    """The remedy for a part that a TOML file writes as a table twice; empty for other errors.
 
     >>> toml_remedy(ValueError("Cannot declare ('absorber',) twice (at line 9, column 10)"))
     '; for several, write each as [[absorber]]'

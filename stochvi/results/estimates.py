@@ -25,14 +25,14 @@ class Estimate:
     standard_error
         One standard deviation of the statistical error; 0 where nothing was sampled.
     bias
-        Bound on, or estimate of, the systematic error left by the step or the model;
-        None where no method here can tell.
+        Bound on, or estimate of, the systematic error that the time step or the model leaves;
+        None where it is not known.
     how
         Source of the two errors, in words.
     upper_95
-        Upper 95 % confidence limit of a rate that was never seen.
+        Upper 95 % confidence limit of the rate of an event that was never seen.
     bias_error
-        Standard error of `bias`, where that was itself sampled.
+        Standard error of `bias`, if the bias was estimated from samples.
 
     See Also
     --------
@@ -41,8 +41,8 @@ class Estimate:
     Notes
     -----
     `float(estimate)` is its value. An estimate may be multiplied or divided by a plain number, or
-    have one added: its errors go with it. Two estimates cannot be combined by an operator, because
-    nothing is known here of the correlation of their errors.
+    have a plain number added; its errors change accordingly. Two estimates cannot be combined by an
+    operator, because the correlation of their errors is not known.
 
     Examples
     --------
@@ -111,8 +111,8 @@ class Estimate:
         """The estimate with another value, all errors scaled by the same factor."""
         if self.upper_95 is not None and factor <= 0.0:
             raise ValueError(
-                "an estimate with upper_95 was never seen and has no lower limit: it can be scaled "
-                f"by positive numbers only, got {factor}"
+                "an estimate with upper_95 is of an event that was never seen and has no lower "
+                f"limit: it can be scaled by positive numbers only, got {factor}"
             )
         return replace(
             self,
@@ -186,10 +186,10 @@ def format_with_error(value: float, error: float) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Cost:
-    """The price of an answer: seconds (compilation apart) and what they bought.
+    """Time that an answer took, s, and the work that was done in it.
 
-    `tenfold_wall_time` is what standard errors ten times smaller would take, at the same step;
-    None where nothing was sampled.
+    `wall_time` is without the `compile_time` of kernels. `tenfold_wall_time` is the time, s, that
+    standard errors ten times smaller would take with the same step; None where nothing was sampled.
 
     See Also
     --------
@@ -212,7 +212,7 @@ def version_of(package: str) -> str:
 
 
 def provenance(scene: Mapping[str, Any], seed: int | None = None) -> dict[str, Any]:
-    """What is needed to make a number again: versions, processor, seed and the scene."""
+    """What is needed to compute an answer again: versions, processor, seed and the scene."""
     return {
         "version": version_of("stochvi"),
         "libraries": {name: version_of(name) for name in ("numpy", "scipy", "numba")},

@@ -8,28 +8,28 @@ from collections import Counter
 from collections.abc import Iterable
 
 LONGEST = 120
-"""Largest length of a file name, bytes: file systems take 255, some encrypted ones 143, and a file
-that is being written has a name that is ten bytes longer."""
+"""Largest length of a file name, bytes: file systems allow 255, some encrypted ones 143, and a file
+has a name ten bytes longer while it is being written."""
 
 RESERVED = {"con", "prn", "aux", "nul", "conin$", "conout$"} | {
     f"{port}{number}" for port in ("com", "lpt") for number in "0123456789¹²³"
 }
-"""Names that Windows keeps for devices, whatever follows their first point, in small letters."""
+"""Names, in small letters, that Windows reserves for devices, whatever follows the first point."""
 
 PUNCTUATION = " _-.,+=()"
-"""Characters that a file name may have beside letters, their marks and digits: no system and no
-common shell gives a file of such a name another meaning."""
+"""Characters that a file name may have besides letters, their marks and digits: no operating system
+and no common shell gives them another meaning within a name."""
 
 DIGEST_LENGTH = 8
-"""Number of hexadecimal digits that keep apart names which are cleaned to the same file name."""
+"""Number of hexadecimal digits of the digest that tells apart names with the same cleaned name."""
 
 
 def file_names(names: Iterable[str], ending: str) -> dict[str, str]:
     """A file name for each of these names, without folders, safe on every system.
 
-    A tidy name is kept as it is. Separators, control characters and other punctuation become "_",
-    leading points and hyphens go, a long name is cut. Names that would become the same file on a
-    system which does not tell capital letters apart get a digest of the whole name after "~".
+    A name without unusual characters is kept. Separators, control characters and other punctuation
+    become "_", leading points and hyphens are removed, and a long name is cut. Names that would be
+    the same file on a system that ignores case get a digest of the whole name after "~".
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def file_names(names: Iterable[str], ending: str) -> dict[str, str]:
 
 
 def _cleaned(name: str) -> str:
-    """The name with nothing in it that a system could take for more than a letter of a name."""
+    """The name with "_" for every character that a system could treat specially."""
     letters = unicodedata.normalize("NFC", name)
     kept = "".join(letter if _is_plain(letter) else "_" for letter in letters)
     kept = kept.lstrip(" .-") or "_"
@@ -67,7 +67,7 @@ def _is_plain(letter: str) -> bool:
 
 
 def _alike(name: str) -> str:
-    """The form of a name that is equal for names that some file system does not distinguish."""
+    """A form that is the same for all names that some file system does not distinguish."""
     return unicodedata.normalize("NFKC", name).casefold()
 
 

@@ -25,18 +25,20 @@ GAUSSIAN_95 = 1.959963984540054
 """Half width of the central 95 % interval of a normal law, in standard deviations."""
 
 GRADIENT_STEP = 1e-3
-"""Step of the central differences of the delta method, in standard errors of each mean. A whole
-standard error would reach rate 0 where a single path holds all the impacts."""
+"""Step of the central differences of the delta method, in standard errors of each mean. With a step
+of a whole standard error, a rate would reach 0 where a single path has all impacts."""
 
 LARGEST_SCORE = 37.0
-"""Standard errors beyond which the probability of a normal variable is 0 in double precision."""
+"""Distance from the mean, in standard errors, beyond which the probability of a normal variable is
+0 in double precision."""
 
 
 # Quantiles ---------------------------------------------------------------------------------
 
 
 def normal_quantile(outside: float) -> float:
-    """Standard errors that a normal variable exceeds, on either side, with the chance `outside`.
+    """Distance from the mean, in standard deviations, that a normal variable exceeds on either side
+    with the probability `outside`.
 
     >>> round(normal_quantile(0.0027), 3)
     3.0
@@ -45,9 +47,9 @@ def normal_quantile(outside: float) -> float:
 
 
 def student_quantile(outside: float, degrees: float) -> float:
-    """Quantile of Student's law: `normal_quantile` for a standard error that is itself estimated.
+    """Quantile of Student's law: the `normal_quantile` for a standard error that was estimated.
 
-    The estimate has `degrees` degrees of freedom; with infinitely many the law is normal.
+    The standard error has `degrees` degrees of freedom; with infinitely many the law is normal.
 
     >>> round(student_quantile(0.0027, 63.0), 3), round(student_quantile(0.0027, math.inf), 3)
     (3.123, 3.0)
@@ -58,8 +60,9 @@ def student_quantile(outside: float, degrees: float) -> float:
 
 
 def normal_score(difference: float, standard_error: float, degrees: float) -> float | None:
-    """A difference in standard errors, on the scale of a normal variable: the score of the same
-    probability. None where nothing was sampled.
+    """The normal score with the same probability as a difference in estimated standard errors.
+
+    `degrees` are the degrees of freedom of the standard error. None where nothing was sampled.
 
     >>> round(normal_score(3.122, 1.0, 63.0), 2)
     3.0
@@ -79,8 +82,8 @@ def satterthwaite_degrees(errors: Sequence[float], counts: Sequence[int]) -> flo
 
         (s1^2 + s2^2)^2 / (s1^4 / (n1 - 1) + s2^4 / (n2 - 1)),
 
-    s the standard errors of independent terms and n the numbers of samples that they come from;
-    infinite where nothing was sampled.
+    with s the standard errors of independent terms, from n samples each; infinite where nothing was
+    sampled.
 
     >>> satterthwaite_degrees([0.1, 0.1], [11, 41])
     32.0
@@ -101,8 +104,9 @@ def satterthwaite_degrees(errors: Sequence[float], counts: Sequence[int]) -> flo
 def logarithmic_interval(
     value: float, error: float, degrees: float, confidence: float = CONFIDENCE
 ) -> tuple[float, float]:
-    """Student's interval of the logarithm of a positive number, value exp(-+ t error / value): its
-    lower end is never below 0. (0, infinity) of a number that is 0.
+    """Student's interval of the logarithm of a positive number, value exp(-+ t error / value).
+
+    Its lower end is never below 0. For a value of 0 it is (0, infinity).
 
     >>> [round(end, 3) for end in logarithmic_interval(1.0, 0.1, 19)]
     [0.811, 1.233]
@@ -127,8 +131,8 @@ def mean_interval(samples: Array, confidence: float = CONFIDENCE) -> tuple[float
 def poisson_interval(
     events: int, exposure: float, confidence: float = CONFIDENCE
 ) -> tuple[float, float]:
-    """Exact interval of the rate of a Poisson process after so many events in `exposure` seconds,
-    1/s (F. Garwood 1936).
+    """Exact interval of the rate of a Poisson process, 1/s, from the number of events in `exposure`
+    seconds (F. Garwood 1936).
 
     >>> [round(end, 4) for end in poisson_interval(0, 1.0)]
     [0.0, 3.6889]
@@ -142,10 +146,10 @@ def binomial_interval(
     events: int, trials: int, confidence: float = CONFIDENCE,
     rule: Literal["clopper-pearson", "wilson"] = "clopper-pearson",
 ) -> tuple[float, float]:  # fmt: skip
-    """Interval of a probability after so many events in independent trials.
+    """Interval of a probability from the number of events in independent trials.
 
-    That of C. J. Clopper and E. S. Pearson (1934) covers at least as often as it says, that of
-    E. B. Wilson (1927) about as often.
+    The interval of C. J. Clopper and E. S. Pearson (1934) covers the probability at least as often
+    as its confidence level states, that of E. B. Wilson (1927) about as often.
 
     >>> [round(end, 4) for end in binomial_interval(0, 10)]
     [0.0, 0.3085]
@@ -163,7 +167,7 @@ def binomial_interval(
 def upper_limit_unseen(exposure: float, confidence: float = CONFIDENCE) -> float:
     """Upper confidence limit of a Poisson rate after no event in `exposure` seconds, 1/s.
 
-    The rate at which none is seen with the probability 1 - confidence.
+    It is the rate at which no event is seen with the probability 1 - confidence.
 
     >>> round(upper_limit_unseen(1.0), 4)
     2.9957
@@ -180,11 +184,12 @@ def mean_and_error(samples: Array) -> tuple[float, float]:
 
 
 def jackknife_error(left_out: Array) -> Any:
-    """Standard error of a statistic from its values with one of n independent samples left out at a
-    time, along the last axis: s^2 = (n - 1) / n sum (f_i - mean f)^2 (B. Efron and C. Stein, Ann.
-    Statist. 9 (1981) 586).
+    """Standard error of a statistic by the jackknife.
 
-    It holds for any smooth function of means. A number for one row of values, else an array.
+    `left_out` holds, along its last axis, the values f_i of the statistic without sample i of n
+    independent samples: s^2 = (n - 1) / n sum (f_i - mean f)^2 (B. Efron and C. Stein, Ann.
+    Statist. 9 (1981) 586). It holds for any smooth function of means. The result is a number for
+    one row of values, else an array.
     """
     count = left_out.shape[-1]
     away = left_out - left_out.mean(axis=-1, keepdims=True)
@@ -195,8 +200,10 @@ def jackknife_error(left_out: Array) -> Any:
 def jackknife_ratio(
     above: Array, below: Array, function: Callable[[Any], Any] = lambda ratio: ratio
 ) -> tuple[float, float]:
-    """A function of the ratio of two sums over independent samples, with its standard error by the
-    jackknife; the samples of `above` and `below` belong together and may be correlated.
+    """A function of the ratio of two sums over independent samples, and its standard error.
+
+    The error comes from the jackknife. The samples of `above` and `below` are pairs, which may be
+    correlated.
 
     >>> jackknife_ratio(np.array([2.0, 4.0]), np.array([1.0, 2.0]))
     (2.0, 0.0)
@@ -207,7 +214,7 @@ def jackknife_ratio(
 
 
 def ratio_and_error(above: Array, below: Array) -> tuple[float, float]:
-    """The ratio of two sums over independent samples, with its standard error to first order."""
+    """The ratio of two sums over independent samples, and its standard error to first order."""
     count, total = len(above), float(below.sum())
     value = float(above.sum()) / total
     scatter = float(np.sum((above - value * below) ** 2)) * count / (count - 1)
@@ -215,8 +222,8 @@ def ratio_and_error(above: Array, below: Array) -> tuple[float, float]:
 
 
 def neighbours(mean: Array, covariance: Array) -> Iterator[tuple[int, Any, Array, Array]]:
-    """Every row of the means that has an error, the step of its central difference, and the means
-    with that row a step higher and a step lower."""
+    """For every row of the means that has an error: its number, the step of its central difference,
+    and the means with this row raised and lowered by the step."""
     for row in range(len(mean)):
         step = GRADIENT_STEP * np.sqrt(covariance[row, row])
         if np.any(step):
@@ -228,12 +235,12 @@ def neighbours(mean: Array, covariance: Array) -> Iterator[tuple[int, Any, Array
 def delta_method(
     function: Callable[[Array], Any], mean: Array, covariance: Array
 ) -> tuple[Any, Any]:
-    """A smooth function of means, with its standard error to first order.
+    """A smooth function of means, and its standard error to first order.
 
     Parameters
     ----------
     function
-        Function of means of the shape (rows, ...) with values of the shape (...).
+        Function of means of the shape (rows, ...) that returns values of the shape (...).
     mean, covariance
         (rows, ...) and (rows, rows, ...): the means, and the covariance of their errors.
 
@@ -255,7 +262,7 @@ def delta_method(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PathMoments:
-    """Count, means and scatter of numbers that each of many independent paths has.
+    """Count, means and scatter of quantities that are computed for each of many independent paths.
 
     Parameters
     ----------
@@ -264,7 +271,7 @@ class PathMoments:
     mean
         (rows, ...) means over the paths.
     scatter
-        (rows, rows, ...) sums over the paths of products of distances from the means.
+        (rows, rows, ...) sums over the paths of products of deviations from the means.
     """
 
     count: int
@@ -272,9 +279,11 @@ class PathMoments:
     scatter: Array
 
     def merge(self, other: Self) -> Self:
-        """Moments of both groups of paths together: exact up to rounding, and independent of how
-        paths were grouped as long as the groups are merged in the same order (T. F. Chan,
-        G. H. Golub and R. J. LeVeque 1983)."""
+        """Moments of both groups of paths together, exact up to rounding errors.
+
+        They do not depend on how paths were grouped, as long as the groups are merged in the same
+        order (T. F. Chan, G. H. Golub and R. J. LeVeque 1983).
+        """
         count = self.count + other.count
         shift = other.mean - self.mean
         between = shift[:, None] * shift * (self.count * other.count / count)

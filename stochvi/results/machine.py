@@ -1,4 +1,4 @@
-"""The computer that a calculation runs on: its cores and its clock, on every operating system."""
+"""Number of cores and CPU time of the machine, on every operating system."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ def usable_cores() -> int:
 def thread_seconds() -> float:
     """CPU seconds of the calling thread, for differences between two calls.
 
-    Windows counts them in ticks of 1/64 s, too coarse for one block of paths: wall time stands in.
+    Windows counts CPU time in ticks of 1/64 s, too coarse for a block of paths: there it is wall
+    time.
     """
     return time.perf_counter() if sys.platform == "win32" else time.thread_time()

@@ -1,4 +1,4 @@
-"""Where a report comes from: when, by which command, from which scene and files."""
+"""The origin of a report: when, by which command, and from which scene and files it was made."""
 
 from __future__ import annotations
 
@@ -21,22 +21,24 @@ class InputFile:
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """What a report states of its making, so that it can be made again and checked.
+    """What a report states about how it was made, so that it can be repeated and checked.
 
     Parameters
     ----------
     time
         Date and time with the offset from UTC (ISO 8601).
     version, libraries, seed
-        Of stochvi and of the libraries that decide the digits, and of the random numbers.
+        Version of stochvi, versions of the libraries on which the digits depend, and seed of the
+        random numbers.
     command
-        The command line; empty where a Python program asked.
+        The command line; empty if a Python program made the report.
     listing
-        The scene as it was given (TOML), or its document (JSON) where it was made in Python.
+        The scene file as it was given (TOML), or the document of a scene made in Python (JSON).
     files
         The scene file, and every table and record that it names.
     question
-        Digest of command, scene file and question: a report of the same may be renewed.
+        Digest of the command, its scene file and its options: a report may replace an older one
+        with the same digest.
     """
 
     time: str
@@ -64,7 +66,7 @@ def origin_of(provenance: Mapping[str, Any]) -> Origin:
 
 
 def now() -> str:
-    """Date and time here, to the second.
+    """Local date and time with the offset from UTC, to the second (ISO 8601).
 
     >>> now()[4], now()[10]
     ('-', ' ')
@@ -73,7 +75,7 @@ def now() -> str:
 
 
 def digests(files: Iterable[Path]) -> tuple[InputFile, ...]:
-    """Each of the files that are there with its SHA-256 digest, each once."""
+    """The SHA-256 digest of each file that exists; a file that is named twice appears once."""
     found = [file for file in dict.fromkeys(files) if file.is_file()]
     return tuple(
         InputFile(name=str(file), sha256=hashlib.sha256(file.read_bytes()).hexdigest())

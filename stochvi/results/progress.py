@@ -1,4 +1,4 @@
-"""How far a calculation is: who is called with that, and what a notebook shows of it."""
+"""Progress of a calculation: the function that is called with it, and its display in notebooks."""
 
 from __future__ import annotations
 
@@ -18,20 +18,22 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 FIRST_SECONDS = 1.0
-"""Seconds before a notebook shows the progress of a calculation: shorter ones would only blink."""
+"""Seconds after which a notebook shows the progress of a calculation: in a shorter calculation the
+display would only blink."""
 
 NEXT_SECONDS = 0.2
 """Seconds between two changes of what a notebook shows."""
 
 _CELL = Lock()
-"""Held while a notebook shows progress: what a calculation calls does not show its own."""
+"""Lock that is held while a notebook shows the progress of a calculation, so that the calculations
+which this one calls do not show theirs."""
 
 
 class Pace:
     """Progress as a sentence, with the time left.
 
-    The time left follows from the rate at which the fraction has grown since the first report,
-    which may come late, or well on the way where a run is resumed.
+    The time left follows from the rate at which the fraction has grown since the first report. The
+    first report may come late, and of a resumed run its fraction may already be large.
 
     Examples
     --------
@@ -44,7 +46,7 @@ class Pace:
         self.first: tuple[float, float] | None = None
 
     def left(self, done: float) -> float:
-        """Seconds that are left where so much is done (0 to 1); infinite where that is unknown."""
+        """Seconds that are left if the fraction `done` (0 to 1) is done; infinite if not known."""
         now = time.monotonic()
         began, before = self.first = self.first or (now, done)
         return (1.0 - done) * (now - began) / (done - before) if done > before else math.inf
@@ -83,7 +85,7 @@ def _display_of_notebook() -> Callable[..., Any] | None:
     shell = ipython.get_ipython() if ipython else None
     if getattr(shell, "kernel", None) is None:
         return None
-    # a notebook draws HTML itself; the bars of rich and tqdm there need ipywidgets besides
+    # a notebook shows HTML without further packages; bars of rich and tqdm need ipywidgets
     from IPython.display import display
 
     shown: Callable[..., Any] = display
@@ -91,7 +93,7 @@ def _display_of_notebook() -> Callable[..., Any] | None:
 
 
 class _Bar:
-    """A bar and a sentence in the output of a cell, which goes when the calculation ends."""
+    """A bar and a sentence in the output of a cell, removed when the calculation ends."""
 
     def __init__(self, title: str, display: Callable[..., Any]) -> None:
         self.pace = Pace(title)
@@ -108,7 +110,7 @@ class _Bar:
         self._show({"text/html": page, "text/plain": sentence})
 
     def clear(self) -> None:
-        """Leave nothing behind in the notebook that is saved."""
+        """Remove the bar, so that the saved notebook does not hold it."""
         if self.handle:
             self._show({"text/html": "", "text/plain": ""})
 

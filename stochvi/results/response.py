@@ -16,7 +16,7 @@ Quantity = TypeVar("Quantity", covariant=True)
 
 
 class Quantities(Mapping[str, Quantity]):
-    """Quantities by name, as attributes and as a mapping; what a method does not give is None."""
+    """Quantities by name, as attributes and as a mapping; None if a method does not give one."""
 
     def __getitem__(self, name: str) -> Quantity:
         if name not in self._names():
@@ -47,8 +47,8 @@ class CoordinateResponse(Quantities[Estimate | None]):
     velocity_std, velocity_mean_square
         Moments of the velocity, m/s and m^2/s^2.
     acceleration_std
-        Standard deviation of the absolute acceleration, m/s^2; with rigid stops that between the
-        impacts. None where it is infinite or not known.
+        Standard deviation of the absolute acceleration, m/s^2; with rigid stops, of the motion
+        between impacts. None where it is infinite or not known.
     upcrossing_rate
         Rate of upcrossings of the mean, 1/s.
 
@@ -73,21 +73,21 @@ class PairResponse(Quantities[Estimate | float | None]):
     Parameters
     ----------
     collision_rate, collision_rate_lower, collision_rate_upper
-        Impacts faster than `speed_threshold` per second: all, and those on either stop, 1/s; at
-        stops that give way the rate at which contacts begin.
+        Rates of impacts faster than `speed_threshold`, 1/s: of all impacts, and of those on the
+        lower and the upper stop. For compliant stops, the rates at which contacts begin.
     impact_speed_mean
         Mean speed of impacts, m/s.
     impact_speed_rate, impact_speed_square_rate
         Sums per second of the impact speeds, F1 in m/s^2, and of their squares, F2 in m^2/s^3.
     peak_force
-        Mean over contacts of the largest force, N; of stops that give way only.
+        Mean over contacts of the largest force, N; for compliant stops only.
     contact_probability, contact_force_lower, contact_force_upper
-        Of stops that give way: the share of time in contact, and the mean forces, N. A mass is in
-        contact while it is beyond the stop, whether the stop pushes yet or not; contact with a stop
-        that has a damper ends when its force returns to zero.
+        For compliant stops only: the share of time in contact, and the mean forces on the lower and
+        the upper stop, N. A mass is in contact while it is beyond the stop, even if the stop does
+        not push yet; contact with a stop that has a damper ends when its force returns to zero.
     relative_displacement_mean, relative_displacement_std, relative_velocity_std
-        Of a pair of two coordinates, the motion of the first relative to the second, of a place of
-        a rigid body its motion along the direction of the pair, m and m/s.
+        Motion of the gap, m and m/s: for a pair of two coordinates that of the first relative to
+        the second, for a place of a rigid body that along the direction of the pair.
     speed_threshold
         The slowest impact that the rates count, m/s.
 
@@ -112,7 +112,7 @@ class PairResponse(Quantities[Estimate | float | None]):
     speed_threshold: float = 0.0
 
     def _names(self) -> Sequence[str]:
-        """Names of the quantities, without relative motion where a coordinate is the gap."""
+        """Names of the quantities, without the relative motion where the gap is a coordinate."""
         return [
             name
             for name in super()._names()
@@ -142,7 +142,7 @@ QUANTITY_UNITS = {
     "relative_displacement_std": "m",
     "relative_velocity_std": "m/s",
 }
-"""Units of every quantity of a coordinate, then of an impact pair."""
+"""Units of all quantities of a coordinate, then of an impact pair."""
 
 ROTATIONS = ("rx", "ry", "rz")
 """Coordinates of a rigid body that are angles, rad."""
@@ -161,9 +161,9 @@ def in_angles(owner: str, unit: str) -> str:
 class Response(Result):
     """The stationary response of a scene by one method.
 
-    `coordinates` and `impact_pairs` map a name to its quantities, which may be given as any mapping
-    from their names. `identities` holds the residuals of the energy, virial
-    and force balances, which are zero for a right answer.
+    `coordinates` and `impact_pairs` map the name of a coordinate or pair to its quantities, which
+    may be given as any mapping from their names. `identities` holds the residuals of the energy,
+    virial and force balances, which are zero for a correct answer.
 
     See Also
     --------
@@ -210,7 +210,7 @@ class Response(Result):
         return found
 
     def changed(self, change: Callable[[str, Estimate], Estimate]) -> Self:
-        """The response with every estimate replaced by `change` of its quantity and itself."""
+        """The response with every estimate replaced by `change(quantity, estimate)`."""
 
         def record(known: Any) -> Any:
             found = {
@@ -260,7 +260,10 @@ class Response(Result):
             parts["identities"] = estimates(parts["identities"])
             return cls(**parts | {"cost": Cost(**parts["cost"])})
         except (AttributeError, KeyError, TypeError) as error:
-            raise ValueError(f"the document of a response lacks or misnames {error}") from error
+            raise ValueError(
+                "expected a document that Response.to_dict made, got one that lacks or misnames "
+                f"{error}"
+            ) from error
 
     def __repr__(self) -> str:
         lines = [f"<{self.method}"]
