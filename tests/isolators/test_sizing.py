@@ -2,6 +2,7 @@
 
 import json
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from stochvi import (
     screen,
     simulate,
 )
+from stochvi.isolators.sizing import method
 from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.isolators.sizing.method import Sizing, at_clearance, size
 from stochvi.methods.monte_carlo.kernels.rows import EXTREMES, FASTEST
@@ -224,18 +226,38 @@ def test_a_mount_below_its_table_is_called_pumped() -> None:
     assert found.three_sigma.hits.value > 20.0 * found.three_sigma.first_hits.value
 
 
-def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_judged() -> None:
+def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_judged(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Counted bursts show no chance below 1 %: there are more first hits than bursts."""
+    seen = Estimate(value=0.0, upper_95=2e-5, how="none of 8")
+    chances = SimpleNamespace(chances={"impact_speed": SimpleNamespace(estimate=seen)})
+    monkeypatch.setattr(method, "reliability", lambda scene, **asked: chances)
     found = size(truck(HALF), impact_speed=5.0, rel_error=0.2)
     assert found.clearance.lower == 0.0
     assert found.clearance.upper == found.clearance.value < 4.0 * found.sigma
     assert any("may do as well" in warning for warning in found.warnings)
-    chance = found.kept_with
-    assert chance is not None and chance.value == 0.0 and chance.upper_95 is not None
-    assert any(f"below {100.0 * chance.upper_95:.2g} %" in text for text in found.warnings)
+    assert found.kept_with == seen
     verdict = found.verdict()
     assert verdict.startswith(f"at most {1e3 * found.clearance.value:.4g} mm per side, ")
-    assert "any impact speed of 1 h exceeds 5 m/s is below 1 % (none of " in verdict
+    assert "any impact speed of 1 h exceeds 5 m/s is below 1 % (95 % limit: 0.002 %)" in verdict
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["kept_with"]["value"] == 0.0
+
+    def too_short(scene: Scene, **asked: Any) -> None:
+        raise NotConverged("the budget ended", None)
+
+    monkeypatch.setattr(method, "reliability", too_short)
+    with pytest.raises(NotConverged, match="ended before that showed a chance below 1 %") as short:
+        size(truck(HALF), impact_speed=5.0, rel_error=0.2)
+    assert short.value.response.clearance == found.clearance
+    assert "is not known well enough" in short.value.response.verdict()
+
+
+@pytest.mark.verify
+def test_a_limit_far_above_every_hit_is_shown_to_be_kept() -> None:
+    found = size(truck(HALF), impact_speed=5.0, rel_error=0.2)
+    assert found.kept_with is not None and found.kept_with.upper_95 is not None
+    assert found.kept_with.upper_95 < 1e-3
 
 
 def test_the_chance_that_is_kept_already_is_told_where_it_was_seen() -> None:

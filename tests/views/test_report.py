@@ -450,14 +450,17 @@ def test_cards_tell_the_limit_that_is_kept(reviewed: Review) -> None:
     found = replace(reviewed, sizing=sizing)
     cards = {card.name: card for card in page_of(found).cards}
     assert cards["Chance of exceeding 30 g in 1 h"].value == "1 %"
-    kept = replace(sizing, kept_with=Estimate(value=0.0, upper_95=0.1, how="none of 9 bursts"))
+    kept = replace(sizing, kept_with=Estimate(value=0.0, upper_95=1e-3))
     page = page_of(replace(reviewed, sizing=kept))
     cards = {card.name: card for card in page.cards}
     assert cards["Chance of exceeding 30 g in 1 h"].value == "below 1 %"
+    doubtful = replace(sizing, kept_with=Estimate(value=0.0, upper_95=0.1))
+    risk = {card.name: card for card in page_of(replace(reviewed, sizing=doubtful)).cards}
+    assert risk["Chance of exceeding 30 g in 1 h"].value == "not known well enough"
     assert cards["Clearance per side"].value.startswith("at most ")
     assert "95 %" not in cards["Clearance per side"].remark
     said = " ".join(page.statements)
-    assert "already there" in said and "none of 9 bursts" in said
+    assert "already there" in said and "95 % limit: 0.1 %" in said
 
 
 @pytest.mark.usefixtures("blank_pictures")

@@ -273,11 +273,27 @@ class Sizing(Result):
             return f"{mm * c.value:.4g} mm per side ({interval}), {in_sigma}, keeps {kept}"
         target, chance = self.target, self.kept_with
         assert target.exceedance is not None
-        found = spoken_percent(chance.value) if chance.value else f"{chance.how} does"
+        shown = spoken_percent(chance.value)
+        if chance.upper_95 is not None:
+            shown = f"95 % limit: {spoken_percent(chance.upper_95)}"
         return (
             f"at most {mm * c.value:.4g} mm per side, {in_sigma}: already there the chance that "
             f"any {target.name.replace('_', ' ')} of {spoken_mission(self.mission)} exceeds "
-            f"{target.limit} is below {spoken_percent(target.exceedance)} ({found})"
+            f"{target.limit} is {self.kept_chance()} ({shown})"
+        )
+
+    def kept_chance(self) -> str:
+        """The chance with which the limit of the target may be exceeded at the clearance, in words:
+        that which was accepted, below it, or none that is known well enough."""
+        accepted = spoken_percent(self.target.exceedance or 0.0)
+        if self.kept_with is None:
+            return accepted
+        most = self.kept_with.upper_95
+        most = self.kept_with.value if most is None else most
+        return (
+            "not known well enough"
+            if most > (self.target.exceedance or 0.0)
+            else f"below {accepted}"
         )
 
     def to_frame(self) -> pd.DataFrame:

@@ -18,7 +18,13 @@ import numpy as np
 
 from stochvi.isolators.record_verdict import record_verdict
 from stochvi.isolators.screening import Screening, screen_isolator
-from stochvi.isolators.sizing.answer import Clearance, Sizing, Target, ThreeSigma
+from stochvi.isolators.sizing.answer import (
+    Clearance,
+    Sizing,
+    Target,
+    ThreeSigma,
+    spoken_percent,
+)
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.hits import Hits, Tried, at_clearance, compile_kernels
 from stochvi.isolators.sizing.pairs import size_pairs
@@ -37,6 +43,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import FAR, UNFINISHED, bursts, chance_of
 from stochvi.statistics.crossing_ages import largest_error
 from stochvi.statistics.first_crossings import deviations, first_crossings
+from stochvi.statistics.reliability import reliability
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,6 +69,9 @@ class SearchSettings:
     most_overlap
         Largest number of first hits in the time that a burst is followed for which two bursts are
         taken for separate ones.
+    rough_error, share_of_limit
+        Relative error, and share of the remaining time, of the chance that a limit is exceeded
+        where no burst exceeds it.
     rough_factor
         Relative error of the first look at a clearance, as a multiple of the error asked for.
     close
@@ -94,6 +104,8 @@ class SearchSettings:
     rough_looks: int = 6
     least_sigma: float = 0.2
     most_overlap: float = 0.5
+    rough_error: float = 0.5
+    share_of_limit: float = 0.4
     rough_factor: float = 3.0
     close: float = 0.02
     grace: float = 0.05
@@ -561,14 +573,39 @@ class _Job:
             f"a clearance below {1e3 * place:.4g} mm may do as well: there hits come without the "
             "pauses that separate one burst from the next, and no chance can be calculated"
         )
-        self.kept_with = chance_of(rate, self.mission)
-        if self.kept_with.upper_95 is not None:
-            self.warnings.append(
-                f"{self.kept_with.how} exceeds the limit at {1e3 * place:.4g} mm, though fast "
-                "first hits were drawn more often; their number alone says, at 95 %, that the "
-                f"chance is below {100.0 * self.kept_with.upper_95:.2g} %"
+        chance = chance_of(rate, self.mission)
+        if chance.upper_95 is not None and chance.upper_95 > target.exceedance:
+            chance = self._by_splitting(place) or chance
+        self.kept_with = chance
+        answer = Clearance(value=place, lower=0.0, upper=place)
+        most = chance.value if chance.upper_95 is None else chance.upper_95
+        if most > target.exceedance:
+            raise NotConverged(
+                f"no burst or hardly any exceeds {target.limit} at {1e3 * place:.4g} mm, but the "
+                f"budget of {self.budget:.3g} s ended before that showed a chance below "
+                f"{spoken_percent(target.exceedance)}; raise budget",
+                answer,
             )
-        return Clearance(value=place, lower=0.0, upper=place)
+        return answer
+
+    def _by_splitting(self, place: float) -> Estimate | None:
+        """The chance that the limit is exceeded at a clearance where counted bursts show nothing,
+        by the splitting of `reliability`; None where that finds no better limit."""
+        limits = {self.target.name: self.target.value}
+        try:
+            found = reliability(
+                at_clearance(self.scene, place), mission=self.mission,
+                impact_speed=limits.get("impact_speed"),
+                peak_acceleration=limits.get("peak_acceleration"),
+                rel_error=SEARCH.rough_error, seed=self.seed, threads=self.threads,
+                budget=SEARCH.share_of_limit * self.left,
+            )  # fmt: skip
+        except NotApplicable:
+            return None
+        except (NotConverged, Interrupted) as reason:
+            found = reason.response
+        chance = found.chances.get(self.target.name) if found else None
+        return None if chance is None else chance.estimate
 
     def _first_guess(self, wanted: float) -> float:
         """The first clearance to try: where Rice's rate is the wanted one or, for a limit, a little

@@ -225,12 +225,11 @@ def _risk_statement(review: Review) -> str:
         here = _chance(review.chances["recommended"].any_hit)
         there = spoken_percent(three.probability.value)
         return f"Chance of any hit in {mission}: {here} {places[0]}, {there} {places[1]}."
-    below = "below " if sizing.kept_with is not None else ""
     there = exceeding_in_words(review.exceeding.get("three_sigma"))
     what = target.name.replace("_", " ")
     return (
         f"Chance that any {what} of {mission} exceeds {limit_in_words(target)}: "
-        f"{below}{spoken_percent(target.exceedance)} {places[0]}, {there} {places[1]}."
+        f"{sizing.kept_chance()} {places[0]}, {there} {places[1]}."
     )
 
 
@@ -310,11 +309,8 @@ def _risk_card(review: Review) -> Fact:
     if target.exceedance is None:
         chance = _chance(review.chances["recommended"].any_hit)
         return Fact(f"Chance of any hit in {mission}", chance, remark)
-    below = "below " if sizing.kept_with is not None else ""
     return Fact(
-        f"Chance of exceeding {limit_in_words(target)} in {mission}",
-        f"{below}{spoken_percent(target.exceedance)}",
-        remark,
+        f"Chance of exceeding {limit_in_words(target)} in {mission}", sizing.kept_chance(), remark
     )
 
 
