@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -75,11 +75,12 @@ LONG_SECONDS = DAY
 class StepError:
     """One governed quantity at one step of the Monte Carlo; errors are relative to `size`.
 
-    `size` is the quantity itself, for a mean displacement the standard deviation.
-    `error_of_a_second` is the standard error after one CPU second; it falls with the square root
-    of the time. `step_bias` is measured, and `step_bias_error` is its standard error. The bias is
-    at most `step_bias_limit`, which is None where no limit is known. It falls with the power
-    `order` of the step.
+    `cpu_seconds` is what `simulate` takes for the same paths at this step, all threads together:
+    with those paths that it makes at twice the step as well, to know the bias. `size` is the
+    quantity itself, for a mean displacement the standard deviation. `error_of_a_second` is the
+    standard error after one CPU second; it falls with the square root of the time. `step_bias` is
+    measured, and `step_bias_error` is its standard error. The bias is at most `step_bias_limit`,
+    which is None where no limit is known. It falls with the power `order` of the step.
     """
 
     step: float
@@ -390,14 +391,15 @@ def cost(
     with crew_of(executor, threads) as crew:
         # the approximations have no budget of their own; the simulation gets the time that they
         # leave
-        free = approximations(scene, [])
+        free = _timed(lambda: approximations(scene, []))
         sampling = deadline.sooner(FOR_SOLVER).in_no_less_than(LEAST_SECONDS)
         statistics, cpu = _simulate(plans, layout, seed, sampling, paths, crew, progress)
     known, reference = _known(scene, plan)
     rows: list[StepError] = []
     models: list[ModelError] = []
     left_out = []
-    free += _solved(scene, plan, deadline)
+    free += _timed(lambda: _solved(scene, plan, deadline))
+    cpu = _with_bias_run(plan, cpu)
     for key, quantity in governed(plan.model).items():
         size_of = quantity
         if key[1] == "displacement_mean":
@@ -459,6 +461,7 @@ def _block(
     deadline: Deadline,
 ) -> Block:  # fmt: skip
     """The same paths at every step: their joint statistics, and the CPU seconds of each step."""
+    began = thread_seconds()
 
     def at_every_step(first: int, paths: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         averages, seconds = [], []
@@ -470,7 +473,10 @@ def _block(
 
     parts = in_pieces(at_every_step, first_path, paths, deadline)
     averages = np.concatenate([part for part, _ in parts], axis=1)
-    return PathStatistics.of(averages, layout), np.sum([spent for _, spent in parts], axis=0)
+    statistics = PathStatistics.of(averages, layout)
+    seconds = np.sum([spent for _, spent in parts], axis=0)
+    # the statistics are those of all steps together
+    return statistics, seconds + (thread_seconds() - began - seconds.sum()) / len(plans)
 
 
 def _simulate(
@@ -482,9 +488,10 @@ def _simulate(
     crew: Crew,
     progress: Progress | None,
 ) -> tuple[PathStatistics, list[float]]:
-    """Simulate blocks of paths, merged in their order, until `paths` are done or time is up."""
+    """Simulate blocks of paths, merged in their order, until `paths` are done or time is up; their
+    statistics, and the CPU seconds of each step, of all threads together."""
     check_price(plans, seed, deadline)
-    started = time.perf_counter()
+    started, began = time.perf_counter(), thread_seconds()
     size = min(LARGEST_BLOCK, *(plan.block for plan in plans))
     statistics, seconds = PathStatistics.none(layout), np.zeros(len(plans))
     work = partial(_block, plans, layout, seed)
@@ -501,7 +508,27 @@ def _simulate(
         raise deadline.fell_short(
             f"after {statistics.count} paths, of at least {FEWEST_PATHS}", "raise budget"
         )
-    return statistics, [float(spent) for spent in seconds]
+    merging = (thread_seconds() - began) / len(plans)
+    return statistics, [float(spent) + merging for spent in seconds]
+
+
+def _with_bias_run(plan: Plan, cpu: Sequence[float]) -> list[float]:
+    """CPU seconds of `simulate` at each step, longest first, from those of the same paths at each
+    step alone: a share of them is simulated at twice the step too, which is the step before."""
+    if plan.elastic:
+        return list(cpu)
+    at_twice = [0.5 * cpu[0], *cpu[:-1]]
+    return [own + plan.coarse_share * more for own, more in zip(cpu, at_twice, strict=True)]
+
+
+def _timed(solve: Callable[[], list[Response]]) -> list[tuple[Response, float]]:
+    """Responses with their shares of the CPU seconds that all threads took for them, which are as
+    their wall times."""
+    began = time.process_time()
+    found = solve()
+    used = time.process_time() - began
+    all_of_them = sum(each.cost.wall_time for each in found)
+    return [(each, used * each.cost.wall_time / all_of_them) for each in found]
 
 
 def _joint_layout(plans: Sequence[Plan]) -> Layout:
@@ -630,23 +657,23 @@ def _models_of(
     key: Key,
     truth: Quantity,
     size: float,
-    responses: Sequence[Response],
+    responses: Sequence[tuple[Response, float]],
     statistics: PathStatistics,
 ) -> list[ModelError]:
-    """One quantity by every method that draws no random numbers."""
+    """One quantity by every method that draws no random numbers, each with its CPU seconds."""
     value, error = statistics.evaluate(truth)
-    answers = [(response, response.estimates().get(key)) for response in responses]
+    answers = [(*each, each[0].estimates().get(key)) for each in responses]
     return [
         ModelError(
             method=response.method,
             of=key[0],
             quantity=key[1],
             value=found.value,
-            cpu_seconds=response.cost.wall_time,
+            cpu_seconds=seconds,
             model_error=(found.value - value) / size,
             model_error_error=error / size,
             stated_bias=None if found.bias is None else found.bias / size,
         )
-        for response, found in answers
+        for response, seconds, found in answers
         if found is not None
     ]

@@ -5,26 +5,37 @@ from __future__ import annotations
 import importlib
 import json
 import math
+import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from scipy.stats import chi2
 
 from stochvi import Estimate, NotConverged, cost, exact, load_scene, simulate
+from stochvi.methods.monte_carlo.blocks import crew_of
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.quantities import GOVERNED
+from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Cost
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.testing import assert_agrees
 from stochvi.verification.cost import (
+    LARGEST_BLOCK,
     NOISE,
     TARGETS,
     StepError,
     WorkPrecision,
+    _joint_layout,
     _limit,
     _reference,
+    _simulate,
+    _timed,
+    _with_bias_run,
     ladder,
     step_order,
 )
@@ -190,6 +201,60 @@ def test_a_run_of_the_predicted_length_has_the_predicted_error(elastic: WorkPrec
     # a quarter of the length doubles the errors, which these bounds do not let pass
     short = chi_square(elastic, 0.01, 0.25)
     assert any(total > high for total in short.values()), short
+
+
+def busy(seconds: float) -> float:
+    """Use so many CPU seconds; returns how many they were."""
+    began = time.thread_time()
+    while time.thread_time() - began < seconds:
+        pass
+    return time.thread_time() - began
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_the_cpu_seconds_of_all_steps_are_those_of_the_process(
+    monkeypatch: pytest.MonkeyPatch, threads: int
+) -> None:
+    """Those of the statistics as well, which are made slow here."""
+    plans, blocks, slow = ladder(make_plan(model_of(LOSSY))), 16, 5e-3
+
+    def statistics(*asked: Any) -> PathStatistics:
+        busy(slow)
+        return PathStatistics.of(*asked)
+
+    stub = SimpleNamespace(of=statistics, none=PathStatistics.none)
+    monkeypatch.setattr(cost_of, "PathStatistics", stub)
+    monkeypatch.setattr(cost_of, "check_price", lambda *_: None)
+    with crew_of(None, threads) as crew:
+        asked = plans, _joint_layout(plans), 1, Deadline.after(600.0)
+        _simulate(*asked, LARGEST_BLOCK, crew, None)  # kernels are loaded, threads are there
+        began = time.process_time()
+        _, cpu = _simulate(*asked, blocks * LARGEST_BLOCK, crew, None)
+        used = time.process_time() - began
+    # a clock is read 10 times in a block, and a thread takes its task and hands it on
+    tick, handling = time.get_clock_info("thread_time").resolution, 1e-3
+    assert sum(cpu) == pytest.approx(used, abs=blocks * (10.0 * tick + handling))
+    assert used > blocks * slow > 4.0 * blocks * handling
+
+
+def test_the_price_of_a_step_holds_the_run_that_knows_its_bias() -> None:
+    lossy, elastic = (make_plan(model_of(scene)) for scene in (LOSSY, ELASTIC))
+    assert lossy.coarse_share == 0.25
+    assert _with_bias_run(lossy, [1.0, 2.0, 4.0]) == [1.125, 2.25, 4.5]
+    assert _with_bias_run(elastic, [1.0, 2.0, 4.0]) == [1.0, 2.0, 4.0]
+
+
+def test_the_cpu_seconds_of_a_method_are_those_of_all_its_threads() -> None:
+    spent: list[float] = []
+
+    def solve() -> list[Any]:
+        began = time.perf_counter()
+        with ThreadPoolExecutor(2) as pool:
+            spent.extend(pool.map(busy, [0.05, 0.05]))
+        return [SimpleNamespace(cost=SimpleNamespace(wall_time=time.perf_counter() - began))]
+
+    ((_, seconds),) = _timed(solve)  # type: ignore[arg-type]
+    assert seconds >= sum(spent) >= 0.1
 
 
 def row(step: float = 0.2, **changes: float | None) -> StepError:
