@@ -119,6 +119,11 @@ def test_bursts_and_windows_agree(sizing: Sizing, monkeypatch: pytest.MonkeyPatc
     assert abs(1.6 * one[0] - other[0]) > 4.5 * error
 
 
+def test_limits_that_no_hit_reaches_give_way_to_those_that_hits_reach(sizing: Sizing) -> None:
+    table = chances(sizing.clearance.value, marks=[1e3])
+    assert 1e3 not in set(table["limit"]) and table["mark"].any()
+
+
 # Rounding and balances --------------------------------------------------------------------
 
 

@@ -89,8 +89,8 @@ def exceedances(
         "peak_acceleration" (absolute, m/s^2) or "impact_speed" (m/s); by default `event_of`.
     marks
         Limits for which every clearance has a row where their chance is known; that of the first
-        one is found to `REL_ERROR` if the budget allows it. By default, limits that most clearances
-        have in common.
+        one is found to `REL_ERROR` if the budget allows it. By default, and where no clearance
+        exceeds any of them often enough, limits that most clearances have in common.
     budget
         Seconds for all clearances together.
 
@@ -115,7 +115,7 @@ def exceedances(
             _by_bursts(stopped, event, mission, marks, asked)
             or _by_windows(stopped, event, mission, asked)
         )
-    marks = tuple(marks) or _common(seen)
+    marks = [mark for mark in marks if any(each.chance(mark) for each in seen)] or _common(seen)
     rows = [
         {"clearance": clearance, "event": event, "limit": limit, "mark": limit in marks,
          "probability": value, "probability_low": low, "probability_high": high, "by": each.by}
