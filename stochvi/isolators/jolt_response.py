@@ -139,7 +139,8 @@ class Jolts(Result):
             found += (
                 f"; the sine alone can keep up the resonant regime to a clearance of "
                 f"{1e3 * known.energy_boundary:.4g} mm (harmonic linearisation: "
-                f"{1e3 * known.harmonic_boundary:.4g} mm), here it is {1e3 * self.clearance:.4g} mm"
+                f"{1e3 * known.harmonic_boundary:.4g} mm), and the clearance here is "
+                f"{1e3 * self.clearance:.4g} mm"
                 f"{'' if below else ', beyond it'}"
             )
         rate, low, high = self.escape_rate()

@@ -145,15 +145,15 @@ class RecordVerdict:
         if self.contradicts:
             return (
                 "THE RECORD CONTRADICTS THE GAUSSIAN MODEL: "
-                f"{'; '.join(self.reasons)}; {needs}, and what follows of Gaussian noise does not "
-                "hold for it"
+                f"{'; '.join(self.reasons)}; {needs}, and what is calculated for Gaussian noise "
+                "does not hold for it"
             )
         if not self.judged:
             why = (
                 "the motion with which the mount starts from rest takes more than half of it to "
                 "die out"
                 if self.p_values["peak"] is None
-                else f"the kurtosis of the response is only known to {self.kurtosis_error:.2g}"
+                else f"the kurtosis of the response is only known to +- {self.kurtosis_error:.2g}"
             )
             return (
                 "THE RECORD IS TOO SHORT TO BE JUDGED: whether it agrees with Gaussian noise of "
@@ -420,7 +420,7 @@ def _verdict(
     if clipped:
         reasons.append(
             "the record is cut off at its largest or smallest value, as by a logger at the end of "
-            "its range: what it moves is too little"
+            "its range: the motion under it is too small"
         )
     return RecordVerdict(
         contradicts=bool(reasons),

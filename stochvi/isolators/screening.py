@@ -330,7 +330,8 @@ def clearance_curve(
     curve = pd.DataFrame(rows)
     if short:
         raise deadline.fell_short(
-            f"before the hits at {', '.join(short)} were known to {rel_error:g}",
+            f"before the hits at {', '.join(short)} were known to a relative error of "
+            f"{rel_error:g}",
             "raise budget or rel_error",
             curve if rows else None,
         )

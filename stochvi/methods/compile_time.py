@@ -1,7 +1,7 @@
 """The clock of all deadlines stands still while numba compiles: no budget pays for that.
 
-Kernels are compiled once on each machine. That compiled ones are loaded from the disk takes a part
-of a budget, as everything else does.
+Kernels are compiled once on each machine. The time in which compiled kernels are loaded from the
+disk counts for a budget, as any other time does.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from stochvi.results.deadline import start_clock, stop_clock
 
 
 class _Compiling(Listener):  # type: ignore[misc]
-    """What numba calls before and after it compiles a function, with those that this one calls."""
+    """Listener that numba calls before and after it compiles a function and the functions that this
+    one calls."""
 
     def on_start(self, event: Event) -> None:
         stop_clock()

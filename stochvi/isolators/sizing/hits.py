@@ -131,8 +131,8 @@ class Hits:
                 raise
             response = reason.response
             unknown = (
-                f"the budget ended before the hits at {1e3 * clearance:.4g} mm were known to "
-                f"{rel_error:g}"
+                f"the budget ended before the hits at {1e3 * clearance:.4g} mm were known to a "
+                f"relative error of {rel_error:g}"
             )
         pair = response.impact_pairs[scene.impact_pairs[0].name]
         hit_rate, speed = pair["collision_rate"], pair["impact_speed_mean"]

@@ -305,7 +305,7 @@ class _PairsJob:
             raise NotApplicable(
                 "size",
                 [f"peak_acceleration of {self.target.limit} is exceeded without any stop, with a "
-                 f"chance of {alone:.3g} at least: make the mounts softer, or allow more"],
+                 f"chance of {alone:.3g} at least: make the mounts softer, or raise the limit"],
             )  # fmt: skip
 
     def _expected(self, risk: float, overlap: float, rel_error: float) -> Estimate:

@@ -28,8 +28,8 @@ MOST_PAIRS = 3
 of a hundred."""
 
 NODES = {2: (24, 32), 3: (16, 20)}
-"""Numbers of nodes in each panel of a coordinate, by the number of pairs: of the coarse rule, which
-tells the error, and of the fine one."""
+"""Numbers of nodes in each panel of a coordinate, by the number of pairs: of the coarse rule, from
+which the error is estimated, and of the fine one."""
 
 MOST_POINTS = 20_000_000
 """Largest number of points of a product rule: they take some seconds and some hundred megabytes."""

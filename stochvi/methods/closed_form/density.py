@@ -52,7 +52,7 @@ class ExactDensity:
         return self.law.density(x)
 
     def velocity_density(self, v: ArrayLike) -> Vector:
-        """Density of the velocity, s/m: normal, the variance theta."""
+        """Density of the velocity, s/m: normal with the variance theta."""
         return _exp(_log_normal(v, self.law.theta))
 
     def tail(self, x: ArrayLike) -> Vector:

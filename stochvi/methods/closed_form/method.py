@@ -23,10 +23,10 @@ def exact(scene: Scene) -> Response:
     of one oscillator theta = S0 / 2 b per unit mass. Returns every moment, the rate of hitting
     each stop nu = p(stop) sqrt(E y'^2 / 2 pi), y the coordinate of the impact pair, and F1, F2 of
     the Rayleigh law of impact speeds. Of stops that give way also the share of time in contact
-    and the mean force; of one oscillator the mean of the largest force of a contact, in which
-    noise and damping are neglected (`bias` bounds what that leaves). Without stops the response
-    of a linear structure to Gaussian noise is Gaussian: white and filtered noise through the
-    Lyapunov equation, tables as integrals over frequency.
+    and the mean force; of one oscillator the mean of the largest force of a contact, in which noise
+    and damping are neglected (`bias` bounds the error of that). Without stops the response of a
+    linear structure to Gaussian noise is Gaussian: white and filtered noise through the Lyapunov
+    equation, tables as integrals over frequency.
 
     Parameters
     ----------

@@ -37,7 +37,8 @@ class Mesh:
         each; the trial functions may jump from element to element.
     u_breaks, u_degree
         Ends of the elements in abs(u), from 0 to the largest velocity U in units of the speed
-        scale, and the degree in each; the same for u < 0. Continuous, also at 0.
+        scale, and the degree in each; the same for u < 0. The trial functions are continuous, also
+        at 0.
     """
 
     x_breaks: tuple[float, ...]
@@ -347,11 +348,11 @@ def returned_flux(cells: VelocityCells, leaving: Law, side: int) -> Array:
 
 
 SEARCHED = 24
-"""Speeds in each cell at which a law of restitution is computed to find where its rebounds pass a
-break."""
+"""Number of speeds in each cell at which a law of restitution is computed to find where its
+rebounds pass a break."""
 
 HALVINGS = 50
-"""Halvings of the bracket around a speed whose rebound is one of the breaks."""
+"""Number of halvings of the bracket around a speed whose rebound is one of the breaks."""
 
 
 def _edges(arriving: Array, leaving_breaks: Array, leaving: Law) -> Array:

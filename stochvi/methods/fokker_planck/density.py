@@ -1,4 +1,5 @@
-"""The stationary density on strips in SI units, its averages, and what users ask of it."""
+"""The stationary density on strips in SI units, its averages, and the class that users work
+with."""
 
 from __future__ import annotations
 
@@ -28,8 +29,8 @@ MARGINS = ErrorMargins(safety=1.5, shared=0.2, floor=1e-9)
 class Averages(NamedTuple):
     """Stationary averages, SI units per unit mass, or errors of them.
 
-    Of a stop: hits per second above the threshold, F1, F2; of one that gives way also the share of
-    time in contact, its mean force and the mean power that it takes.
+    Each stop has its hits per second above the threshold, F1 and F2; one that gives way also has
+    the share of time in contact, its mean force and the mean power that it takes.
     """
 
     mean: float
@@ -91,8 +92,8 @@ class StripDensity:
         return place, np.clip(local, -1.0, 1.0)
 
     def _groups(self, x: Array) -> Iterator[tuple[Strip, Indices, Array]]:
-        """By strips: which places lie there, and q as a function of velocity at each of them, with
-        the weight of the place, per metre."""
+        """Strip by strip, the indices of the places in it, and q as a function of velocity at each
+        of them, with the weight of the place, per metre."""
         strips, local = self._inside(x)
         for e in np.unique(strips):
             some = np.flatnonzero(strips == e)
@@ -154,9 +155,9 @@ class StripDensity:
         return ((strip.cells.values(side * u) @ q) * shape).reshape(speeds.shape)
 
     def _leaving(self, x: Array, side: int) -> tuple[Strip, Array]:
-        """Strip that a place is reached through towards `side`, and q there."""
+        """The strip through which a motion towards `side` reaches a place, and q there."""
         if self.scaled.left < x[0] < self.scaled.right:
-            # of a border, the strip before it
+            # at a border of two strips, the one before it
             x = x - side * BORDER * self.scaled.length
         ((strip, _, q),) = self._groups(x)
         return strip, q[0]
@@ -351,10 +352,10 @@ class StripDensity:
 
 
 BORDER = 1e-12
-"""Part of the length of a box within which a place counts as a border of its strips."""
+"""Share of the length of a box within which a place counts as lying on a border of its strips."""
 
 NODES = 24
-"""Gauss-Legendre nodes in each cell, for a restitution that depends on speed."""
+"""Number of Gauss-Legendre nodes in each cell, for a restitution that depends on speed."""
 
 OF_STOPS = ("rate", "speed_rate", "speed_square_rate", "contact", "force", "power")
 
@@ -427,8 +428,8 @@ class StationaryDensity:
     def impact_speed_density(self, side: str, w: ArrayLike) -> Vector:
         """Density of the speeds (m/s) of impacts on the "lower" or "upper" stop, s/m.
 
-        Of those faster than the `speed_threshold` of the response: w p(stop, w) over their rate. At
-        a rigid stop it goes as w^(1 - beta) towards w = 0.
+        It is that of the impacts faster than the `speed_threshold` of the response, w p(stop, w)
+        over their rate. At a rigid stop it goes as w^(1 - beta) towards w = 0.
         """
         threshold = self._threshold()
         rate = float(self.rate_above(side, threshold))
@@ -479,7 +480,7 @@ class StationaryDensity:
         """Exponent beta of p(stop, v) ~ |v|^-beta at a rigid stop, read off the solution.
 
         From the slowest impacts that the mesh resolves; `bias` is 1.5 times the difference of
-        the two meshes, which resolve different speeds. What it should be is
+        the two meshes, which resolve different speeds. Its theoretical value is
         `impact_rates.corner_exponent`.
         """
         fine, coarse = self._exponent(self.fine, side), self._exponent(self.coarse, side)

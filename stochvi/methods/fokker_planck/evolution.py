@@ -42,7 +42,7 @@ class Projection(NamedTuple):
     def accumulated(self, times: Array) -> Array:
         """y(t) from y(0) = 0, that is int_0^t exp(-operator s) source ds, (times, k).
 
-        Not a number where the space holds modes that grow and have grown beyond all measure.
+        NaN where modes that grow have grown beyond `GROWN`.
         """
         size = len(self.source)
         whole = np.zeros((size + 1, size + 1))
@@ -143,7 +143,8 @@ def time_groups(times: Array, natural: float) -> Iterator[tuple[NDArray[np.intp]
 
 
 class SlowestMode(NamedTuple):
-    """What decays last where paths are absorbed: `forward` as a density, `backward` as a function.
+    """The mode that decays last where paths are absorbed: `forward` is it as a density, `backward`
+    as a function of the start.
 
     matrix forward = rate mass forward, and the transpose for `backward`; `forward` holds the mass
     1, and `backward` is scaled so that a path that starts at z survives with probability
@@ -165,7 +166,7 @@ SETTLED = 1e-12
 def slowest_mode(operator: Operator, factors: Factors) -> SlowestMode:
     """Slowest mode by inverse iteration, with the factors of the matrix itself.
 
-    The rate is what flows out over what is there. Unlike a Rayleigh quotient, which is the
+    The rate is the outflow of the mode over its mass. Unlike a Rayleigh quotient, which is the
     difference of numbers of the size of the inner dynamics, this keeps its digits however small
     the rate.
     """

@@ -13,7 +13,8 @@ from stochvi.methods.fokker_planck.linear_boxes import FARTHEST_STOP, Boxes, box
 from stochvi.model.oscillator_arrays import Booleans, OscillatorArrays
 
 CHUNK = 64
-"""Boxes solved together: enough to hide the price of a call, few enough to fit into memory."""
+"""Number of boxes that are solved together: so many that the cost of a call does not matter, so few
+that they fit into memory."""
 
 
 class Level(NamedTuple):
@@ -118,11 +119,13 @@ def _in_si(scaled: Boxes, found: BoxMoments) -> Solution:
 
 
 def unreached(scenes: OscillatorArrays, speed: Array, upcrossing_rate: Array) -> Moments:
-    """Bounds on what stops see that no box reaches: exp(-energy / t) times the rate of crossing.
+    """Bounds on the impacts on stops that no box reaches: exp(-energy / t) times the rate of
+    crossing.
 
     That is Rice's rate with Rayleigh's law of speeds; 0 for the other quantities, and for the
-    stops that a box reaches. t is s^2, or what the damper alone leaves, S0 / (2 b), of a mass that
-    leans on a lossy stop, whose fast bounces last longer and lose less in the same time.
+    stops that a box reaches. t is s^2 or, for a mass that leans on a lossy stop, the mean square
+    velocity S0 / (2 b) that the damper alone leaves, since fast bounces last longer and lose less
+    in the same time.
     """
     lowest = scenes.lowest()
     far = scenes.climb(speed**2 * FARTHEST_STOP**2 / 2.0)

@@ -17,7 +17,7 @@ TAIL = 8.5
 probability."""
 
 GRID = np.linspace(-TAIL, TAIL, 18)
-"""Standard deviations between which Gauss-Legendre panels resolve a Gaussian law."""
+"""Ends, in standard deviations, of Gauss-Legendre panels that resolve a Gaussian law."""
 
 
 class Point(NamedTuple):
@@ -40,7 +40,7 @@ class Gaussian:
 
     See Also
     --------
-    stochvi.transient : What may start from it.
+    stochvi.transient : Transients, which may start from it.
 
     Examples
     --------
@@ -107,12 +107,13 @@ MOST_STEPS = 200
 dependent."""
 
 ALIKE = 1e-9
-"""Relative difference of the two covariances of a matrix that counts as symmetric: rounding."""
+"""Largest relative difference of the two covariances of a matrix that counts as symmetric, because
+rounding may leave so much."""
 
 Start = Point | Gaussian
 StartChoice = Literal["rest", "stationary"] | tuple[float, float] | Gaussian
-"""A start in a user's words: at rest where spring and load balance, the stationary law without
-barriers and stops, a point (m, m/s), a law."""
+"""The forms in which a user may give a start: at rest where spring and load balance, the stationary
+law without barriers and stops, a point (m, m/s), a law."""
 
 
 def start_of(given: StartChoice, model: Model) -> Start:
@@ -135,11 +136,16 @@ def start_of(given: StartChoice, model: Model) -> Start:
             f"start must be 'rest', 'stationary', a point or a Gaussian, got {given!r}"
         )
     if model.omega == 0.0 and model.load != 0.0:
-        raise ValueError("start must be a point or a Gaussian where a load has no spring to meet")
+        raise ValueError(
+            f"start must be a point or a Gaussian where no spring balances the load, got {given!r}"
+        )
     if given == "rest":
         return Point(model.rest, 0.0)
     if model.omega == 0.0 or model.damping_rate == 0.0:
-        raise ValueError("start = 'stationary' needs a spring and damping, got none")
+        raise ValueError(
+            "start = 'stationary' needs a stiffness and a damping above 0, got 0 for one of them; "
+            "start from a point or a Gaussian"
+        )
     square = model.intensity / 2.0 / model.damping_rate
     return Gaussian(
         mean=(model.rest, 0.0), covariance=((square / model.omega**2, 0.0), (0.0, square))

@@ -103,7 +103,7 @@ class Boxes(LinearBox[Array]):
     halved: Booleans
 
     def take(self, places: NDArray[np.intp]) -> Self:
-        """Some of the boxes."""
+        """The boxes at these places."""
         columns = {field.name: getattr(self, field.name)[places] for field in fields(self)}
         return type(self)(**columns)
 
@@ -116,11 +116,11 @@ FARTHEST_STOP = 7.0
 """A stop at a higher energy than FARTHEST_STOP^2 / 2, in units of s^2, counts as out of reach."""
 
 LAW_NODES = 20
-"""Gauss-Legendre nodes on either side of the peak of exp(-energy / s^2)."""
+"""Number of Gauss-Legendre nodes on either side of the peak of exp(-energy / s^2)."""
 
 BISECTIONS = 24
-"""Halvings of a factor of 2 in speed: they give seven digits, of a number that only sets a
-scale."""
+"""Number of bisections of a factor of 2 in speed: they give seven digits, more than a scale
+needs."""
 
 DOUBLINGS = 400
 """Largest number of doublings of a speed in the search for its scale: it covers the range of
@@ -136,7 +136,7 @@ def speed_scale(scenes: OscillatorArrays) -> Array:
     power = scenes.intensity / 2.0
     damped = scenes.damping_rate > 0.0
     free = np.sqrt(power / np.where(damped, scenes.damping_rate, 1.0))
-    # without damping any speed that scales as it should
+    # without damping any speed will do that scales with the units
     gap = np.minimum(scenes.upper - scenes.lower, 1e300)
     undamped = np.minimum(np.cbrt(gap * power), _swing(scenes, power))
     high = np.where(damped, free, undamped)

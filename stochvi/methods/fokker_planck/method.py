@@ -209,8 +209,8 @@ def _all_numbers(model: Model) -> bool:
 def _on_fixed_meshes(
     model: Model, rtol: float, speed_threshold: float
 ) -> tuple[Averages, Averages] | None:
-    """Averages and bounds on their errors within rtol, by meshes of the whole range, if these
-    have them."""
+    """Averages and bounds on their errors by meshes of the whole range; None where these do not
+    reach rtol."""
     scenes = OscillatorArrays.of(model)
     speed, threshold = speed_scale(scenes), np.array([speed_threshold])
     coarse = solve(scenes, speed, LEVELS[0], threshold).moments
@@ -261,8 +261,8 @@ def _response(
     if reached > rtol:
         raise NotConverged(
             f"fokker-planck reached a relative error of {reached:.2g} on its finest mesh, not "
-            f"{rtol:g}; simulate, or allow more. Rare hits of a lightly damped mass, and stiff "
-            "dampers in stops, are its worst.",
+            f"{rtol:g}; raise rtol, or simulate. Rare hits of a lightly damped mass, and stiff "
+            "dampers in stops, are the hardest cases.",
             response,
         )
     return response

@@ -31,7 +31,7 @@ NEAREST, FARTHEST = 1e-7, 1e12
 """The first and the last of these distances, in units of a length of the scene."""
 
 NODES = 24
-"""Gauss-Legendre nodes on each panel of an integral over a law."""
+"""Number of Gauss-Legendre nodes on each panel of an integral over a law."""
 
 PIECES = 40
 """Number of panels into which the range of a law is cut."""

@@ -77,10 +77,11 @@ class Operator:
     matrix, mass
         As above, scaled, (n, n), per unit time of the box.
     unity
-        The function 1, that is, its scaled coefficients, (n,).
+        Scaled coefficients of the function 1, (n,).
     outflow
-        What absorbing ends take per unit time of the box, as a functional of the coefficients,
-        (n,): matrix' unity, but without the rounding that would let some flow out everywhere.
+        Probability that absorbing ends take per unit time of the box, as a functional of the
+        coefficients, (n,): matrix' unity, but without the rounding that would let some flow out
+        everywhere.
     """
 
     def __init__(self, box: LinearBox[float], mesh: Mesh, walls: Walls) -> None:
@@ -282,4 +283,4 @@ class Operator:
 
 
 GRID_NODES = 10
-"""Gauss-Legendre nodes between neighbours of the grids that resolve a density."""
+"""Number of Gauss-Legendre nodes between neighbours of the grids that resolve a density."""

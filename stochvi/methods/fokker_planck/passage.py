@@ -61,11 +61,11 @@ METHOD = "first-passage"
 HOW = "half-range Galerkin in time"
 
 MARGINS = ErrorMargins(safety=2.5, shared=0.3, floor=3e-08)
-"""Those of `fixed_meshes` with a lower floor. The error that the projection in time leaves at
-one time is not shared with the other times."""
+"""Margins of the error bounds: those of `fixed_meshes`, with a lower floor. The error that the
+projection in time leaves at one time is not shared with the other times."""
 
 PROJECTION_SHARE = 0.2
-"""Part of the relative error allowed that the projection in time may take."""
+"""Share of the allowed relative error that the projection in time may take."""
 
 HIGHEST = 10.0
 """Largest height of a barrier in standard deviations. A higher one is met at less than 1e-22 of the
@@ -252,7 +252,7 @@ def first_passage(
     if worst > rtol:
         raise NotConverged(
             f"{METHOD} reached a relative error of {worst:.2g} on its finest mesh, not {rtol:g}; "
-            "allow more. Very light damping and starts close to a barrier are its worst.",
+            "raise rtol. Very light damping and starts close to a barrier are the hardest cases.",
             found,
         )
     return found

@@ -55,7 +55,7 @@ MOST_STRETCHES = 8
 """Largest number of times that the box is stretched."""
 
 LONGER = 2.0
-"""Time of a mesh over that of the one before (measured: 1.3 to 2)."""
+"""Ratio of the CPU time of a mesh to that of the one before (measured: 1.3 to 2)."""
 
 
 class Refinement(NamedTuple):
@@ -281,7 +281,7 @@ def _cut(field: StripDensity) -> dict[str, float]:
 
 
 HITS = ("rate", "speed_rate", "speed_square_rate")
-"""Names of the averages of the powers 0, 1 and 2 of the speed of impacts."""
+"""Names of the averages over impacts of the powers 0, 1 and 2 of their speed, in this order."""
 
 
 def worst_relative_error(found: Averages, bounds: Averages) -> float:

@@ -30,8 +30,8 @@ REACH = 7.2
 velocities, t being that of the weight exp(-energy / t): the part of F2 beyond is 2e-10."""
 
 SYMMETRIC = 1e-10
-"""Part of the largest force by which the forces on both sides may differ in a symmetric scene:
-rounding."""
+"""Share of the largest force by which the forces on both sides may differ in a symmetric scene,
+because of rounding."""
 
 METASTABLE = 30.0
 """Highest barrier between wells that is solved for, in units of the weight's energy: from there on
@@ -117,7 +117,7 @@ class ScaledMotion:
 
     @property
     def stops(self) -> tuple[Stop, ...]:
-        """The stops in the box: of a halved one the upper stop only."""
+        """The stops in the box; a halved box has the upper stop only."""
         return tuple(stop for stop in self.reached if not self.halved or stop.side == UPPER)
 
     def place(self, stop: Stop) -> float:
@@ -160,7 +160,7 @@ class ScaledMotion:
 
     @property
     def grips(self) -> tuple[Grip, ...]:
-        """What the dampers of stops add to the forces of their springs."""
+        """Forces that the dampers of stops add to those of their springs."""
         return tuple(
             self._grip(stop, stop.law)
             for stop in self.stops

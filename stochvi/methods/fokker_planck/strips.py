@@ -3,7 +3,8 @@
 Symbols and equation are those of `scaled_motion`. In every strip q is a
 Legendre polynomial in xi times the functions of `VelocityCells`; it may jump from strip to
 strip, where the flux is taken from the side that it comes from, exactly also between different
-cells. A strip is reduced to what it lets out for what is let in, and strips are joined like walls.
+cells. Each strip is reduced to the matrix from what enters it to what leaves it, and strips are
+joined like walls.
 """
 
 from __future__ import annotations
@@ -272,7 +273,7 @@ class _Piece:
         return q
 
     def through(self, side: int) -> tuple[Array, Array, Array, Array]:
-        """What leaves for what enters: with a wall opposite to `side`, the matrices from the
+        """Matrices from what enters to what leaves, with a wall opposite to `side`: from the
         wall to the wall, from the open end to the wall, from there back, and through from the
         wall."""
         cells, n = self.strip.cells, self.size

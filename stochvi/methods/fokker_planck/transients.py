@@ -63,7 +63,7 @@ MARGINS = ErrorMargins(safety=2.5, shared=0.3, floor=1e-06)
 """Safety factors of the error bounds, the same as those of `fixed_meshes`."""
 
 PROJECTION_SHARE = 0.1
-"""Part of the relative error allowed that the projection in time may take."""
+"""Share of the allowed relative error that the projection in time may take."""
 
 
 class Moments(NamedTuple):
@@ -243,7 +243,7 @@ def transient(
     if worst > rtol:
         raise NotConverged(
             f"{METHOD} reached a relative error of {worst:.2g} on its finest mesh, not {rtol:g}; "
-            "allow more, or start from a wider law. A start close to a stop is its worst.",
+            "raise rtol, or start from a wider law. A start close to a stop is the hardest case.",
             found,
         )
     return found

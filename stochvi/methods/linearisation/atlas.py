@@ -282,7 +282,7 @@ def _relatives(
             inside = min(max(half, float(two.gaps[0])), float(two.gaps[-1]))
             found.append(two.corners(inside, restitution, zeta))
     corners = np.concatenate(found)
-    # symmetric relatives have no error of the mean, but what spreads them wrongly moves this one
+    # symmetric relatives have no error of the mean; an error of their deviation stands for it here
     corners[:, 0] = np.abs(corners[:, :2]).max(axis=1)
     return np.concatenate([corners, -corners])
 

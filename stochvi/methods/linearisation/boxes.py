@@ -40,8 +40,8 @@ TABLE = "shaken_box.csv"
 ATLAS = "atlas.csv"
 
 RANGES = {"mass_ratio": (0.005, 0.2), "play_in_sigma": (0.5, 12.0), "zeta": (0.005, 0.05)}
-"""What the atlas of simulations covers: ratio of the masses, play over the rms displacement without
-absorber, and damping ratio of the structure."""
+"""Ranges that the atlas of simulations covers: ratio of the masses, play over the rms displacement
+without absorber, and damping ratio of the structure."""
 
 LARGEST_RESTITUTION = 0.98
 """Largest restitution of the table: near 1 a mass in a moving box gains speed for ever longer."""
@@ -172,8 +172,8 @@ def moments(box: Box) -> dict[str, float]:
 def shaken_box(restitution: float, plays: Vector) -> dict[str, Vector]:
     """Response of a loose mass in a box that moves as cos t, for plays in amplitudes of the box.
 
-    Powers of the play between the places of the table and below them; above the last one its
-    values, as the amplitudes that small matter little.
+    The response follows powers of the play between the plays of the table and below them. Above the
+    last play its values are kept, since amplitudes that small matter little.
     """
     names, tables, widest = _table()
     places = np.column_stack([np.full(len(plays), restitution), np.log(np.minimum(plays, widest))])

@@ -1,7 +1,7 @@
 """Many laws C exp(slope x - curvature x^2 / 2) between stops at once: masses, moments, ends.
 
-The arrays' twin of `CutNormal`: relative to the largest value of each density, over panels that end
-where it has fallen by e^-CUT, so that tails and narrow gaps keep their digits.
+They do for arrays what `CutNormal` does for one law: relative to the largest value of each density,
+over panels that end where it has fallen by e^-CUT, so that tails and narrow gaps keep their digits.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ Booleans = NDArray[np.bool_]
 
 
 class Rule(NamedTuple):
-    """Gauss' rule of a panel: its nodes, and what turns densities there into moments 0 to 4."""
+    """Gauss' rule of a panel: its nodes, and the matrix that turns densities there into moments 0
+    to 4."""
 
     nodes: Vector
     powers: Vector

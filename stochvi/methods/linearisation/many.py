@@ -27,7 +27,8 @@ from stochvi.results.errors import NotApplicable
 ROOT_TWO_PI = math.sqrt(2.0 * math.pi)
 
 CHUNK = 8192
-"""Number of oscillators that are solved together: enough to hide the price of a call."""
+"""Number of oscillators that are solved together: so many that the cost of a call does not
+matter."""
 
 SPEED_STEPS, STEPS, HALVINGS = 60, 40, 12
 """Largest numbers of Newton steps for the speed of the elastic law and for the closure, and of

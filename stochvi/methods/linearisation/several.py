@@ -354,7 +354,7 @@ def _accelerations(model: Model, one: _Solution) -> Sequence[float | None]:
 
 
 def _on_accelerations(model: Model, found: Sequence[float | None]) -> list[str]:
-    """What the accelerations of an answer hold of the stops."""
+    """A sentence on the part of the contact forces that the accelerations of an answer contain."""
     if None in found or not model.pairs:
         return []
     rigid = any(stop.rigid for stop in model.stops)
@@ -379,7 +379,8 @@ def _coordinate(
 
 
 def _of_stops(pair: Pair, answer: StationaryMoments) -> dict[tuple[str, str], float]:
-    """The moments of a pair that the balances are made of, per unit of its reduced mass."""
+    """The moments of a pair from which the balances are calculated, per unit of its reduced
+    mass."""
     found = {}
     for stop in pair.stops:
         hits, contact = answer.at(stop)

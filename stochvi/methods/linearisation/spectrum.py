@@ -59,7 +59,8 @@ class LinearisedOscillator:
         Rate at which x crosses its mean upwards in the law of the form: omega_0 / (2 pi) of
         (B 13.20) for "motion" and (B 13.32) for "force".
     forces, base
-        One-sided densities of what shakes: (m/s^2)^2/Hz, of forces per unit mass and of the base.
+        One-sided densities of the excitation, (m/s^2)^2/Hz: of forces per unit mass, and of the
+        base.
 
     See Also
     --------

@@ -82,8 +82,8 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
     Parameters
     ----------
     scene
-        Any that `linearise` covers by the closure, a loose mass in a box by the springs and
-        dampers of the closure too.
+        Any scene that `linearise` covers by the closure. A loose mass in a box, too, gets the
+        springs and dampers of the closure.
 
     Returns
     -------

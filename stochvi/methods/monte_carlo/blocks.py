@@ -71,8 +71,8 @@ MOST_ATTEMPTS = 4
 repeat lost blocks themselves as well."""
 
 LANES = 16
-"""Pieces of a block with more paths than this have a multiple of it: the loops of the kernels over
-paths fill vectors of 8 numbers."""
+"""Pieces of a block that have more paths than this number have a multiple of it, because the loops
+of the kernels over paths fill vectors of 8 numbers."""
 
 FEWEST_PAIRS = 64
 """Number of the first paths of a run that are all simulated at twice the step too."""

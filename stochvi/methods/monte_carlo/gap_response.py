@@ -1,4 +1,4 @@
-"""Gaps of a linear structure under Gaussian noise, as they move where nothing is hit.
+"""Motion of the gaps of a linear structure under Gaussian noise, without hits.
 
 The response is a sum over bins of frequency, as in `modal_tables`; white and filtered noise become
 tables, so that all of it is synthesised, and no step is taken.
@@ -89,13 +89,13 @@ class GapResponse:
         return self.block_length / self.samples
 
     def block(self, gaps: int) -> int:
-        """Number of paths of so many gaps that are synthesised together: a power of two with a few
-        megabytes of samples."""
+        """Number of paths that are synthesised together where each has so many gaps: a power of two
+        with a few megabytes of samples."""
         fitting = max(1, min(LARGEST_BLOCK, BLOCK_SAMPLES // (self.samples * gaps)))
         return 1 << (fitting.bit_length() - 1)
 
     def with_step(self, step: float) -> GapResponse:
-        """The same at a chosen sampling interval, s."""
+        """The same records at a chosen sampling interval, s."""
         return replace(self, samples=_even_fast_length(self.block_length / step))
 
     def with_block(self, length: float) -> GapResponse:
@@ -139,8 +139,8 @@ class GapResponse:
         return found
 
     def correlations(self, lags: int) -> NDArray[np.float64]:
-        """Of the records: E[y_j(-t) y_k(0)], and the first and second derivative of E[y_j(t)
-        y_k(0)] there, at t of 0 ... `lags` samples: (3, lags + 1, gaps j, gaps k)."""
+        """Correlations of the records: E[y_j(-t) y_k(0)], and the first and second derivative of
+        E[y_j(t) y_k(0)] there, at t of 0 ... `lags` samples: (3, lags + 1, gaps j, gaps k)."""
         waves = self.amplitudes
         turn = 2j * np.pi / self.block_length * np.arange(1, len(waves) + 1)[:, None]
         before = -np.arange(lags + 1)

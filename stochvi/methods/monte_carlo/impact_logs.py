@@ -141,7 +141,7 @@ def plan_impacts(
     if not model.pairs:
         raise NotApplicable("impacts", ["the scene must have an impact pair, got none"])
     plan = make_plan(model, speed_threshold, duration, slow_impacts, corner_share, deadline)
-    # what a threshold, a length or slow impacts that are asked for would change
+    # whether no threshold, length or slow impacts are asked for
     usual = speed_threshold is None and duration is None and not slow_impacts
     histories = histories_of(plan if usual else make_plan(model, deadline=deadline))
     thresholds = dict(plan.layout.thresholds)

@@ -196,7 +196,7 @@ class Plan(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class SteppedPlan:
-    """What plans share that take steps of a length that may be chosen, and record their burn-in.
+    """Parts that those plans share whose step may be chosen and whose records include the burn-in.
 
     Parameters
     ----------

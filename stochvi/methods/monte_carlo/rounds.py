@@ -67,7 +67,7 @@ has compiled are loaded in less time than that."""
 BETWEEN_IMPACTS = (
     "accelerations are those between impacts: without the impulses of rigid stops, which have none"
 )
-"""What the accelerations of an answer are where a stop is rigid."""
+"""Assumption of an answer with accelerations where a stop is rigid."""
 
 REPORT_SECONDS = 0.5
 """Seconds between two sentences of progress: making one evaluates the standard errors of all

@@ -248,7 +248,7 @@ class Sample:
     chance, error
         Mean of the trials, and its standard error.
     hits, hits_error
-        The same of the number of impacts in a mission.
+        Mean number of impacts in a mission over the trials, and its standard error.
     missions
         Number of missions of all trials together.
     steps, seconds

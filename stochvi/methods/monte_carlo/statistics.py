@@ -93,7 +93,8 @@ class PathStatistics(PathMoments):
 
     @cached_property
     def _neighbours(self) -> list[tuple[int, float, Means, Means]]:
-        """What the delta method evaluates all quantities at; see `neighbours` of intervals."""
+        """Neighbouring means at which the delta method evaluates all quantities; see `neighbours`
+        of `results.intervals`."""
         return [
             (row, float(step), self._named(above), self._named(below))
             for row, step, above, below in neighbours(*self._controlled)

@@ -1,4 +1,4 @@
-"""What a structure between stops does under a sine: branches of regimes, and jumps."""
+"""The answer on a structure between stops under a sine: branches of regimes, and jumps."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class SpecialPoint:
     branch
         Number of the branch.
     value, frequency_hz
-        Of the number that is varied, and of the force.
+        Value of the number that is varied, and frequency of the force.
 
     See Also
     --------
@@ -141,7 +141,7 @@ class Jump:
     upwards
         Whether the sweep goes up.
     value, frequency_hz
-        Where the regime ends from which the motion jumps.
+        Value and frequency at which the regime ends from which the motion jumps.
     displacement_max, impact_speed
         Largest displacement (m) and impact speed (m/s, 0 without impacts), before and after.
 
@@ -176,12 +176,12 @@ class SimulatedSweep:
     upwards
         Whether the sweep goes up.
     value
-        The values of what is varied, in the order of the sweep.
+        The values of the varied number, in the order of the sweep.
     displacement_max, impact_speed_max
         Largest displacement (m) and impact speed (m/s; 0 without impacts) over the period of the
         motion, or over 100 periods of the force where it does not repeat itself.
     periods
-        Periods of the force after which it repeats itself; 0 where it does not.
+        Periods of the force after which the motion repeats itself; 0 where it does not.
 
     See Also
     --------
@@ -212,11 +212,11 @@ class HarmonicResponse(Result):
     special_points
         Folds, grazings and changes of stability, in the order of their values.
     jumps
-        What a slow sweep up and one down do where the regime that they follow ends.
+        Jumps of a slow sweep up and one down where the regime that they follow ends.
     model_error
-        Of harmonic linearisation: "median" and "largest" relative difference of its impact speeds
-        from those of the fastest exact stable regime of a period, and "without_exact", the share
-        of its stable regimes where there is no such; None of exact regimes.
+        Errors of harmonic linearisation: "median" and "largest" relative difference of its impact
+        speeds from those of the fastest exact stable regime of a period, and "without_exact", the
+        share of its stable regimes for which there is no such exact one. None for exact regimes.
     simulated
         Sweeps by simulation that were asked for.
     assumptions
@@ -285,7 +285,7 @@ class HarmonicResponse(Result):
         return {"method": "sine", **found, "jumps": jumps, "all_jumps": self.jumps}
 
     def summary(self) -> str:
-        """What was found, in a sentence."""
+        """The numbers of branches, stable ones and jumps that were found, in a sentence."""
         stable = sum(bool((each.stable & each.admissible).any()) for each in self.branches)
         found = (
             f"{len(self.branches)} branches of periodic regimes, {stable} of them stable somewhere"

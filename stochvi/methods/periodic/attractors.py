@@ -1,4 +1,5 @@
-"""What flights end in: stable periodic regimes and what surrounds them, and other motions."""
+"""The motions in which flights end: stable periodic regimes with their surroundings, and other
+motions."""
 
 from __future__ import annotations
 
@@ -18,12 +19,12 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 PERIODIC, REGULAR, CHAOTIC = "periodic", "other regular", "chaotic"
-"""Kinds of motion: a stable regime of the exact solver; another one whose disturbances do not grow,
-as a motion that rests on a stop for a while, one of many impacts, or one of two frequencies; one
-whose disturbances grow."""
+"""Kinds of motion: a stable regime of the exact solver; another motion whose disturbances do not
+grow, as one that rests on a stop for a while, has many impacts, or has two frequencies; and a
+motion whose disturbances grow."""
 
 ATTRACTING = 1.0 - 1e-7
-"""Largest multiplier of a regime that motions end in: without damping and loss it is 1, but for
+"""Largest multiplier of a regime in which motions end: without damping and loss it is 1, but for
 rounding and the steps of Newton's iteration."""
 
 SAMPLES = 256
@@ -31,55 +32,58 @@ SAMPLES = 256
 
 LARGEST, HALVINGS = 16.0, 60
 """Limit of the first neighbourhood that is tried, in multiples of the largest eigenvalue of its
-form (states are of order 1), and how often it is halved until motions from it approach."""
+form (states are of order 1), and largest number of times that it is halved until motions from it
+approach the regime."""
 
 LINGERING = 4096
-"""Periods that one flight is given to reach a known regime before its own motion is looked at."""
+"""Number of periods in which a flight may reach a known regime before its own motion is looked
+at."""
 
 WATCHED = 4096
-"""Periods over which the motion of a flight is looked at."""
+"""Number of periods over which the motion of a flight is looked at."""
 
 BATCHES = 32
 """Number of parts of a flight whose means give the standard error of an exponent."""
 
 SIGNIFICANT = 4.0
-"""Standard errors from which on an exponent above 0 means chaos: 3e-5 by chance."""
+"""Number of standard errors above 0 from which on an exponent means chaos; chance alone gives this
+with a probability of 3e-5."""
 
 REPEATED = 1e-6
 """Difference of states, relative to the largest, at which a motion repeats itself."""
 
 BESIDE, DISTURBED = 16, 1e-6
-"""Number of flights from beside a motion that repeats itself, and their distance from it, relative
-to its size, by which it is tried whether it attracts."""
+"""Number of flights that start beside a motion that repeats itself, and their distance from it
+relative to its size: they show whether it attracts."""
 
 NEAR = 3.0
-"""Distance to the states of a long flight, in multiples of the largest from one half of them to the
-other, up to which a state lies among them."""
+"""Distance to the states of a long flight up to which a state lies among them, as a multiple of the
+largest distance from a state of one half of the flight to the other half."""
 
 LAST = 8
 """Number of last periods in which a flight must lie among the states of another one to have ended
 in the same motion."""
 
 FRUITLESS = 8
-"""Number of flights one after the other that may reveal no new motion before no more are tried."""
+"""Number of successive flights without a new motion after which no more are tried."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Attractor:
-    """A motion that flights end in, in the units of the kernels.
+    """A motion in which flights end, in the units of the kernels.
 
     Parameters
     ----------
     kind
-        One of those above.
+        "periodic", "other regular" or "chaotic".
     track
         The regime of a periodic motion, a branch of one point; None of others.
     points
-        Its states (number, 2 n) at the phase at which flights are looked at: one for each of its
-        periods, or those of a long flight.
+        States of the motion (number, 2 n) at the phase at which flights are looked at: one for each
+        of its periods, or those of a long flight.
     forms, limits
-        Quadratic forms around the points and their values up to which flights end in it, of
-        periodic ones.
+        For a periodic motion, quadratic forms around the points, and their values up to which
+        flights end in it.
     growth
         Logarithm by which small disturbances grow in each period of a long flight.
     impacts
@@ -159,8 +163,8 @@ class Flight:
 def watch(
     course: flights.Course, state: Vector, skipped: int, periods: int, most: int
 ) -> Flight | None:
-    """Fly on from a state, in its place, and watch the last periods; at most so many impacts are
-    kept. None where impacts come too fast to be followed."""
+    """Simulate on from a state, which is replaced by the last one, and watch the last periods; at
+    most so many impacts are kept. None where impacts come too fast to be followed."""
     log, ends = np.zeros((most, 3)), np.empty((periods, len(state)))
     growth = np.empty(periods)
     hits = flights.watch_flight(
@@ -173,7 +177,7 @@ def watch(
 
 
 class Attractors:
-    """The motions that flights at one place of a family end in, as they become known.
+    """The motions in which flights at one place of a family end, as they become known.
 
     Flights are looked at once a period, at a phase of the force that lies far from the impacts of
     all regimes.
@@ -196,7 +200,7 @@ class Attractors:
             self._add(track.part(slice(number, number + 1)))
 
     def _add(self, track: Track) -> None:
-        """Take a regime in, if it attracts."""
+        """Add a regime to the known motions, if it attracts."""
         if not track.multiplier[0] < ATTRACTING:
             return
         points = self._points(track)
@@ -271,7 +275,8 @@ class Attractors:
         return not lost and bool(np.all(after < before))
 
     def _flown(self, states: Matrix, periods: int) -> bool:
-        """Fly states over periods, in their place; whether one could not be followed."""
+        """Simulate states over some periods, which replaces them; return whether one could not be
+        followed."""
         n = states.shape[1]
         none = np.empty((0, n)), np.empty((0, n, n)), np.empty(0)
         found = np.empty(len(states), np.int64)
@@ -304,7 +309,8 @@ class Attractors:
         return np.asarray(np.all(distances <= 1e-12, axis=1))
 
     def targets(self) -> tuple[Matrix, NDArray[np.float64], Vector, NDArray[np.int64]]:
-        """Points, forms and limits of the periodic motions in turn, and whose each is."""
+        """Points, forms and limits of the periodic motions in turn, and the number of the motion to
+        which each belongs."""
         size = 2 * self.motion.rows.shape[1]
         owners = [
             number
@@ -321,8 +327,8 @@ class Attractors:
         )
 
     def reveal(self, state: Vector) -> int | None:
-        """What one flight from a state ends in: the number of a known motion or of one that is
-        added; None where that is not clear."""
+        """The number of the motion in which a flight from a state ends, which is added if it is
+        new; None where that is not clear."""
         points, forms, limits, owners = self.targets()
         states, found = state[None].copy(), np.empty(1, np.int64)
         lead = flights.course_of(self.motion, self.phase, 0.0)

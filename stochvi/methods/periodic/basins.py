@@ -47,8 +47,8 @@ UNDECIDED, BEYOND = -1, -2
 beyond a stop."""
 
 BLOCK = 256
-"""Number of starts that are flown over FIRST periods, or fewer, between looks at the clock: a tenth
-of a second or so. Over more periods there are fewer starts in a block."""
+"""Number of starts that are simulated together over FIRST periods, or fewer, between looks at the
+clock: a tenth of a second or so. For more periods a block has fewer starts."""
 
 ACROSS = 1.25
 """Half the width of a map that is not given, in multiples of the largest motion of a regime."""
@@ -57,7 +57,8 @@ NUMBER = 200
 """Number of values on each side of a map that is not given."""
 
 FIRST = 50
-"""Periods that all starts are flown for before those that have reached no regime are looked at."""
+"""Number of periods for which all starts are simulated before those that have reached no regime are
+looked at."""
 
 MOST_STARTS = 4_000_000
 """Largest number of starts of a map: 0.2 GB of states."""
@@ -65,19 +66,20 @@ MOST_STARTS = 4_000_000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BasinRegime:
-    """A motion that starts end in.
+    """A motion in which starts end.
 
     Parameters
     ----------
     name
-        Its impacts by pair and stop, with their number where it is above 1, and its periods where
-        they are several.
+        Name made of the impacts by pair and stop, with their number where it is above 1, and of the
+        periods where there are several.
     kind
         "periodic", a stable regime as of `harmonic_response`; "other regular", a motion that
         repeats itself after many impacts or with rests on a stop, or one of two frequencies;
         "chaotic".
     periods, impacts
-        Periods after which it repeats itself (0: never), and impacts in these.
+        Number of periods after which the motion repeats itself (0: never), and of impacts in these
+        periods.
     multiplier
         Largest modulus of the factors by which disturbances change over its periods; None where it
         is not known exactly.
@@ -87,9 +89,9 @@ class BasinRegime:
     impact_speed_max
         Largest impact speed, m/s; 0 without impacts.
     displacement, velocity
-        A state of it (coordinates,) at the phase of the starts, m and m/s.
+        A state of the motion (coordinates,) at the phase of the starts, m and m/s.
     share
-        Share of the starts between the stops that end in it.
+        Share of the starts between the stops that end in this motion.
 
     See Also
     --------
@@ -117,7 +119,7 @@ class Basins(Result):
     plane
         Names of the two numbers that are varied, as "displacement.x" and "velocity.x".
     across, up
-        Their values, m or m/s.
+        Values of these two numbers, m or m/s.
     phase_deg
         Phase of the force at which motions start, degrees.
     frequency_hz
@@ -127,7 +129,7 @@ class Basins(Result):
     ends
         Number of the regime of each start (up, across); -1 where it is undecided, -2 beyond a stop.
     periods
-        Largest number of periods that a start was flown for.
+        Largest number of periods for which a start was simulated.
     undecided
         Share of the starts between the stops whose end was not recognised.
     assumptions
@@ -157,7 +159,7 @@ class Basins(Result):
         return None if number < 0 else self.regimes[number]
 
     def to_frame(self) -> pd.DataFrame:
-        """One row for each start: where it is, and what it ends in."""
+        """One row for each start: its two numbers, and the motion in which it ends."""
         import pandas as pd
 
         up, across = np.meshgrid(self.up, self.across, indexing="ij")
@@ -237,7 +239,7 @@ def basins(
     phase_deg
         Phase of the force at the start, degrees of the lowest common multiple of the sines.
     periods
-        Periods that each start is flown for.
+        Number of periods for which each start is simulated.
     most_impacts
         As for `harmonic_response`.
     threads
@@ -319,7 +321,7 @@ RECOGNISED = (
 
 
 class Place:
-    """A scene as it is: its regimes, and what motions it can start from."""
+    """A scene at its own values: its regimes, and the states from which motions can start."""
 
     def __init__(
         self, scene: Scene, most_impacts: int, deadline: Deadline, *, giving_way: bool = False
@@ -392,7 +394,7 @@ class Place:
     def described(
         self, known: Attractors, order: Sequence[int], shares: Vector, phase: float
     ) -> tuple[BasinRegime, ...]:
-        """The motions in an order."""
+        """The motions described for users, in the given order."""
         found: list[BasinRegime] = []
         for number in order:
             each = known.found[number]
@@ -466,7 +468,7 @@ def rate_of(mean: float, error: float, period: float, how: str) -> Estimate | No
 
 
 class Flown:
-    """Starts that are flown to the motions that they end in."""
+    """Starts that are simulated up to the motions in which they end."""
 
     def __init__(
         self, known: Attractors, starts: Matrix, phase: float, periods: int, threads: int,
@@ -547,7 +549,7 @@ class Flown:
         return ends
 
     def _compare(self, ends: Whole, number: int) -> Whole:
-        """Give the undecided starts that lie among the states of a motion to it."""
+        """Assign to a motion the undecided starts that come to lie among its states."""
         left = np.flatnonzero(ends == UNDECIDED)
         if not len(left):
             return ends
@@ -571,7 +573,7 @@ class Flown:
 
 
 def _blocks(starts: Whole, periods: int) -> list[Whole]:
-    """Starts in blocks, in each of which so many periods of all take about as long."""
+    """Starts in blocks, each of which takes about the same time over so many periods."""
     size = max(1, BLOCK * FIRST // max(periods, FIRST))
     return np.array_split(starts, max(1, math.ceil(len(starts) / size)))
 

@@ -44,11 +44,12 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 
 LEAP = 64
-"""Periods over which disturbances are turned at once before a motion between stops that give way is
-watched: they grow by less than the range of numbers."""
+"""Number of periods over which disturbances are followed at once before a motion between stops that
+give way is watched; they grow by less than the range of floating-point numbers."""
 
 MOST_DRAWN = 8
-"""Impacts for each period that is watched, up to which all are kept; the last of more."""
+"""Largest number of impacts that are kept for each period that is watched; of more impacts the last
+ones are kept."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,7 +61,7 @@ class BifurcationSweep:
     upwards
         Whether the sweep goes up.
     value, frequency_hz
-        The values of what is varied in the order of the sweep, and the frequency of the force.
+        The values of the varied number in the order of the sweep, and the frequency of the force.
     periods
         Periods of the force after which the motion repeats itself (0: it does not).
     impact_speed, stop
@@ -95,7 +96,8 @@ class Bifurcation(Result):
     sweeps
         One sweep, or one up and one down.
     settling, watched
-        Periods that pass at each value before, and in which, its motion is watched.
+        Numbers of periods at each value that pass before its motion is watched, and in which it is
+        watched.
     assumptions
         What was taken for granted, a sentence each.
 
@@ -183,7 +185,7 @@ def bifurcation(
     start: Mapping[str, float] | None = None,
     budget: float | None = None,
 ) -> Bifurcation:
-    """What a slow sweep goes through: impact speeds, and the Lyapunov exponent, at each value.
+    """Motions through which a slow sweep goes: impact speeds and Lyapunov exponent at each value.
 
     The motion at each value goes on from that at the last one, from impact to impact, with the
     exact linear motion between them.
@@ -201,7 +203,7 @@ def bifurcation(
     settling
         Periods of the force that pass at each value before its motion is watched.
     watched
-        Periods in which it is watched: at least 64.
+        Number of periods in which the motion is watched, at least 64.
     start
         The state before the first value, as {"velocity.x": 0.2}; by default at rest.
     budget
@@ -344,7 +346,7 @@ def lyapunov_exponent(
     start
         The state at phase 0 of the force, as {"velocity.x": 0.2}; by default at rest.
     settling, periods
-        Periods of the force that pass before, and over which the rate is taken.
+        Numbers of periods of the force that pass first, and over which the rate is then taken.
 
     Returns
     -------

@@ -27,9 +27,9 @@ Whole = NDArray[np.int64]
 POINT, FOLD, GRAZING, DOUBLING, BREAKING, TORUS = (
     "", "fold", "grazing", "period doubling", "symmetry breaking", "torus",
 )  # fmt: skip
-"""Names of points of a branch: of an ordinary one; where it turns back; where an impact vanishes or
-a further one appears; where a multiplier is -1; where it is 1 and the branch goes on; where a pair
-of complex ones has the modulus 1."""
+"""Names of points of a branch: an ordinary point; where the branch turns back; where an impact
+vanishes or a further one appears; where a multiplier is -1; where a multiplier is 1 and the branch
+goes on; where a pair of complex multipliers has the modulus 1."""
 
 SLOWEST = 1e-7
 """Impact speed and following flight, in the units of the kernels, up to which impacts are taken for
@@ -47,10 +47,11 @@ SAME = 1e-6
 """Difference of phases, rad, up to which two regimes are one."""
 
 SEED_VALUES = 13
-"""Number of values over the range at which regimes are looked for."""
+"""Number of values in the range at which regimes are looked for."""
 
 MOST_WORDS = 16
-"""Number of orders of impacts that Newton's iteration is started with; the shortest first."""
+"""Largest number of orders of impacts with which Newton's iteration is started; the shortest orders
+come first."""
 
 DEFAULT_IMPACTS = 3
 """Largest number of impacts in a period that is looked for unless another is given."""
@@ -59,10 +60,11 @@ STARTS = 10
 """Number of starts of Newton's iteration for each impact of an order."""
 
 SUBHARMONICS = (1, 2, 3)
-"""Periods in which a regime of one impact, or of one on each of two stops, is looked for."""
+"""Numbers of periods within which a regime of one impact, or of one on each of two stops, is looked
+for."""
 
 SETTLING = 300
-"""Periods that a simulation runs before its motion counts as settled."""
+"""Number of periods that a simulation runs before its motion counts as settled."""
 
 LONGEST = 8
 """Largest number of periods in which a simulated motion is looked at for repeating itself."""
@@ -72,7 +74,7 @@ REPEATS = 1e-3
 finds the regime that a simulation approaches."""
 
 MOST_KEPT = 512
-"""Number of impacts that a simulation remembers."""
+"""Number of last impacts that a simulation keeps."""
 
 MOST_SIMULATED = 24
 """Largest number of impacts of a regime that is taken from a simulation."""
@@ -138,11 +140,11 @@ class Track:
     stops, periods
         Stops that are hit, in their order, in a number of periods of the force.
     points
-        (theta, weighted sigma), (number, impacts + 1), in the order of the branch.
+        Points (theta, weighted sigma) as rows (number, impacts + 1), in the order of the branch.
     names
-        What each point is.
+        Name of each point, as listed above.
     margin, displacement, acceleration, speeds, factors, starts
-        Of `solver.inspect`.
+        Results of `solver.inspect` at each point.
     phases
         Phases of the impacts (points, impacts).
     """
@@ -177,7 +179,7 @@ class Track:
         return np.asarray(np.abs(np.linalg.eigvals(self.factors)).max(axis=1))
 
     def regime(self, number: int) -> Regime:
-        """One of its points."""
+        """The regime at one of the points."""
         return Regime(self.stops, self.periods, self.points[number, :-1], self.sigma[number])
 
     def with_points(self, places: list[int], others: Track) -> Track:
@@ -270,8 +272,8 @@ class Finder:
 
     @cached_property
     def tried(self) -> int:
-        """Number of impacts in a period up to which Newton's iteration is started with each order
-        of them."""
+        """Number of impacts in a period up to which Newton's iteration is started with every order
+        of impacts."""
         words = {word for word, periods in self._words() if periods == 1}
         for count in range(1, self.most_impacts + 1):
             orders = itertools.product(range(self.family.sizes[1]), repeat=count)

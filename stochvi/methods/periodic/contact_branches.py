@@ -1,9 +1,9 @@
 """Branches of periodic regimes where stops give way: by shooting from the phase 0 of the force.
 
 A regime is a state z that the flow F over its periods takes back to itself, F(z, sigma) = z. Its
-Jacobian are the factors of small disturbances, which the flow knows exactly; branches are followed
-by length of arc in (z, sigma). Where a contact appears or vanishes the motion does not change at
-once: a branch is cut there into branches of one order of contacts each.
+Jacobian, which the flow gives exactly, holds the factors of small disturbances; branches are
+followed by length of arc in (z, sigma). Where a contact appears or vanishes the motion does not
+change at once: a branch is cut there into branches of one order of contacts each.
 """
 
 from __future__ import annotations
@@ -49,26 +49,28 @@ RANDOM_STARTS = 12
 value; they are normal, of the size of the motions that simulations settle to."""
 
 REACH = 10.0
-"""Size of a state, in multiples of the largest one that simulations settle to, at which Newton's
-iteration is given up that started at random: it leads to no regime, and takes long."""
+"""Size of a state, in multiples of the largest one to which simulations settle, at which a Newton
+iteration from a random start is given up: it would lead to no regime, and take long."""
 
 MOST_EDGES = 3
 """Largest number of pairs of stable regimes at a value between which an unstable one is looked for,
-and of values at which that is done."""
+and largest number of values at which that is done."""
 
 EDGE_HALVINGS, EDGE_PERIODS = 30, 40
-"""Number of times that the way between two stable regimes is halved, and periods after which the
-nearer of the two counts as the one that a start leads to."""
+"""Number of times that the line between two stable regimes is halved, and number of periods after
+which a start counts as leading to the nearer of the two."""
 
 LINGERING = 8
-"""Periods in which a motion that starts on the edge comes close to the regime on it."""
+"""Number of periods in which a motion that starts on the edge between two regimes comes close to
+the unstable regime on it."""
 
 STEPS = (1e-6, 0.02, 0.3)
 """Smallest, first and largest step of arc, in units of the kernels and of `solver.WEIGHT`."""
 
 BEYOND = 0.2
-"""Shares of the range by which Newton's iteration may leave it: far from it a series of the numbers
-of a scene means nothing, and a force may become so slow that its period is never flown."""
+"""Share of the range by which Newton's iteration may leave it. Far outside, the series of the
+numbers of a scene means nothing, and a force may become so slow that its period is never
+simulated."""
 
 TURN = 0.95
 """Smallest cosine of the angle between tangents at two successive points."""
@@ -95,7 +97,7 @@ class Orbit(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """What the flow over some periods answers."""
+    """The result of the flow over some periods."""
 
     ends: Matrix
     factors: Matrix
@@ -355,8 +357,8 @@ class ContactFinder(Finder):
         parts: int = 2**6,
     ) -> None:  # fmt: skip
         """Add the regimes at the values of the grid between two points of a branch, if Newton's
-        iteration ends at each beside the chord between them; else by the two halves of the chord,
-        down to so many parts of it."""
+        iteration ends close to the chord between them at each value; else do the same for the two
+        halves of the chord, down to so many parts of it."""
         values, way = solver.WEIGHT * self.grid, end - start
         ahead = np.sign(way[-1])
         inside = values[(ahead * (values - start[-1]) > 0.0) & (ahead * (values - end[-1]) <= 0.0)]
@@ -458,8 +460,8 @@ def _different(orbits: Sequence[Orbit]) -> list[Orbit]:
 
 
 def _word_of(log: Matrix) -> tuple[int, ...]:
-    """The order of contacts, from the one at which it comes first in the alphabet: which contact
-    follows the phase 0 is of no account."""
+    """The order of contacts, rotated to the form that comes first in the alphabet: it does not
+    matter which contact follows the phase 0."""
     word = tuple(log[:, 1].astype(int).tolist())
     return min((word[first:] + word[:first] for first in range(len(word))), default=())
 

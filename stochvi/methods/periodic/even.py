@@ -20,10 +20,12 @@ NEAR_CIRCLE = 1e-3
 on it."""
 
 TOLERANCE = 1e-9
-"""Depth to which a regime may pass a stop, relative to the unit of length: rounding leaves less."""
+"""Depth to which a regime may pass a stop, relative to the unit of length; rounding error stays
+below it."""
 
 NOTHING = 1e-13
-"""Distance at the first impact, relative to the gap, that counts as none: rounding leaves less."""
+"""Distance at the first impact, relative to the gap, up to which it counts as zero; rounding error
+stays below it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,7 +41,7 @@ class EvenRegime:
     impact_speed
         Incident speeds.
     amplitude
-        That of the first harmonic of the output, m.
+        Amplitude of the first harmonic of the output, m.
     multiplier
         Largest modulus of the factors of small disturbances over the period of the regime.
     admissible

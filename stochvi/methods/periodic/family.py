@@ -54,7 +54,7 @@ class Numbers:
 
     @property
     def flat(self) -> Vector:
-        """All of them one after another."""
+        """All numbers one after another, as one array."""
         parts = (
             self.stiffness, self.damping, self.forces, self.rows, self.distances,
             self.restitutions, [self.omega], self.output, self.base,
@@ -68,13 +68,14 @@ class Numbers:
         return *self.rows.shape[::-1], (self.forces.shape[1] - 1) // 2
 
     def motion(self, units: Numbers) -> solver.Motion:
-        """What the kernels take, in these units."""
+        """The numbers in these units, as the kernels take them."""
         series = (self.flat / units.flat)[None]
         motion: solver.Motion = solver.motion_at(series, 0.5, *self.sizes)
         return motion
 
     def units(self) -> tuple[Numbers, float, float]:
-        """The units in which all numbers are of order one, and of these the length and the time."""
+        """The numbers of which each is the unit that makes it of order one, with the units of
+        length and time."""
         reach = float(np.max(np.linalg.norm(self.rows, axis=1), initial=0.0)) or 1.0
         rate = max(self.omega, math.sqrt(max(float(np.linalg.eigvalsh(self.stiffness)[-1]), 0.0)))
         pushed = reach * float(np.max(np.abs(self.forces))) / rate**2
@@ -130,7 +131,8 @@ def amplitudes(
     flat, sizes
         Numbers (points, numbers), and (n, m, h).
     stops, periods, theta, speeds
-        Regimes: their stops, and phases and speeds (points, impacts).
+        The regimes: stops that they hit, periods, and phases and speeds of the impacts (points,
+        impacts).
 
     Returns
     -------
@@ -159,8 +161,8 @@ def forced(parts: Mapping[str, Matrix], omega: Vector, force: Waves) -> Waves:
 
 
 def unmet(model: Model, *, giving_way: bool = False) -> list[str]:
-    """What keeps the periodic regimes of a model from being found, in sentences; `giving_way`, if
-    stops need not be rigid."""
+    """The conditions of periodic regimes that a model does not meet, in sentences; `giving_way`
+    says that stops need not be rigid."""
     found = functions(model)
     kinds = "one whose force a simulation follows" if giving_way else "'restitution'"
     found += [

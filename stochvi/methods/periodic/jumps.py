@@ -1,4 +1,4 @@
-"""What a slow sweep does where the regime that it follows ends."""
+"""Jumps of a slow sweep where the regime that it follows ends."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from stochvi.methods.periodic.branches import (
 )
 
 SMALLEST = 0.02
-"""Relative change of displacement or impact speed from which on a change that does not go back is a
-jump. Changes of speed are relative to the speed of the vibration where that is larger: that of a
-first contact grows from 0."""
+"""Relative change of displacement or impact speed from which on a change is a jump if it does not
+go back with the value. Changes of speed are relative to the speed of the vibration where that is
+larger: that of a first contact grows from 0."""
 
 ABRUPT = 0.1
 """Relative change right after the end of a branch from which on it is a jump in any case: the speed
-of first contacts grows as the root of the distance from there, and is smaller at the first one of
-BEYOND."""
+of first contacts grows as the root of the distance from the end, and is smaller than this at the
+first distance of BEYOND."""
 
 BEYOND = (1e-5, 1e-3)
-"""Distances from the end of a regime, in shares of the range, at which simulations go on from it,
-one after the other: near a fold a motion lingers for long."""
+"""Distances from the end of a regime, as shares of the range, at which simulations go on from it,
+one after the other: near a fold a motion takes long to leave."""
 
 HALVINGS = 8
 """Number of halvings by which a jump is located where the motion before it is on no branch."""
@@ -38,7 +38,7 @@ itself."""
 
 
 class Step(NamedTuple):
-    """A jump of a sweep: where, and displacement and impact speed before and after."""
+    """A jump of a sweep: its place, and displacement and impact speed before and after it."""
 
     sigma: float
     displacements: tuple[float, float]
@@ -53,9 +53,9 @@ class Place(NamedTuple):
 
 
 class Reached(NamedTuple):
-    """A motion that a sweep has come to: a state at a phase of the force, the largest displacement
-    and impact speed, after how many periods it repeats itself (0 where it does not), and the
-    simulation that found it, if there was one."""
+    """A motion that a sweep has reached: a state at a phase of the force, the largest displacement
+    and impact speed, the number of periods after which it repeats itself (0 where it does not), and
+    the simulation that found it, if there was one."""
 
     sigma: float
     state: Vector

@@ -66,7 +66,7 @@ class Harmonic:
         return share * (1.0 - self.restitution**2) * self.frequency / math.pi
 
     def balance(self, amplitude: float, stiffness: float) -> float:
-        """Force that an amplitude needs less the one that there is (B 9.13)."""
+        """Force that an amplitude needs, less the force that acts (B 9.13)."""
         w = self.frequency
         loss = (self.damping_rate + self.impact_damping) * w
         return amplitude * math.hypot(stiffness - w**2, loss) - self.peak
@@ -131,8 +131,8 @@ def _unit(case: Harmonic) -> float:
 def regimes(case: Harmonic, form: str) -> Iterator[tuple[float, bool]]:
     """Amplitude (m) of each regime with impacts, and whether it is stable.
 
-    A regime is stable where a larger amplitude needs a larger force than there is, and of two stops
-    a larger stiffness does (B 10.8).
+    A regime is stable where a larger amplitude needs a larger force than the one that acts; between
+    two stops, where a larger stiffness does (B 10.8).
     """
     law = LAWS[form]
 
@@ -148,7 +148,7 @@ def regimes(case: Harmonic, form: str) -> Iterator[tuple[float, bool]]:
 
 
 def not_covered(model: Model) -> list[str]:
-    """What keeps harmonic linearisation from a model, in sentences."""
+    """The conditions of harmonic linearisation that a model does not meet, in sentences."""
     found = unmet(model)
     if not model.single or not model.pairs:
         found.append(
@@ -197,7 +197,7 @@ def case_of(model: Model) -> Harmonic:
 
 
 def linearised(model_at: Callable[[float], Model], values: Vector, form: str) -> tuple[Branch, ...]:
-    """The branches of harmonic regimes: of the stable ones, and of the unstable ones."""
+    """The branches of harmonic regimes: one of the stable ones, and one of the unstable ones."""
     found: dict[tuple[bool, int], list[tuple[float, Harmonic, float, Model]]] = {}
     for value in values:
         model = model_at(float(value))

@@ -32,21 +32,21 @@ from stochvi.scenes.scene import Scene
 Vector = NDArray[np.float64]
 
 FREQUENCY = "frequency_hz"
-"""Name of what is varied where that is the frequency of the sine itself."""
+"""Name of the varied number where it is the frequency of the sine itself."""
 
 MARGIN = 1e-3
 """Share of its value by which a single value is widened to a range."""
 
 WIDEST = 1e5
-"""Largest ratio of the frequencies of one range, over which series of the numbers of a scene know
-the lowest ones to 1e-8."""
+"""Largest ratio of the frequencies of one range: up to it, the series of the numbers of a scene
+give the lowest ones to 1e-8."""
 
 MOST_STEPS = 20_000
 """Largest number of steps in a period of the force: with more, a simulation from one start takes
 seconds."""
 
 MOST_VALUES = 100_000
-"""Largest number of values of what is varied."""
+"""Largest number of values of the varied number."""
 
 STABLE = 1.0 + 1e-9
 """Largest multiplier of a stable regime; without damping and loss it is 1 but for rounding."""
@@ -93,14 +93,14 @@ def harmonic_response(
     coordinate
         The coordinate whose displacement and acceleration are given; by default the first.
     most_impacts
-        Largest number of impacts per period of the regimes that Newton's iteration looks for; those
-        of more are found only where simulations settle to them, and a warning says so where stops
-        are more than that.
+        Largest number of impacts per period of the regimes that Newton's iteration looks for;
+        regimes of more impacts are found only where simulations settle to them, and a warning says
+        so where there are more stops than that.
     sweep
         "up", "down" or "both": simulate such a slow sweep as well, 300 periods at each value.
     budget
-        Seconds of wall time; that kernels are compiled, once on each machine, is no part of it and
-        takes about a minute.
+        Seconds of wall time, without the minute or so in which kernels are compiled, once on each
+        machine.
 
     Returns
     -------
@@ -203,7 +203,8 @@ SWEEPS: dict[str | None, tuple[bool, ...]] = {
 def varied(
     scene: Scene, frequency_hz: ArrayLike | None, vary: Mapping[str, Sequence[float]] | None
 ) -> tuple[str, Vector, Callable[[float], Scene]]:
-    """Name and rising values of what is varied, and the scene at a value."""
+    """Name and rising values of the varied number, and a function that gives the scene at a
+    value."""
     if vary is not None:
         if frequency_hz is not None or len(vary) != 1:
             raise ValueError(

@@ -142,7 +142,8 @@ class HarmonicResonance:
 
     @property
     def harmonic_boundary(self) -> float:
-        """The same by harmonic linearisation, a_p / ((b + (1 - R^2) w / pi) w), m (B 9.15)."""
+        """The largest clearance by harmonic linearisation, a_p / ((b + (1 - R^2) w / pi) w), m (B
+        9.15)."""
         return Harmonic(
             omega=self.omega, damping_rate=self.damping_rate, peak=self.amplitude,
             frequency=self.frequency, gap=0.0, restitution=self.restitution, both_sides=True,
@@ -250,8 +251,8 @@ class RandomResonance:
 
     @property
     def impact_speed(self) -> float:
-        """Of the regime: omega D cot(omega t) for two stops, -omega D tan(omega t) for one, t half
-        the time between impacts, m/s."""
+        """Impact speed of the regime, m/s: omega D cot(omega t) for two stops, -omega D tan(omega
+        t) for one, t half the time between impacts."""
         angle = self.omega * self._half
         if not self.both_sides:
             return -self.omega * self.clearance * math.tan(angle)

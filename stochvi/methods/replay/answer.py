@@ -1,4 +1,4 @@
-"""What a measured record makes a structure between its stops do."""
+"""The answer of `replay`: the motion of a structure between its stops under a measured record."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class CoordinateReplay(Quantities[Estimate | None]):
     displacement_max, displacement_min
         Largest and smallest displacement, between samples too, m.
     displacement_mean, displacement_std
-        Of the samples, m.
+        Mean and standard deviation of the samples, m.
     displacement_kurtosis
         Fourth moment of the samples about their mean over the square of the second; 3 for a
         Gaussian process. None where nothing moves.
@@ -53,16 +53,16 @@ class PairReplay(Quantities[Estimate | None]):
     Parameters
     ----------
     hits, hits_lower, hits_upper
-        Number of impacts: of stops that give way, of contacts that began. Bounces that accumulate
-        on a rigid stop are counted until the mass rests.
+        Number of impacts; on stops that give way, number of contacts that began. Bounces that
+        accumulate on a rigid stop are counted until the mass rests.
     impact_speed_max, impact_speed_mean
-        m/s; None without a hit.
+        Largest and mean impact speed, m/s; None without a hit.
     peak_force
         Largest force of a contact, N; None of rigid stops.
     contact_time
         Time in contact, or at rest on a rigid stop, s.
     rests
-        How often the mass came to rest on a rigid stop.
+        Number of times that the mass came to rest on a rigid stop.
     """
 
     hits: Estimate
@@ -101,15 +101,15 @@ class Histories:
     Parameters
     ----------
     time
-        s from the start of the record.
+        Seconds from the start of the record.
     base_acceleration
-        m/s^2, (samples,), of a base that moves along x, y and z (samples, 3); zeros where the
-        records are forces.
+        Acceleration of the base (samples,), m/s^2; (samples, 3) of a base that moves along x, y and
+        z; zeros where the records are forces.
     displacement, velocity, acceleration
-        Coordinate -> samples; accelerations are absolute.
+        Samples by the name of the coordinate; accelerations are absolute.
     force
-        "pair side" -> force of that stop on the mass, N, positive while it pushes; of a rigid stop,
-        while the mass rests on it.
+        Force of each stop on the mass by "pair side", N, positive while it pushes; a rigid stop has
+        one only while the mass rests on it.
     """
 
     time: Vector
@@ -148,7 +148,7 @@ class ReplayAt:
     clearance
         Distance of the stops from the rest position, m; None for the stops of the scene.
     stops
-        "pair side" -> position of the stop, m from the unloaded spring.
+        Position of each stop by "pair side", m from the unloaded spring.
     coordinates, impact_pairs
         The quantities by the names of coordinates and of impact pairs.
     impacts
@@ -246,7 +246,8 @@ class Replay(Result):
         return pd.concat(filled, ignore_index=True) if filled else tables[0]
 
     def summary(self) -> str:
-        """What happened, in a sentence; over several clearances the hits at each."""
+        """Displacement, hits and speeds, in a sentence; over several clearances the hits at
+        each."""
         if self.single is None:
             hits = [
                 f"{sum(float(pair.hits) for pair in each.impact_pairs.values()):.0f} at "

@@ -1,4 +1,4 @@
-"""Base motion as samples in, histories out: the march of a model through what shakes it."""
+"""The march of a model through sampled forces and base motion, which gives its histories."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ KINDS = {
 """Kinds of stops of the kernel, by the forms of impact laws."""
 
 REST_ANGLE = 1e-6
-"""A mass rests on a rigid stop from where its bounces would end within this angle of the fastest
-motion of the structure, rad: what they would still move is 1e-12 of a displacement."""
+"""A mass is taken to rest on a rigid stop once its bounces would end within this angle of the
+fastest motion of the structure, rad: they would still move it by 1e-12 of a displacement."""
 
 MOST_IMPACTS = 10_000_000
-"""Number of impacts at which a march is given up: a log of them takes 320 MB."""
+"""Number of impacts at which a march is given up; their log takes 320 MB."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shaking:
-    """What shakes a structure, sampled evenly; linear between samples.
+    """The excitation of a structure, sampled evenly and linear between samples.
 
     Parameters
     ----------
@@ -55,25 +55,28 @@ class Shaking:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """What a structure did from rest on (SI units).
+    """The motion of a structure from rest (SI units).
 
     Parameters
     ----------
     samples, duration
         Number of samples and their time, s.
     displacement, velocity, acceleration
-        At the samples (samples, coordinates), accelerations absolute; empty unless kept.
+        Motion at the samples (samples, coordinates), with absolute accelerations; empty unless
+        kept.
     force
-        Of the stops (samples, stops), N; empty unless kept.
+        Forces of the stops (samples, stops), N; empty unless kept.
     powers
         Sums over the samples of the displacements to the powers 1 to 4 (coordinates, 4).
     highest, lowest, largest_acceleration
-        Of each coordinate, between samples too.
+        Largest and smallest displacement (m) and largest absolute acceleration (m/s^2) of each
+        coordinate, between samples too.
     impacts
         (impacts, 4): time, number of the stop, speed, largest force of the contact (N; 0 for a
         rigid stop).
     contact_time, rests
-        Of each stop: seconds in contact, and how often a mass came to rest on it (rigid stops).
+        Seconds in contact with each stop, and number of times that a mass came to rest on it (rigid
+        stops).
     """
 
     samples: int
@@ -159,7 +162,7 @@ def rest_of(model: Model) -> Vector:
 
 
 def _pressed(model: Model, stop: Stop, rest: float) -> float:
-    """Where spring, load and a stop that gives way balance, m."""
+    """Displacement at which spring, load and a stop that gives way balance, m."""
     from scipy.optimize import brentq
 
     law, stiffness = stop.law, float(model.stiffness[0, 0])

@@ -23,10 +23,11 @@ from stochvi.scenes.scene import Scene
 Vector = NDArray[np.float64]
 
 MOST_KEPT = 20_000_000
-"""Numbers in the histories of all clearances together (160 MB) beyond which none are kept."""
+"""Largest count of numbers in the histories of all clearances together (160 MB); where there are
+more, no histories are kept."""
 
 EXACT = "the record itself, exact steps"
-"""How the numbers of a replay were found."""
+"""Words in every estimate of a replay on how it was found."""
 
 
 def replay(
@@ -59,8 +60,8 @@ def replay(
     Raises
     ------
     NotApplicable
-        If the scene has no record, has noise that is none, a spring, damper or restitution that is
-        a function, or records of different lengths.
+        If the scene has no record, other noise besides records, a spring, damper or restitution
+        that is a function, or records of different lengths.
 
     See Also
     --------
@@ -149,7 +150,7 @@ def _compiled(model: Model, shaking: Shaking) -> float:
 
 
 def unmet(scene: Scene, model: Model) -> list[str]:
-    """What of a scene keeps its records from being replayed."""
+    """The conditions of a replay that a scene does not meet."""
     found = [*functions(model), *without_form(model)]
     records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
     if not records:

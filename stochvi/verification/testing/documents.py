@@ -120,7 +120,9 @@ class NoiseEntry(Checked):
         if self.kind == "white":
             self._check_unit("(m/s^2)^2 s" if base else "N^2 s")
             if self.intensity is None:
-                raise SceneError([("intensity", "is missing, expected that of the white noise")])
+                raise SceneError(
+                    [("intensity", "is missing, expected the intensity of the white noise")]
+                )
             return WhiteNoise(on=self.on, intensity=self.intensity)
         self._check_unit("(m/s^2)^2/Hz" if base else "N^2/Hz")
         return TabulatedNoise(

@@ -489,7 +489,7 @@ def test_an_argument_out_of_range_is_named(options, sentence) -> None:
 
 
 def test_a_stationary_start_needs_a_stationary_law() -> None:
-    with pytest.raises(ValueError, match="needs a spring and damping"):
+    with pytest.raises(ValueError, match="needs a stiffness and a damping"):
         first_passage(free(), -1.0, 1.0, start="stationary")
 
 
