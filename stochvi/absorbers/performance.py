@@ -176,7 +176,7 @@ class AbsorberReport(Result):
         return pd.DataFrame(rows)
 
     def summary(self) -> str:
-        """What the absorber does at the level nearest to the scene's own."""
+        """The effect of the absorber at the level nearest to that of the scene, in words."""
         share = format_with_error(self.central.ratio.value, self.central.ratio.standard_error)
         return f"rms displacement of {self.carrier}: {share} of that without the absorber"
 

@@ -41,7 +41,7 @@ SMOOTH_POINTS = 31
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Screening(Result):
-    """What linear theory says of an isolator without stops (SI units; rates in 1/s).
+    """Response of an isolator without stops by linear theory (SI units; rates in 1/s).
 
     `miles` is None where Miles' equation does not apply: where the natural frequency lies outside
     the table, the density at it is 0, although the response is not. `notes` are warnings in words.

@@ -28,9 +28,11 @@ class CoordinateScreening:
     Parameters
     ----------
     displacement_std, velocity_std
-        m and m/s (rad and rad/s of a rotation), relative to the base where it moves.
+        Standard deviations, m and m/s (rad and rad/s of a rotation), relative to the base where it
+        moves.
     acceleration_std
-        Absolute, m/s^2 (rad/s^2); None where noise acts on the masses themselves.
+        Standard deviation of the absolute acceleration, m/s^2 (rad/s^2); None where noise acts on
+        the masses themselves.
     zero_crossing_rate
         Up-crossings of the mean per second; None where nothing moves.
     """
@@ -48,7 +50,7 @@ class GapScreening:
     Parameters
     ----------
     displacement_std, velocity_std
-        m and m/s.
+        Standard deviations of the gap and of its rate, m and m/s.
     mean
         Mean gap under constant loads, m.
     three_sigma
@@ -78,7 +80,7 @@ class GapScreening:
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class StructureScreening(Result):
-    """What linear theory says of a structure without stops: each coordinate and point, each gap.
+    """Response of a structure without stops by linear theory: each coordinate and point, each gap.
 
     See Also
     --------
@@ -132,7 +134,7 @@ class StructureScreening(Result):
         )
 
     def summary(self) -> str:
-        """What the tables hold."""
+        """What the two tables hold, in words."""
         return "linear screening, stops left out"
 
     def _remarks(self) -> Sequence[str]:

@@ -4,7 +4,7 @@ Hits of an isolator whose stops are far come in bursts: a first hit, which finds
 motion that it has without stops, and those that the first one leads to. Crude simulation has to
 wait for them; here every record begins with one. First hits are outcrossings of the free response
 without another one in the memory of the process before (`first_crossings`, and `pair_crossings` of
-several pairs); from there the engine flies on with the stops (`burst_flights`,
+several pairs); from there the engine simulates on with the stops (`burst_flights`,
 `structure_flights`). With lambda the limiting rate of first hits, and bursts far apart, whatever
 has the mean q in a burst happens lambda q times a second, however rare that is.
 """

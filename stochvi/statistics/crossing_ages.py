@@ -56,8 +56,8 @@ LEAST_PATHS = 8
 
 FEWEST_SURVIVORS = 0.05
 """Share of the motions that must outlast the horizon without a hit for a limiting rate: 64 paths
-show it in spite of their noise. Where fewer outlast it, this share is put in place of theirs, which
-changes the chance of a hit by less than the difference."""
+show it in spite of their noise. Where the share that outlasts it is smaller, it is replaced by this
+one, which changes the chance of a hit by less than the difference."""
 
 STRIDES = (1, 2)
 """Strides through the samples of a record: every sample, and every second one, which shows what the
@@ -74,7 +74,7 @@ class CrossingAges:
     outside
         (levels,): chance to be beyond a stop at the start.
     horizon, interval
-        How far the records look back, and their sampling interval, s.
+        Time for which the records look back, and their sampling interval, s.
     rice_rates
         (sides, levels): outcrossings per second of each stop (Rice); of a lower and an upper one
         together, in one row, where they are alike.

@@ -248,7 +248,7 @@ class Records:
 
     @property
     def horizon(self) -> float:
-        """How far records look back, s."""
+        """Time for which records look back, s."""
         return self.count * self.plan.step
 
     @property

@@ -78,7 +78,7 @@ class History(Result):
     duration, step, seed, path
         Length, s; time between two rows, s; which realisation it is.
     meanings
-        What the columns are here, and why others are left out.
+        Meaning of each column in this scene, and reasons why others are left out.
 
     See Also
     --------
@@ -303,7 +303,7 @@ MEANINGS = {
     "gap_m": "displacement of the first coordinate of the pair less that of the second; of a place "
     "of a rigid body, its displacement along the direction of the pair",
 }
-"""What columns mean where nothing else is stated."""
+"""Meanings of columns where nothing else is stated."""
 
 
 def _before(name: str, names: Sequence[str]) -> str:
@@ -414,7 +414,7 @@ def _contacts(when: Vector, step: float, force: Vector) -> tuple[Vector, Vector]
 
 
 def _contact_times(planned: HistoryPlan) -> list[float]:
-    """Of each pair the duration of a contact at its rms speed, s; infinite between rigid stops."""
+    """Duration of a contact of each pair at its rms speed, s; infinite between rigid stops."""
     return [
         min(
             (

@@ -517,7 +517,7 @@ class Group:
             here = np.flatnonzero(~self.left)
             ends = self.watch.regimes(self.motion[:, here])
             if self.watch.place.finder.deadline.passed():
-                # the last states may not have been flown on
+                # the last states may not have been followed to a regime
                 self.looks -= 1
                 return
             self._note(here, ends)

@@ -58,7 +58,7 @@ DEFAULTS = OverviewSettings()
 
 @dataclass(frozen=True, kw_only=True)
 class Overview:
-    """What a picture of an oscillator between its stops shows (SI units).
+    """The numbers that a picture of an oscillator between its stops shows (SI units).
 
     Parameters
     ----------

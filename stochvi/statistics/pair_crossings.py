@@ -348,7 +348,7 @@ class GapRecords:
 
     @property
     def horizon(self) -> float:
-        """How far records look back, s."""
+        """Time for which records look back, s."""
         return self.count * self.plan.step
 
     @property

@@ -440,8 +440,8 @@ def kinds_of(
 
 @dataclass(frozen=True)
 class Levels:
-    """What the pilot fixes: the levels, each with the size of the moves there, and whether the last
-    of them is the limit."""
+    """The settings that the pilot fixes: the levels, each with the size of the moves there, and
+    whether the last level is the limit."""
 
     levels: tuple[float, ...]
     sizes: tuple[float, ...]

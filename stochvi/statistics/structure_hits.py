@@ -57,7 +57,7 @@ LOGGED = 2**16
 
 
 class Limit(NamedTuple):
-    """What a hit must not exceed.
+    """The limit that a hit must not exceed.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def _apart(
     scene: Scene, overlap: float, sampling: Mapping[str, Any],
     wanted: Callable[[Bursts], Estimate] = Bursts.hit_rate,
 ) -> Bursts | None:  # fmt: skip
-    """Bursts; None where these meet, or no pause separates them."""
+    """The bursts; None where they meet, or where no pause separates them."""
     if overlap >= UNFINISHED:
         return None
     try:
@@ -247,7 +247,7 @@ def without_stops(model: Model, limit: Limit, mission: float) -> float:
 
 
 def widening_of(model: Model, limit: Limit) -> float:
-    """Factor by which first hits are drawn faster than usual, so that some exceed a limit."""
+    """Factor on the speeds of the first hits that are drawn, so that some hits exceed a limit."""
     motion = PairMotion(model)
     speeds = motion.velocity_std
     if limit.event == "impact_speed":
@@ -288,7 +288,7 @@ def _speed_to_reach(model: Model, pair: Pair, rows: Vector, acceleration: float)
 class _Windows:
     """Windows of the motion with stops, each a path of its own.
 
-    `plan` has paths of one window, and the same `half` as long.
+    `plan` has paths of one window, `half` the same paths over half of it.
     """
 
     plan: ModalTablesPlan
@@ -306,7 +306,8 @@ class _Windows:
         return self.plan.steps * self.plan.step
 
     def block(self, first: int, paths: int, deadline: Deadline) -> NDArray[np.bool_]:
-        """(2, names, windows): whether a limit is exceeded in the first half, and in a window."""
+        """(2, names, windows): whether a limit is exceeded in the first half of a window, and in
+        the whole window."""
         return np.concatenate(in_pieces(self._some, first, paths, deadline), axis=2)
 
     def _some(self, first: int, paths: int) -> NDArray[np.bool_]:
@@ -379,7 +380,8 @@ def windows(
 
 
 def _of_windows(seen: NDArray[np.bool_], window: float, mission: float) -> Estimate:
-    """The chance in a mission from exceedances (2, windows), in the first half and at all."""
+    """The chance in a mission from exceedances (2, windows): in the first half of each window, and
+    in the whole window."""
     count = seen.shape[1]
     early, whole = seen.astype(float)
     if not whole.any():
@@ -395,7 +397,7 @@ def _of_windows(seen: NDArray[np.bool_], window: float, mission: float) -> Estim
     value = float(risk(whole.mean(), late.mean()))
     left_out = risk((whole.sum() - whole) / (count - 1), (late.sum() - late) / (count - 1))
     error = jackknife_error(left_out)
-    if whole.all():  # of as many windows one less is as likely
+    if whole.all():  # the error then follows from the lower limit of the chance
         least = binomial_interval(count, count)[0]
         error = 0.5 * float(1.0 - risk(np.array(least), np.array(0.0)))
     return Estimate(

@@ -68,7 +68,7 @@ DAY, YEAR = 86400.0, 365.25 * 86400.0
 """Seconds of a day and of a year."""
 
 LONG_SECONDS = DAY
-"""CPU seconds from which a price is given with the quantity that makes it high."""
+"""CPU seconds from which on a price is stated with the quantity that makes it high."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,8 +114,8 @@ class StepError:
         return float((self.error_of_a_second / target) ** 2)
 
     def halved(self, times: int) -> StepError:
-        """The same quantity predicted at the step halved so many times: each halving doubles the
-        price, and lowers the bias by its order."""
+        """The same quantity, predicted for the step after some halvings: each halving doubles the
+        CPU time, and lowers the bias by its order."""
         limit = self.step_bias_limit
         if limit is not None and self.order is not None:
             limit *= 2.0 ** (-times * self.order)

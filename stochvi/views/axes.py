@@ -78,7 +78,8 @@ LEGEND_COLUMNS = 2
 
 
 def owner_colours(number: int) -> list[str]:
-    """Colours of so many coordinates or pairs: those of `OWNERS`, or shades where they are more."""
+    """Colours of `number` coordinates or pairs: those of `OWNERS`, or shades where there are more
+    of them."""
     if number <= len(OWNERS):
         return list(OWNERS[:number])
     from matplotlib import colormaps

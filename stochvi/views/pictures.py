@@ -326,7 +326,7 @@ PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
 
 
 def _list(ax: Axes | None, rows: int) -> Axes:
-    """Axes for a list with so many rows."""
+    """Axes for a list with this number of rows."""
     return axes_or_new(ax, (SCREEN[0], LEAST_HEIGHT + ROW_HEIGHT * max(rows, 1)))
 
 

@@ -125,7 +125,7 @@ class Clearance:
 
 @dataclass(frozen=True, kw_only=True)
 class ThreeSigma:
-    """What the rule "three times the linear rms" buys in the mission.
+    """Risk and hits in the mission at the clearance of the rule "three times the linear rms".
 
     Parameters
     ----------
@@ -171,7 +171,7 @@ class Sizing(Result):
         limit that the rate of first hits tends to), `probability`, `probability_low`,
         `probability_high` (of any hit in the mission, 95 % limits).
     three_sigma
-        What the rule "three times the linear rms" comes to.
+        Risk and hits at the clearance of the rule "three times the linear rms".
     required
         One row per accepted chance of any hit in the mission (10, 1, 0.1 %): `probability`,
         `clearance`, `clearance_low`, `clearance_high` (m), `clearance_in_sigma`.

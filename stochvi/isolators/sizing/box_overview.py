@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class BoxOverview:
-    """What the page of a box states besides its clearances.
+    """The numbers that the page of a box states besides its clearances.
 
     Parameters
     ----------
     modes
         Natural modes without stops.
     pairs
-        One row per pair: `pair`; `one_axis_three_sigma`, three times the rms of the gap (m) if the
-        centre of mass moved along each axis as an oscillator of its own, on all mounts together,
-        and nothing turned; `chance_at_one_axis` of a hit of this pair alone in the mission with
-        its stops at that distance from the mean gap, and `chance_as_given` with those of the
-        scene; both by Rice's rate of crossings of the gap as it really moves.
+        One row per pair: its name `pair`; `one_axis_three_sigma`, three times the rms of the gap
+        (m) if the centre of mass moved along each axis as an oscillator of its own, on all mounts
+        together, and nothing turned; `chance_at_one_axis` of a hit of this pair alone in the
+        mission with its stops at that distance from the mean gap, and `chance_as_given` with those
+        of the scene; both by Rice's rate of crossings of the gap as it really moves.
     """
 
     modes: Sequence[NaturalMode]

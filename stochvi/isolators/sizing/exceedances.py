@@ -60,8 +60,8 @@ come without a pause."""
 
 
 def event_of(scene: Scene) -> str:
-    """What the hardest hit is judged by: its peak acceleration, or, of rigid stops, which have no
-    stiffness, its speed."""
+    """The quantity by which the hardest hit is judged: its peak acceleration or, where a stop is
+    rigid and has no stiffness, its speed."""
     rigid = any(stop.rigid for stop in model_of(scene).stops)
     return "impact_speed" if rigid else "peak_acceleration"
 

@@ -51,7 +51,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchSettings:
-    """How a clearance is searched for. Where no source is named, the number was chosen by trial.
+    """Settings of the search for a clearance. Where no source is named, the number was chosen by
+    trial.
 
     Parameters
     ----------

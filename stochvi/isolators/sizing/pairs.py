@@ -73,7 +73,7 @@ where hits decide and that chance is only reported: the chance over the risk cha
 interpolated between them."""
 
 ROOM = 1.25
-"""How far the risks that are looked at reach beyond those that can be the answer, as a factor."""
+"""Factor by which the risks that are looked at reach beyond those that can be the answer."""
 
 SHARE_OF_CURVES, SHARE_OF_ALL = 0.4, 0.8
 """Share of the budget for the curves of the single pairs, and share of the time that is then left
@@ -240,7 +240,7 @@ class _PairsJob:
         )
 
     def _sampling(self, share: float, rel_error: float) -> dict[str, Any]:
-        """How hits are sampled, in a share of the time that is left."""
+        """Arguments with which hits are sampled, in a share of the time that is left."""
         return {
             "rel_error": rel_error, "seed": self.seed, "threads": self.threads,
             "budget": self.deadline.part(share),
@@ -536,7 +536,8 @@ class _Total:
 
     @classmethod
     def of(cls, risks: Vector, chances: Sequence[Estimate]) -> _Total:
-        """From the chances at these risks, of which those at 0 or 1 say nothing."""
+        """The curve from the chances at these risks; chances of 0 or 1 are left out, as their
+        logarithms are infinite."""
         values = np.array([each.value for each in chances])
         half = np.array([each.half_width_95(with_bias=True) for each in chances])
         usable = (values > 0.0) & (values < KNOWN)

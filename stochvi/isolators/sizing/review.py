@@ -60,7 +60,7 @@ class PeakSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ReviewSettings:
-    """What a review simulates.
+    """Settings of the simulations of a review.
 
     Parameters
     ----------
@@ -155,13 +155,13 @@ class Chance:
 
     @classmethod
     def of(cls, any_hit: float | None) -> Chance:
-        """From the chance of any hit."""
+        """Both chances, from the chance of any hit."""
         return cls(any_hit=any_hit, no_hit=None if any_hit is None else 1.0 - any_hit)
 
 
 @dataclass(frozen=True, kw_only=True)
 class LinearMotion:
-    """What linear theory adds to `Screening` for the mission.
+    """Numbers of linear theory for the mission, in addition to `Screening`.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ class Review:
     sizing
         The sizing under review.
     environment, mount
-        What shakes the mount, and the mount itself.
+        The excitation of the mount, and the mount itself.
     linear
         None where the sizing has no screening.
     closure
@@ -247,7 +247,7 @@ class Review:
     exceeding
         Chance of exceeding the limit of the target at each of `PLACES`; empty where it has none.
     balances
-        Of the simulations, judged.
+        Balances of the simulations, judged.
     peaks
         The table of `clatter`, at 3 sigma and as recommended, then for other stiffnesses; None
         where the stops have no stiffness. `peak_window` is its window, s.
@@ -500,7 +500,7 @@ NO_CLOSURE = (
     "the moment closure was not solved at every clearance of the curve of hit rates: no time was "
     "left; raise the budget"
 )
-"""What is missing where the deadline passed before the curve of the closure was drawn."""
+"""Warning where the deadline passed before the curve of the closure was solved."""
 
 
 def _closure(sizing: Sizing, points: int, deadline: Deadline) -> pd.DataFrame | None:

@@ -71,7 +71,8 @@ def widening(scene: Scene, target: Target, velocity_std: float, clearance: float
 def limit_of_pairs(scene: Scene, target: Target, at: str | None) -> Limit | None:
     """The limit that hits of several pairs must not exceed; None for a target that has none.
 
-    Raises `NotApplicable` for what is not sized where there are several coordinates or pairs.
+    Raises `NotApplicable` for targets that cannot be sized where there are several coordinates or
+    pairs.
     """
     model = model_of(scene)
     if not model.pairs:

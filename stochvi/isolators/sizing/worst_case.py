@@ -37,7 +37,8 @@ def worst_case(
     threads: int | None = None,
     budget: float | None = None,
 ) -> pd.DataFrame:
-    """The same target for a mount, a level and stops at the ends of their tolerances.
+    """Clearances for the target of a sizing with mount, level and stops at the ends of their
+    tolerances.
 
     Every row is a scene of its own that is sized for the target. The worst combination is that of
     the ends of natural frequency, damping and level that needs the largest clearance of an equal
@@ -120,7 +121,8 @@ def _combination(sizing: Sizing, changes: list[Change]) -> list[Change]:
 
 
 def clearance_of_rate(linear: Screening, rate: float) -> float:
-    """Clearance at which two stops are hit at this rate by Rice; 0 where they never are so often.
+    """Clearance at which two stops are hit at this rate (1/s) by Rice; 0 where even stops at the
+    mean are hit less often.
 
     >>> linear = Screening(
     ...     displacement_std=2.0, velocity_std=3.0, acceleration_std=1.0, zero_crossing_rate=1.0,

@@ -55,7 +55,7 @@ class Split(NamedTuple):
 
 
 class PairLaw(NamedTuple):
-    """One impact pair: what its stops see, per unit of its reduced mass; `side` -> number."""
+    """Impacts and contacts of one pair, per unit of its reduced mass, by the side of the stop."""
 
     stops: Mapping[str, StopStatistics]
     contacts: Mapping[str, ContactStatistics | None]

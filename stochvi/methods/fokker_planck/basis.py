@@ -22,7 +22,7 @@ Indices = NDArray[np.intp]
 Law = Callable[[Array], Array]
 
 EXTRA_NODES = 12
-"""How many Gauss-Legendre nodes an element has beyond its degree, because the weight is no
+"""Number of Gauss-Legendre nodes that an element has beyond its degree, because the weight is no
 polynomial."""
 
 

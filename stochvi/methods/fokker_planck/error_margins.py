@@ -13,8 +13,8 @@ class ErrorMargins(NamedTuple):
     safety
         Factor on the difference of the two meshes.
     shared
-        Part of the largest relative difference of a group of quantities that every member of the
-        group is granted, lest two meshes agree on one of them by chance.
+        Share of the largest relative difference in a group of quantities that every member of the
+        group is granted, because two meshes may agree on one of them by chance.
     floor
         Relative error that every number is granted, for the ends of the box and for rounding.
     """

@@ -90,12 +90,12 @@ ELEMENTS = ElementSettings()
 
 
 class Layout(NamedTuple):
-    """A box with its walls, and what its mesh has to resolve, in units of its speed.
+    """A box with its walls, and the scales that its mesh has to resolve, in units of its speed.
 
-    `reach` is the largest velocity, `core` that up to which the mesh stays fine; `length` counts
-    what there is to resolve along the box; `finest` is the smallest scale of velocity. `halved`
-    boxes hold the right half of a symmetric one, whose paths come back from the centre as their
-    mirror images.
+    `reach` is the largest velocity, `core` the velocity up to which the mesh stays fine; `length`
+    is the number of scales to be resolved along the box; `finest` is the smallest scale of
+    velocity. `halved` boxes hold the right half of a symmetric one, whose paths come back from the
+    centre as their mirror images.
     """
 
     box: LinearBox[float]
@@ -113,7 +113,8 @@ class Layout(NamedTuple):
 
 
 class Level(NamedTuple):
-    """Element size in units of what there is to resolve, degrees, layers towards a wall."""
+    """Element size in units of the scales to be resolved, polynomial degrees, and number of layers
+    towards a wall."""
 
     size: float
     x_degree: int

@@ -249,5 +249,5 @@ Found on preloads up to 2 standard deviations, where it lowers the error of the 
 quarter."""
 
 SYMMETRIC = 1e-12
-"""Work of spring and load over the gap's excess, in units of s^2, below which two stops count as
-symmetric: rounding."""
+"""Largest force of spring and load midway between two stops times their distance, in units of s^2,
+with which the stops count as symmetric, because rounding may leave so much."""

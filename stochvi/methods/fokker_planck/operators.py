@@ -75,7 +75,7 @@ class Operator:
     Attributes
     ----------
     matrix, mass
-        As above, scaled, (n, n), per unit time of the box.
+        The matrices of the equations above, scaled, (n, n), per unit time of the box.
     unity
         Scaled coefficients of the function 1, (n,).
     outflow

@@ -296,8 +296,9 @@ BARRIER_TOO_HIGH = (
 
 
 def _barrier(motion: Motion, left: float, right: float, weight: float) -> tuple[float, float]:
-    """Of the highest barrier between wells of a spring that is a function: how high it is above
-    the shallower well and above all places, in units of the weight's energy; 0 if there is none."""
+    """Height of the highest barrier between wells of a spring that is a function, above the
+    shallower well and above the lowest place, in units of the weight's energy; 0 if there is
+    none."""
     if motion.model.restoring is None:
         return 0.0, 0.0
     energy = motion.energy(np.linspace(left, right, BARRIER_PLACES)) / weight

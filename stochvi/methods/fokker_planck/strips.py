@@ -130,8 +130,8 @@ def _handed(source: _Piece, target: _Piece, side: int) -> Array:
 def _reduced(piece: _Piece, wall: Array, side: int) -> tuple[Array, Array]:
     """A strip with a wall behind it, open towards `side`.
 
-    What comes in from the wall, and what goes out through the open end, both as matrices on what
-    comes in through the open end.
+    Returns two matrices that act on what comes in through the open end: one gives what comes in
+    from the wall, the other what goes out through the open end.
     """
     out, through, back, into = piece.through(side)
     inward = np.linalg.solve(np.eye(len(wall)) - wall @ out, wall @ through)

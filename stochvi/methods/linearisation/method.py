@@ -239,7 +239,7 @@ _ASSUMPTIONS = {
 def _is_structure(model: Model) -> bool:
     """Whether the closure for several coordinates, pairs or signals is the one to use.
 
-    Of filtered noise on one oscillator that is so as long as no stop gives way.
+    One oscillator under filtered noise counts among these as long as no stop gives way.
     """
     if functions(model) or not beyond_one_oscillator(model):
         return False

@@ -97,7 +97,7 @@ def motion_factor(restitution: float, book: bool) -> float:
 def _candidate(gap: Gap, unknowns: Unknowns, book: bool) -> Candidate:
     """Unknowns asinh(m / s_x), log s_x and log s_v: m may lie thousands of s_x beyond a stop.
 
-    Of a rigid stop k is d m_F / d m at fixed s_x: the derivative of the cut density p at a stop c
+    At a rigid stop k is d m_F / d m at fixed s_x: the derivative of the cut density p at a stop c
     is p (c - mean of the cut law) / s_x^2.
     """
     bend, log_deviation, log_speed = unknowns.tolist()

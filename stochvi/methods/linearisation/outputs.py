@@ -1,4 +1,4 @@
-"""From a candidate to the numbers of an answer: rates, contacts, peak forces."""
+"""The numbers of an answer from a candidate: rates, contacts, peak forces."""
 
 from __future__ import annotations
 

@@ -208,7 +208,7 @@ def averages_in_time(
 
 
 def paths_at_both_steps(plan: Plan, first_path: int, paths: int) -> Iterator[Block]:
-    """Those of some paths that are simulated at twice the step as well.
+    """Blocks of those among some paths that are simulated at twice the step as well.
 
     They are groups of successive paths, the first ones of each block if blocks are large, and
     chosen by the numbers of the paths alone: the share of those that a run has made depends neither

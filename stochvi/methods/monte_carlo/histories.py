@@ -25,7 +25,7 @@ MOST_PATHS = 256
 
 @dataclass(frozen=True, kw_only=True)
 class HistoryPlan:
-    """How records of a scene are made.
+    """The plan by which records of a scene are made.
 
     `fastest` is the largest frequency of a mode, a signal or the flight between two stops, rad/s;
     `speed` the largest rms speed of a gap, m/s.

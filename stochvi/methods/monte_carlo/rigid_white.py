@@ -71,8 +71,8 @@ GAP_PER_STEP = 0.35
 impacts in one step are rare."""
 
 ELASTIC_GAP_PER_STEP = 0.5
-"""The same share between elastic stops, where it costs time only: at 1 sigma 0.7 % of the steps
-then have two impacts."""
+"""The same share between elastic stops, where two impacts in a step cost time only: at 1 sigma 0.7
+% of the steps then have two impacts."""
 
 BOUNCE_PER_STEP = 4.0
 """Largest step of a mass that is pressed against a stop, in units of the rms speed over the

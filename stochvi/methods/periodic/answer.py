@@ -24,8 +24,8 @@ class Branch:
     Parameters
     ----------
     form
-        How they were found: "exact", or by harmonic linearisation by "motion" or by "force", which
-        knows neither phases nor multipliers (NaN).
+        Method by which the regimes were found: "exact", or harmonic linearisation by "motion" or by
+        "force", which gives neither phases nor multipliers (NaN).
     stops
         "pair side" of each impact of a regime, in their order; none of motion without impacts.
     periods

@@ -374,7 +374,7 @@ class Attractors:
         return len(self.found) - 1
 
     def _attracts(self, motion: Attractor) -> bool:
-        """Whether flights from beside a motion that repeats itself come back to it.
+        """Whether flights that start close to a motion that repeats itself come back to it.
 
         A motion that rests on a stop forgets all that was disturbed, and repeats itself digit by
         digit also where, between two rests, disturbances grow so much that its digits are rounding.

@@ -223,10 +223,10 @@ def basins(
 ) -> Basins:
     """Which of the motions that coexist under a sine a structure ends in, from a plane of starts.
 
-    Every start is flown from impact to impact, by the exact linear motion between them, until it
-    reaches the surroundings of a stable regime of `harmonic_response`. Those that reach none reveal
-    further motions: one of them is flown on, over thousands of periods, and the others are compared
-    with it.
+    The motion of every start is followed from impact to impact, with the exact linear motion
+    between them, until it reaches the surroundings of a stable regime of `harmonic_response`.
+    Starts that reach none reveal further motions: one of them is followed over thousands of
+    periods, and the others are compared with it.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ def basins(
     NotApplicable
         If the scene is not of that kind.
     NotConverged
-        If the budget ends first; the starts that were not flown are undecided.
+        If the budget ends first; the starts that were not followed are undecided.
 
     See Also
     --------

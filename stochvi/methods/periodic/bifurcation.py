@@ -302,8 +302,8 @@ def _swept(
 def _watched(
     finder: Finder, sigma: float, state: Vector, skipped: int, periods: int, most: int
 ) -> Flight | None:
-    """Fly on from a state, in its place, and watch the last periods; at most so many impacts are
-    kept. None where impacts come too fast to be followed."""
+    """Simulate on from a state, which is replaced by the last one, and watch the last periods; at
+    most `most` impacts are kept. None where impacts come too fast to be followed."""
     if not isinstance(finder, ContactFinder):
         course = flights.course_of(finder.motion(sigma), 0.0, 2.0 * math.pi)
         return watch(course, state, skipped, periods, most)

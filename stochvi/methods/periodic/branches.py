@@ -283,7 +283,8 @@ class Finder:
 
     @property
     def looked_for(self) -> tuple[str, str]:
-        """How regimes are looked for, and a warning where few orders of impacts are tried."""
+        """A sentence on how regimes are looked for, and a warning where few orders of impacts are
+        tried."""
         most = f"{self.tried} impact{'s' if self.tried > 1 else ''}"
         how = (
             "regimes are looked for by simulations and from many phases of all orders of up to "

@@ -1,4 +1,4 @@
-"""What the statistics of impacts answer with."""
+"""The answer of the statistics of impacts."""
 
 from __future__ import annotations
 
@@ -85,8 +85,8 @@ class ImpactStatistics(Result):
     """Statistics of the impacts of every impact pair of a scene.
 
     `step` (s) is that of the motion, within which impacts are found, `duration` (s) that of a path,
-    and `window` (s) the time in which impacts are counted for the dispersion. `each` says that
-    impacts are seen one by one however close, which they always are.
+    and `window` (s) the time in which impacts are counted for the dispersion. `each` is always
+    True: impacts are seen one by one, however close they are.
 
     See Also
     --------

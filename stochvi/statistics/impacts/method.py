@@ -101,7 +101,7 @@ FOR_FIRST_HITS = 0.3
 """Share of the time that is kept for the rate of first hits, where that is asked for."""
 
 NO_FIRST_HITS = "no time was left for the rate of first hits; raise budget"
-"""What is missing where the deadline passed before the first hits."""
+"""Note where the deadline passed before the rate of first hits was found."""
 
 MOST_UNSEEN = 2**17
 """Number of paths without any impact after which the search for one ends, even if there is time

@@ -34,7 +34,8 @@ KERNEL_BINS = {"welch": 2, "multitaper": 8}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layout:
-    """How records are cut: tapers (tapers, samples of a segment), starts of segments, kept bins."""
+    """The cut of records into segments: tapers (tapers, samples of a segment), starts of segments,
+    kept bins."""
 
     tapers: Matrix
     starts: tuple[int, ...]
