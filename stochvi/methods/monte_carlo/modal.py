@@ -88,6 +88,10 @@ SERIES_ERROR = 1e-13
 MOST_TERMS = 20
 """Largest number of terms of the Taylor series of the response to an impact."""
 
+MOST_CROSSED = 3
+"""Largest number of modes between all of which noise of one is multiplied with motion of another,
+as (modes squared) crossings are added up at every step; of more, each mode with itself."""
+
 SUMS_OF_PAIR = tuple(f"{what}_{side}" for side in ("lower", "upper") for what in ("n", "f1", "f2"))
 """Names of the sums over the impacts of a pair: their number n, the sum f1 of the impact speeds and
 the sum f2 of their squares, at either stop. There are ROWS_OF_PAIR of them."""
@@ -165,7 +169,27 @@ class ModalPlan(SteppedPlan):
         origins = dict(zip(self.model.outputs, places.tolist(), strict=True))
         for pair in self._relative:
             origins[gap_of(pair)] = float(pair.direction @ self._origin)
-        return Layout(rows=tuple(rows), origins=origins, thresholds=thresholds)
+        controls = self._controls
+        return Layout(
+            rows=(*rows, *controls), origins=origins, thresholds=thresholds, controls=controls
+        )
+
+    @property
+    def _controls(self) -> dict[Key, float]:
+        """Keys of what `_control_rows` gives, and expected values: noise is independent of the
+        motion before it."""
+        crossed = self._crossed.tolist() if self.modes.kicked else []
+        squares = [("", f"noise vv {k} {j}") for k, j in crossed if k <= j]
+        return dict.fromkeys([*squares, *(("", f"noise xv {k} {j}") for k, j in crossed)], 0.0)
+
+    @property
+    def _crossed(self) -> NDArray[np.int64]:
+        """Pairs of modes (crossings, 2) of which the noise of the second is multiplied with the
+        motion of the first; of each mode with itself first."""
+        n = self.modes.size
+        own = [(k, k) for k in range(n)]
+        others = [(k, j) for k in range(n) for j in range(n) if k != j and n <= MOST_CROSSED]
+        return np.array(own + others)
 
     @property
     def _relative(self) -> list[Pair]:
@@ -257,7 +281,7 @@ class ModalPlan(SteppedPlan):
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(seed), first_path, streams)
         state = self.start(streams)
-        sums = np.zeros((self._rows_of_sums, paths))
+        sums = np.zeros((self._rows_with_controls, paths))
         stride = self._stride
         self._advance(
             state, streams, sums,
@@ -275,16 +299,52 @@ class ModalPlan(SteppedPlan):
 
     @property
     def _rows_of_sums(self) -> int:
-        """Number of rows of the sums of a kernel."""
+        """Number of rows of the sums of a kernel, without those from which controls are made."""
         n = self.modes.size
         more = 0 if self._pulls is None else n + n * (n + 1) // 2
         return int(self._rows_of_pairs.stop) + more
 
+    @property
+    def _rows_of_noise(self) -> slice:
+        """Rows of the sums of a kernel with products of noise, three of each crossing of modes;
+        they stand after all others that a plan without tables has."""
+        crossings = len(self._crossed) if self.modes.kicked else 0
+        return slice(self._rows_of_sums, self._rows_of_sums + 3 * crossings)
+
+    @property
+    def _rows_with_controls(self) -> int:
+        """Number of rows of the sums of a kernel, with those from which controls are made."""
+        return int(self._rows_of_noise.stop)
+
     def _averaged(self, sums: Matrix, samples: int) -> Matrix:
-        """Averages over the samples of moments, and per second of what pairs add up."""
+        """Averages over the samples of moments, per second of what pairs add up, and over the steps
+        of products of noise."""
         found = sums / samples
         found[self._rows_of_pairs] = sums[self._rows_of_pairs] / (self.steps * self.step)
+        found[self._rows_of_noise] = sums[self._rows_of_noise] / self.steps
         return found
+
+    def _control_rows(self, averages: Matrix) -> Matrix:
+        """The rows of `_controls` (rows, paths), from the averages of a kernel.
+
+        They are what noise adds to second moments beyond its mean. With the kick p <- E p + f,
+        f = L z, these are E p f' + f (E p)' + f f' - L L' for the velocities p, whose sum over the
+        steps is a martingale, and q f' for the displacements q.
+        """
+        paths = averages.shape[1]
+        if not self.modes.kicked:
+            return np.empty((0, paths))
+        n, crossed = self.modes.size, self._crossed
+        first, second = crossed.T
+        decay, brought = self._kick(self.step)
+        products = np.zeros((3, n, n, paths))
+        rows = averages[self._rows_of_noise].reshape(len(crossed), 3, paths)
+        products[:, first, second] = rows.swapaxes(0, 1)
+        places, speeds, squares = products
+        speeds = np.einsum("ij,jkp->ikp", decay, speeds)
+        speeds += speeds.swapaxes(0, 1) + squares - _product(brought, brought.T)[:, :, None]
+        upper = first <= second
+        return np.concatenate([speeds[first[upper], second[upper]], places[first, second]])
 
     @cached_property
     def _pulls(self) -> Matrix | None:
@@ -412,19 +472,13 @@ class ModalPlan(SteppedPlan):
     def _physical(self, sums: Matrix) -> Matrix:
         """Moments of coordinates and energies from those of modes, with velocities in the middle of
         the kick."""
-        n = self.modes.size
-        upper = np.triu_indices(n)
-        half = len(upper[0])
-        paths = sums.shape[1]
-        displacements, velocities = np.empty((n, n, paths)), np.empty((n, n, paths))
-        for target, first in ((displacements, n), (velocities, n + half)):
-            target[upper] = sums[first : first + half]
-            target[upper[::-1]] = sums[first : first + half]
+        n, paths = self.modes.size, sums.shape[1]
+        displacements, velocities = _second_moments(sums, n)
         decay, brought = self._half_kick
         velocities = np.einsum("ij,jkp,lk->ilp", decay, velocities, decay)
         velocities += _product(brought, brought.T)[:, :, None]
         shapes = self.model.output_rows @ self.modes.shapes
-        rows = np.empty((len(self.layout.rows), paths))
+        rows = np.empty((len(self.layout.rows) - len(self.layout.controls), paths))
         energies = slice(3 * len(shapes), 3 * len(shapes) + 3)
         gaps = slice(energies.stop, energies.stop + 3 * len(self._relative))
         rows[: energies.start] = _mean_squares(shapes, sums[:n], displacements, velocities)
@@ -438,14 +492,13 @@ class ModalPlan(SteppedPlan):
         hits = sums[self._rows_of_pairs]
         rows[gaps.stop : gaps.stop + len(hits)] = hits
         if self._pulls is not None:
-            pulled = sums[self._rows_of_pairs.stop :]
-            squares = np.empty((n, n, paths))
-            squares[upper] = squares[upper[::-1]] = pulled[n:]
+            pulled = sums[self._rows_of_pairs.stop : self._rows_of_sums]
+            squares = _symmetric(pulled[n:], n)
             noise = self.modes.damping @ brought
             squares += _product(noise, noise.T)[:, :, None]
             means, squares = _product(shapes, pulled[:n]), _squares(shapes, squares)
             rows[gaps.stop + len(hits) :: 2], rows[gaps.stop + len(hits) + 1 :: 2] = means, squares
-        return rows
+        return np.concatenate([rows, self._control_rows(sums)])
 
     @cached_property
     def _half_kick(self) -> tuple[Matrix, Matrix]:
@@ -497,6 +550,7 @@ class ModalPlan(SteppedPlan):
             speeds=_table(speed),
             bends=_table(curvature),
             impact=_table(impact),
+            kicks=_table(speed_drawn if modes.kicked else speed_drawn[:0]),
         )
         return ModalSteps(
             step=h,
@@ -506,6 +560,7 @@ class ModalPlan(SteppedPlan):
             margins=margins,
             resets=resets,
             origins=self.law.mean,
+            crossed=self._crossed,
         )
 
     def _merged_noise(self, grown: Matrix, flow: Matrix) -> tuple[Matrix, Matrix]:
@@ -550,9 +605,9 @@ class ModalPlan(SteppedPlan):
         (pairs, 2, 3), lower stop first; the position is infinite where there is no stop."""
         stops = np.full((len(self.model.pairs), 2, 3), np.inf)
         stops[:, 0, 0] = -np.inf
-        for j, pair in enumerate(self.model.pairs):
+        for j, (pair, scale) in enumerate(zip(self.model.pairs, self.pairs, strict=True)):
             rest = float(self.modes.gaps[j] @ self.modes.rest)
-            threshold = self.layout.thresholds[pair.name]
+            threshold = self._threshold(pair, scale)
             for stop in pair.stops:
                 row = int(stop.side == UPPER)
                 stops[j, row] = stop.position - rest, stop.law.restitution, threshold
@@ -717,6 +772,20 @@ def _mean_squares(
     rows[1::3] = _squares(shapes, displacements)
     rows[2::3] = _squares(shapes, velocities)
     return rows
+
+
+def _second_moments(sums: Matrix, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Means of q q' and of p p' (n, n, paths) from what `add_moments` of the kernel adds up."""
+    half = n * (n + 1) // 2
+    return _symmetric(sums[n : n + half], n), _symmetric(sums[n + half : n + 2 * half], n)
+
+
+def _symmetric(rows: Matrix, n: int) -> NDArray[np.float64]:
+    """Symmetric matrices (n, n, paths) from the rows of their upper triangles."""
+    upper = np.triu_indices(n)
+    found = np.empty((n, n, rows.shape[1]))
+    found[upper] = found[upper[::-1]] = rows
+    return found
 
 
 def _squares(shapes: Matrix, products: NDArray[np.float64]) -> Matrix:

@@ -33,8 +33,17 @@ from stochvi.methods.monte_carlo.kernels.modes import (
     fill_modal_spectrum,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.modal import Matrix, ModalPlan, Vector, _table, basis
+from stochvi.methods.monte_carlo.modal import (
+    Matrix,
+    ModalPlan,
+    Vector,
+    _second_moments,
+    _squares,
+    _table,
+    basis,
+)
 from stochvi.methods.monte_carlo.modal_contacts import ModalContactsPlan, check_stiffness
+from stochvi.methods.monte_carlo.quantities import Key, gap_of
 from stochvi.methods.monte_carlo.tabulated import (
     BIN_ERROR,
     BLOCK_RELAXATIONS,
@@ -48,9 +57,10 @@ from stochvi.methods.monte_carlo.tabulated import (
     SAMPLES_PER_PERIOD,
     WARM_UP_RELAXATIONS,
     _even_fast_length,
+    expected_of_free_motion,
 )
 from stochvi.model.modal import UNSTABLE, ModalForm
-from stochvi.model.model import Model
+from stochvi.model.model import UPPER, Model, Pair
 from stochvi.results.errors import NotApplicable
 
 LINE_SECONDS, PAIR_SECONDS = 1.5e-4, 1.5e-5
@@ -70,6 +80,10 @@ MOST_BLOCK_SAMPLES = 2**22
 32 paths costs hardly more than one of 8, which weighs more than that the samples of 8 stay in the
 caches: on an AMD EPYC, six modes with eight pairs take 0.6 s of one core for an hour of motion with
 32 paths, and 1.4 s with 8."""
+
+CANCELLED = 1e-18
+"""Variance of a sum of modal motions, relative to the square of the sum of their standard
+deviations, up to which it is rounding."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +188,7 @@ class ModalTablesPlan(ModalContactsPlan):
         streams = _streams(seed, first_path, paths, MOST_BLOCKS - 1)
         state = self.start(streams)
         n = self.modes.size
-        sums = np.zeros((self._rows_of_sums, paths))
+        sums = np.zeros((self._rows_with_controls, paths))
         counted, stride = self._counted_of_block, self._stride
         largest = self._largest(accelerations)
         for number in range(self.blocks):
@@ -193,6 +207,83 @@ class ModalTablesPlan(ModalContactsPlan):
                 self._smooth(free), largest,
             )  # fmt: skip
         return self._physical(self._averaged(sums, math.ceil(counted / stride) * self.blocks))
+
+    @property
+    def _rows_of_passages(self) -> slice:
+        """Rows of the sums of a kernel with the passages of the gaps without stops, after the
+        moments of that motion: three of the lower stop of each pair, three of the upper one."""
+        n = self.modes.size
+        first = self._rows_of_noise.stop + n + n * (n + 1)
+        return slice(first, first + 6 * len(self.model.pairs))
+
+    @property
+    def _rows_with_controls(self) -> int:
+        """Number of rows of the sums of a kernel, with those from which controls are made."""
+        return int(self._rows_of_passages.stop)
+
+    def _averaged(self, sums: Matrix, samples: int) -> Matrix:
+        """Averages over the samples of moments, and per second of what pairs add up."""
+        found, passages = super()._averaged(sums, samples), self._rows_of_passages
+        found[passages] = sums[passages] / (self.steps * self.step)
+        return found
+
+    @property
+    def _controls(self) -> dict[Key, float]:
+        """Keys of what `_control_rows` gives, and expected values: of noise, then of the motion
+        without stops."""
+        return super()._controls | self._expected
+
+    @cached_property
+    def _expected(self) -> dict[Key, float]:
+        """Averages over the motion without stops by key, and their expected values."""
+        relative = 2.0 * math.pi / self.block_length
+        known: dict[Key, float] = {}
+        for owner, row, pair in self._followed:
+            variances = np.sum(np.abs(self._waves_of(row)) ** 2, axis=1)
+            stops, rest = () if pair is None else pair.stops, float(row @ self.modes.rest)
+            beyond = {stop.name: stop.side * (stop.position - rest) for stop in stops}
+            found = expected_of_free_motion(variances, relative, self.step, beyond)
+            kept = list(found)[0 if _has_moments(pair) else 2 :]
+            known |= {(owner, name): found[name] for name in kept}
+        return known
+
+    @cached_property
+    def _followed(self) -> list[tuple[str, Vector, Pair | None]]:
+        """Owners and rows (n,) of the displacements row . q whose motion without stops is averaged,
+        with the pair if it is a gap; none without stops, where nothing is left to simulate."""
+        modes, pairs = self.modes, self.model.pairs
+        if not self.model.stops:
+            return []
+        found: list[tuple[str, Vector, Pair | None]] = [
+            (gap_of(pair), row, pair) for pair, row in zip(pairs, modes.gaps, strict=True)
+        ]
+        shapes = self.model.output_rows @ modes.shapes
+        found += [(name, row, None) for name, row in zip(self.model.outputs, shapes, strict=True)]
+        deviations = np.sqrt(np.sum(np.abs(self.amplitudes) ** 2, axis=(0, 2)))
+
+        def moves(row: Vector) -> bool:
+            variance = float(np.sum(np.abs(self._waves_of(row)) ** 2))
+            return variance > CANCELLED * float(np.abs(row) @ deviations) ** 2
+
+        return [each for each in found if moves(each[1])]
+
+    def _waves_of(self, row: Vector) -> NDArray[np.complex128]:
+        """Amplitudes (bins, tables) of the displacement row . q without stops, m."""
+        return np.asarray(np.einsum("m,bmt->bt", row, self.amplitudes))
+
+    def _control_rows(self, averages: Matrix) -> Matrix:
+        """The rows of `_controls` (rows, paths), from the averages of a kernel."""
+        free = averages[self._rows_of_noise.stop :]
+        displacements, velocities = _second_moments(free, self.modes.size)
+        passages = averages[self._rows_of_passages].reshape(-1, 2, 3, averages.shape[1])
+        of_pair = dict(zip(self.model.pairs, passages, strict=True))
+        rows = [super()._control_rows(averages)]
+        for _, row, pair in self._followed:
+            if _has_moments(pair):
+                rows += [_squares(row[None], each) for each in (displacements, velocities)]
+            if pair is not None:
+                rows += [of_pair[pair][int(stop.side == UPPER)] for stop in pair.stops]
+        return np.concatenate(rows)
 
     def fly_on(
         self, state: Matrix, streams: NDArray[np.uint64], free: NDArray[np.float64], first: int,
@@ -345,6 +436,12 @@ class ModalTablesPlan(ModalContactsPlan):
         free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
         response: NDArray[np.float64] = free.view(np.float64)
         return response
+
+
+def _has_moments(pair: Pair | None) -> bool:
+    """Whether the moments of a displacement are followed: those of the gap of one coordinate are
+    those of the coordinate."""
+    return pair is None or pair.relative
 
 
 def _streams(seed: int, first_path: int, paths: int, number: int) -> NDArray[np.uint64]:

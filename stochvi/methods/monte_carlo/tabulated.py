@@ -20,6 +20,7 @@ interval (`kernels.compliant_response`).
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -238,17 +239,11 @@ class TabulatedPlan:
         variances = self.amplitudes**2
         if self.waves or not self.model.stops or not np.any(variances):
             return {}
-        bins = np.arange(1, len(variances) + 1)
-        relative = 2.0 * np.pi / self.block_length / self.model.omega * bins
-        variance = float(np.sum(variances))
-        found = {"free xx": variance, "free vv": float(np.sum(relative**2 * variances))}
-        change = 2.0 * float(np.sum(variances * np.sin(np.pi * bins / self.samples) ** 2))
-        for stop in self.model.stops:
-            beyond = stop.side * (stop.position - self.model.rest)
-            moments = moments_of_rises(beyond, variance, change / variance)
-            for name, moment in zip(("n", "rises", "squares"), moments, strict=True):
-                found[f"free {name}_{stop.name}"] = moment / self.step
-        return found
+        relative = 2.0 * np.pi / self.block_length / self.model.omega
+        beyond = {
+            stop.name: stop.side * (stop.position - self.model.rest) for stop in self.model.stops
+        }
+        return expected_of_free_motion(variances, relative, self.step, beyond)
 
     def coarser(self) -> TabulatedPlan:
         """The same paths at half the sampling rate; bins that both plans have keep their
@@ -528,6 +523,36 @@ class TabulatedPlan:
         sample[self.samples - self.warm_up_samples - 1 :] -= self.samples
         time = self.step * (sample + number * self._counted_samples)
         return np.asarray(np.exp(1j * (omega * time[:, None] + np.arctan2(first, second))))
+
+
+def expected_of_free_motion(
+    variances: NDArray[np.float64], relative: float, step: float, beyond: Mapping[str, float]
+) -> dict[str, float]:
+    """Expected averages of `add_free_motion`, by name.
+
+    Parameters
+    ----------
+    variances
+        Variance of each synthesised bin up to half the sampling rate, m^2.
+    relative
+        Frequency of the first bin over the one by which velocities are divided.
+    step
+        Sampling interval, s.
+    beyond
+        Distance of each stop from the mean position by its name, m; negative where the mean
+        position lies beyond the stop.
+    """
+    bins = np.arange(1, len(variances) + 1)
+    variance = float(np.sum(variances))
+    speeds = float(np.sum((relative * bins) ** 2 * variances))
+    found = {"free xx": variance, "free vv": speeds}
+    turned = np.sin(0.5 * np.pi * bins / (len(bins) + 1)) ** 2
+    change = 2.0 * float(np.sum(variances * turned))
+    for stop, distance in beyond.items():
+        moments = moments_of_rises(distance, variance, change / variance)
+        for name, moment in zip(("n", "rises", "squares"), moments, strict=True):
+            found[f"free {name}_{stop}"] = moment / step
+    return found
 
 
 def plan_tabulated(model: Model, threshold: float | None, duration: float | None) -> TabulatedPlan:

@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from stochvi import (
+    Elastic,
     ImpactPair,
     Isolator,
+    Matrices,
     Restitution,
     Scene,
     TabulatedNoise,
@@ -210,3 +212,121 @@ def test_a_run_that_is_refined_expects_what_its_sampling_gives(tmp_path: Path) -
         assert_agrees(Estimate(value=one.value, standard_error=error, bias=bias), two.value)
     again = simulate(coloured, resume=kept)
     assert again.to_dict()["impact_pairs"] == refined.to_dict()["impact_pairs"]
+
+
+# ---- several masses ------------------------------------------------------------------------------
+
+TABLE = TabulatedNoise(
+    frequency_hz=[0.02, 0.1, 0.4, 1.0],
+    density=[0.1, 1.0, 1.0, 0.1],
+    unit="(m/s2)2/Hz",
+    on="base",
+)
+WHITE_BASE = WhiteNoise(on="base", intensity=0.5)
+SHAKEN = {
+    "white noise": [WHITE_BASE],
+    "a table": [TABLE],
+    "a table and white noise": [TABLE, WHITE_BASE],
+}
+
+WIDE = 1.6
+"""Distance of the stops, m."""
+
+GROUP = 160
+"""Paths of a run: 8 for each of the controls, of which there are 7 to 19."""
+
+STUDENT = 1.976
+"""Student's quantile for 95 % and some 150 degrees of freedom."""
+
+
+def masses(shaken: str, *, soft: bool = False) -> Scene:
+    """A small mass between stops some 2 standard deviations away on a large one."""
+    law = Elastic(stiffness=20.0) if soft else Restitution(coefficient=0.5)
+    return Scene(
+        structure=Matrices(
+            coordinates=["large", "small"],
+            mass=[[1.0, 0.0], [0.0, 0.2]],
+            damping=[[0.5, -0.1], [-0.1, 0.1]],
+            stiffness=[[1.3, -0.3], [-0.3, 0.3]],
+        ),
+        impact_pairs=[
+            ImpactPair(name="stops", between=["small", "large"], clearance=WIDE, law=law)
+        ],
+        excitations=SHAKEN[shaken],
+    )
+
+
+@cache
+def paths_of_masses(shaken: str, groups: int, soft: bool = False) -> tuple[Plan, np.ndarray]:
+    plan = make_plan(model_of(masses(shaken, soft=soft)))
+    parts = [plan.averages(8, GROUP * group, GROUP) for group in range(groups)]
+    return plan, np.concatenate(parts, axis=1)
+
+
+def known_of_masses(means: Means) -> list[float]:
+    """Deviations of both masses, then the rate, F1 and F2 of the pair."""
+    known = [
+        of_coordinate(name)[what](means)
+        for name in ("large", "small")
+        for what in ("displacement_std", "velocity_std")
+    ]
+    names = "collision_rate", "impact_speed_rate", "impact_speed_square_rate"
+    return [*known, *(of_pair("stops")[what](means) for what in names)]
+
+
+@pytest.mark.parametrize(
+    ("shaken", "soft", "controls"),
+    [("white noise", False, 7), ("a table", False, 12), ("a table and white noise", True, 19)],
+)
+def test_controls_of_masses_have_the_values_that_are_expected_of_them(
+    shaken: str, soft: bool, controls: int
+) -> None:
+    plan, averages = paths_of_masses(shaken, 2, soft)
+    assert len(plan.layout.controls) == controls
+    for one, found in ((plan, averages), (plan.coarser(), plan.coarser().averages(9, 0, GROUP))):
+        for key, expected in one.layout.controls.items():
+            sample = found[one.layout.rows.index(key)]
+            error = sample.std(ddof=1) / np.sqrt(len(sample))
+            assert_agrees(Estimate(value=sample.mean(), standard_error=error), expected)
+
+
+@pytest.mark.parametrize("groups", [24, pytest.param(240, marks=pytest.mark.verify)])
+@pytest.mark.parametrize("shaken", ["white noise", "a table"])
+def test_intervals_of_masses_hold_the_truth_as_often_as_they_state(
+    shaken: str, groups: int
+) -> None:
+    plan, averages = paths_of_masses(shaken, groups)
+    each = [PathStatistics.of(part, plan.layout) for part in np.split(averages, groups, axis=1)]
+    answers = np.array([one.evaluate_all(known_of_masses) for one in each])
+    plain_answers = np.array([one.uncontrolled.evaluate_all(known_of_masses) for one in each])
+    (values, errors), (plain, plain_errors) = answers.T, plain_answers.T
+    truth = known_of_masses(PathStatistics.of(averages, plan.layout).means())
+    changed = values - plain
+    for number, value in enumerate(truth):
+        bias = changed[number].mean()
+        error = changed[number].std(ddof=1) / np.sqrt(groups)
+        assert_agrees(Estimate(value=bias, standard_error=error), 0.0)
+        held = np.abs(values[number] - value) < STUDENT * errors[number]
+        share = Estimate(value=held.mean(), standard_error=np.sqrt(0.05 * 0.95 / groups))
+        assert_agrees(share, 0.95)
+    assert (np.mean(plain_errors**2, axis=1) > 3.0 * np.mean(errors**2, axis=1)).all()
+
+
+@pytest.mark.parametrize("shaken", ["white noise", "a table"])
+def test_controls_of_masses_about_a_wrong_centre_are_noticed(shaken: str) -> None:
+    plan, averages = paths_of_masses(shaken, 24)
+    rows = [plan.layout.rows.index(key) for key in plan.layout.controls]
+    moved = averages.copy()
+    moved[rows] += 0.2 * averages[rows].std(axis=1, keepdims=True)
+    for sample, noticed in ((averages, False), (moved, True)):
+        found = PathStatistics.of(sample, plan.layout)
+        known = of_coordinate("small")["velocity_std"]
+        (value, error), (plain, wider) = found.evaluate(known), found.uncontrolled.evaluate(known)
+        assert (abs(value - plain) > 4.0 * np.hypot(error, wider)) == noticed
+
+
+def test_few_paths_use_few_controls() -> None:
+    plan, averages = paths_of_masses("a table", 24)
+    for paths, used in ((48, 0), (64, 8), (640, 12)):
+        found = PathStatistics.of(averages[:, :paths], plan.layout)
+        assert len(found.regression[0]) == used

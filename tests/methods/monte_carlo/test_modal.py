@@ -73,7 +73,7 @@ def by_modes(scene: Scene, paths: int, seed: int = 1, **changes: float) -> dict[
     """A scene of one oscillator by the engine for any structure."""
     plan = replace(plan_modal(model_of(scene), None, None), **changes)
     found = PathStatistics.of(plan.averages(seed, 0, paths), plan.layout)
-    pair = plan.layout.rows[-1][0]
+    pair = plan.model.pairs[0].name
     estimates = {}
     for name, quantity in (of_coordinate("x") | of_pair(pair)).items():
         value, error = found.evaluate(quantity)

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.kernels.compliant_response import stop_force
 from stochvi.methods.monte_carlo.kernels.contact import RIGID
+from stochvi.methods.monte_carlo.kernels.fused import fma
 from stochvi.methods.monte_carlo.kernels.impact_log import page_of
 from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass
 from stochvi.methods.monte_carlo.kernels.modal_contacts import Accelerations, make_workspace
@@ -64,6 +65,8 @@ class Passes(NamedTuple):
     gaps, speeds, bends : values, speeds and curvatures of the gaps from the new state.
     impact : Taylor series of gap and states after a unit reset, of a single pair: from powers of
         the time left.
+    kicks : what the noise of a kick adds to the modal velocities, from normals; no rows where there
+        are no kicks.
     """
 
     states: Table
@@ -77,6 +80,7 @@ class Passes(NamedTuple):
     speeds: Table
     bends: Table
     impact: Table
+    kicks: Table
 
 
 class ModalSteps(NamedTuple):
@@ -91,6 +95,8 @@ class ModalSteps(NamedTuple):
         speed in m/s from which an impact is counted, of the lower and the upper stop of each pair.
     margins : (pairs,), m, by which the hulls of cubics are widened.
     origins : (modes,), from where moments of q are taken.
+    crossed : (crossings, 2), pairs of modes (k, j) of which the noise of j is multiplied with the
+        motion of k.
     """
 
     step: float
@@ -100,6 +106,7 @@ class ModalSteps(NamedTuple):
     margins: NDArray[np.float64]
     resets: Resets
     origins: NDArray[np.float64]
+    crossed: NDArray[np.int64]
 
 
 class SmoothResponse(NamedTuple):
@@ -252,6 +259,40 @@ def add_moments(local, modes, state, origins):
 
 
 @numba.njit(cache=True, error_model="numpy")
+def add_noise(local, first, modes, state, kicks, crossed):
+    """Add q_k f_j, p_k f_j and f_k f_j of each crossing (k, j) from row `first` on.
+
+    `kicks` (modes, lanes) is what noise adds to the velocities, the state is the one before.
+    """
+    for number in range(crossed.shape[0]):
+        k, j, row = crossed[number, 0], crossed[number, 1], first + 3 * number
+        for i in range(local.shape[1]):
+            local[row, i] = fma(state[k, i], kicks[j, i], local[row, i])
+            local[row + 1, i] = fma(state[modes + k, i], kicks[j, i], local[row + 1, i])
+            local[row + 2, i] = fma(kicks[k, i], kicks[j, i], local[row + 2, i])
+
+
+@numba.njit(cache=True, error_model="numpy")
+def add_passages(local, first, stops, before, after):
+    """Add up the passages of gaps beyond their stops between two samples (pairs, lanes).
+
+    For the lower and the upper stop of each pair these are three rows from `first` on: the number
+    of passages, the sum of the rises over them, and the sum of the squares of these.
+    """
+    for j in range(stops.shape[0]):
+        for which in range(2):
+            side, row = 2.0 * which - 1.0, first + 6 * j + 3 * which
+            level = side * stops[j, which, 0]
+            for i in range(local.shape[1]):
+                y0, y1 = side * before[j, i], side * after[j, i]
+                passed = (y0 < level) & (y1 >= level)
+                rise = y1 - y0 if passed else 0.0
+                local[row, i] += 1.0 if passed else 0.0
+                local[row + 1, i] += rise
+                local[row + 2, i] += rise * rise
+
+
+@numba.njit(cache=True, error_model="numpy")
 def add_pulls(local, first, pulled):
     """Add the rows of `pulled`, then the upper triangle of their products, from row `first` on."""
     row = first + pulled.shape[0]
@@ -308,6 +349,8 @@ def run_modes(
     streams : (2, paths) random streams, advanced.
     sums : (rows, paths), added to: q; q q' and p p' by rows of the upper triangle; then the rows of
         each pair; then those of `pulls`. Moments are taken every `stride` steps, before the kick.
+        Where there are more rows, they are added to from: `add_noise`, if there are kicks; moments
+        of Y, and its passages (`add_passages`), if there are tables.
     structure : `ModalSteps`.
     tables : None, or `SmoothResponse`.
     contacts : None, or `modal_contacts.Contacts`; pairs then have ROWS_OF_CONTACT_PAIR rows, else
@@ -338,6 +381,12 @@ def run_modes(
     a0, a1 = np.zeros((pairs, width)), np.zeros((pairs, width))
     marks, index = np.zeros(width), np.zeros(width + 1, np.int64)
     first_pull = moments + rows * pairs
+    first_noise = first_pull + (0 if pulls is None else modes + modes * (modes + 1) // 2)
+    controlled = sums.shape[0] > first_noise
+    kicked = np.zeros((passes.kicks[0].shape[0] - 1, width))
+    crossings = structure.crossed.shape[0] if kicked.shape[0] > 0 else 0
+    first_free = first_noise + 3 * crossings
+    rest = np.zeros(modes)
     local = np.zeros((sums.shape[0], width))
     pulled, pushing = np.zeros((modes, width)), np.zeros((pairs, width))
     pull_0, pull_1 = np.zeros((modes, width)), np.zeros((modes, width))
@@ -384,6 +433,9 @@ def run_modes(
                 for row in range(normals):
                     normal_pairs(words0, words1, drawn[row], drawn[normals + row])
             z = drawn if passes.merged else drawn[half * normals : (half + 1) * normals]
+            if counted & controlled & (crossings > 0):
+                matrix_pass(kicked, 0.0, z, passes.kicks, width)
+                add_noise(local, first_noise, modes, old, kicked, structure.crossed)
             matrix_pass(new, 0.0, old, passes.states, width)
             matrix_pass(new, 1.0, z, passes.states_drawn, width)
             if tables is not None:
@@ -439,6 +491,9 @@ def run_modes(
                                 local[moments + rows * j + m, i] += hits[j, m]
                             if record is not None:
                                 record[number, start + i, 2 * modes + j] = hits[j, 4] - hits[j, 1]
+                if tables is not None:  # noqa: SIM102 - left out when compiled
+                    if counted & controlled:
+                        add_passages(local, first_free + moments, stops, s0, s1)
                 y0, y1 = y1, y0
                 s0, s1 = s1, s0
                 r0, r1 = r1, r0
@@ -456,6 +511,8 @@ def run_modes(
                         matrix_pass(total[modes:], 0.0, old, tables.half_kick, width)
                         add_to(total, smooth)
                         add_moments(local, modes, total, origins)
+                        if controlled:
+                            add_moments(local[first_free:], modes, smooth, rest)
                     if pulls is not None:
                         if tables is None:
                             matrix_pass(pulled, 0.0, old, pulls, width)
