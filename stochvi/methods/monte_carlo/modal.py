@@ -472,6 +472,8 @@ class ModalPlan(SteppedPlan):
     def _physical(self, sums: Matrix) -> Matrix:
         """Moments of coordinates and energies from those of modes, with velocities in the middle of
         the kick."""
+        if sums.shape[1] == 1:  # of a single path products are added up in another order
+            return self._physical(np.repeat(sums, 2, axis=1))[:, :1]
         n, paths = self.modes.size, sums.shape[1]
         displacements, velocities = _second_moments(sums, n)
         decay, brought = self._half_kick

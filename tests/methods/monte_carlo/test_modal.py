@@ -405,6 +405,7 @@ def test_digits_of_a_path_do_not_depend_on_its_block_or_the_threads() -> None:
     plan = plan_modal(model_of(absorber(0.8)), None, 50.0)
     whole = plan.averages(1, 0, 40)
     np.testing.assert_array_equal(whole[:, 30:], plan.averages(1, 30, 10))
+    np.testing.assert_array_equal(whole[:, :1], plan.averages(1, 0, 1))
     one, two = (simulate(absorber(0.8), paths=300, duration=40.0, threads=n) for n in (1, 2))
     assert one.to_frame().equals(two.to_frame())
 

@@ -276,6 +276,7 @@ def test_digits_do_not_depend_on_blocks_or_threads() -> None:
     plan = make_plan(model_of(scene), None, 3.0)
     whole = plan.averages(1, 0, 6)
     np.testing.assert_array_equal(whole[:, 4:], plan.averages(1, 4, 2))
+    np.testing.assert_array_equal(whole[:, :1], plan.averages(1, 0, 1))
     one, two = (simulate(scene, paths=40, duration=2.0, threads=n) for n in (1, 2))
     assert one.to_frame().equals(two.to_frame())
 
