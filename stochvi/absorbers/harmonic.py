@@ -11,7 +11,8 @@ from stochvi.methods.periodic.even import even_regimes
 from stochvi.methods.periodic.family import Numbers
 
 UPPER_LOWER = (0, 1)
-"""Walls that are hit, in their order."""
+"""Numbers of the walls that are hit in a period, in their order: the upper one, then the lower
+one."""
 
 LAWS = {"book": 4.0 / math.pi, "flight": 8.0 / math.pi**2}
 """First harmonic of the relative motion over half the play: of a square wave, as the harmonic
@@ -66,7 +67,7 @@ def tuned_force(mass: float, play: float, omega: float, law: str = "flight") -> 
     Returns
     -------
     float
-        The number, SI units.
+        Amplitude of the force, N.
 
     Raises
     ------
@@ -107,7 +108,7 @@ def residual_vibration(play: float, restitution: float, law: str = "flight") -> 
     Returns
     -------
     float
-        The number, SI units.
+        Amplitude of the displacement, m.
 
     Raises
     ------

@@ -59,7 +59,7 @@ class ResidualCurve:
     value
         Values of the varied number.
     without
-        Largest displacement without the absorber.
+        Largest displacement of the carrier without the absorber, m.
     best, worst
         Smallest and largest ratio of what may last: stable regimes, idling, and the motions to
         which slow sweeps up and down settle, periodic or not.
@@ -139,8 +139,9 @@ class AbsorberSine(Result):
         )
 
     def summary(self) -> str:
-        """What is left at the resonance and over all frequencies, and the best tuning, in words;
-        where several motions may last, ratios are those of the one that displaces most."""
+        """The vibration that is left at the resonance and over all frequencies, and the best
+        tuning, in words; where several motions may last, ratios are those of the one that displaces
+        most."""
         curve, left = self.frequency, self.frequency.worst * self.frequency.without
         if np.all(np.isnan(left)):
             return "no motion was found that lasts"

@@ -45,19 +45,19 @@ class PathSettings:
     burn_in_share
         Share of the path that is left out at its start, where it is not stationary.
     fewest_hits
-        Hits from which on percentiles of their speeds are given.
+        Number of hits from which on percentiles of their speeds are given.
     percentiles
         Percentiles of the impact speed.
     bins, reach
-        Bins of the histogram, and its half width in linear standard deviations, unless the path
-        itself reaches further.
+        Number of bins of the histogram, and its half width in linear standard deviations, unless
+        the path itself reaches further.
     segment_periods
         Natural periods in a segment of Welch's method: they resolve a damping ratio of 2 %.
     synthesised_share
-        Share of half the sampling rate up to which the density of a path is taken: above, a
-        synthesised path carries what was folded from beyond.
+        Share of half the sampling rate up to which the density of a path is taken: above it, a
+        synthesised path carries power that is folded from higher frequencies.
     exact_ranks, rank_ratio
-        The fastest hits that the table of exceedances holds one by one, and the ratio of the
+        Number of the fastest hits that the table of exceedances holds one by one, and ratio of the
         numbers of hits of the rows that follow: few rows show the same curve.
     """
 

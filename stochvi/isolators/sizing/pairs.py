@@ -325,8 +325,8 @@ class _PairsJob:
     def _without_a_place(
         self, known: list[tuple[float, float]], low: float, high: float
     ) -> tuple[float, float]:
-        """The answer of a search that ended without one: the smallest clearance where that keeps
-        the target; else raises."""
+        """The answer of a search that found no place: the smallest clearance, if it keeps the
+        target; raises otherwise."""
         place, excess = known[-1]
         sought = f"the clearances for {self.target.name} = {self.target.value:g}"
         if place >= high and excess < -CLOSE:

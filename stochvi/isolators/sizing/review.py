@@ -65,13 +65,13 @@ class ReviewSettings:
     Parameters
     ----------
     closure_points
-        Number of clearances of the closure's curve.
+        Number of clearances on the curve of the closure.
     clearances
         Number of clearances, from 3 sigma on, at which chances of hard hits are found; where the
         budget has ended before, these are 3 sigma, the recommended one and a larger one.
     budget
-        Seconds for all simulations together but the long path; where they do not suffice, rows of
-        the worst case say so, and chances of hard hits have wider intervals.
+        Seconds for all simulations together, without the long path; where they do not suffice, rows
+        of the worst case say so, and chances of hard hits have wider intervals.
     periods_when_late
         Natural periods of the long path where the budget has ended before it.
     worst_case_share, exceedance_share
