@@ -121,6 +121,7 @@ class Run:
             self.plan = self.plan.finer()
         self.state = self.state.of_layout(self.layout)
         self.expected_paths = math.inf
+        self.refined_paths = 0  # by plans of more bias, which are no part of the state any more
         self.rel_error: float | None = None
         self.merged_at = self.first_seconds
         self.shown_fraction = 0.0
@@ -234,7 +235,8 @@ class Run:
             self.sentence, self.last_sentence_at = self._sentence(), self.elapsed
         # the expected number of paths may grow, but a progress bar must not go back
         self.shown_fraction = max(
-            self.shown_fraction, min(1.0, self.fine.count / self.expected_paths)
+            self.shown_fraction,
+            min(1.0, (self.refined_paths + self.fine.count) / self.expected_paths),
         )
         self.progress(self.shown_fraction, self.sentence)
 
@@ -244,7 +246,11 @@ class Run:
         errors = relative_standard_errors(self) if self.fine.count > 1 else {}
         error = f", error {100.0 * max(errors.values()):.2g} %" if errors else ""
         if errors and self.rel_error is not None and self.fine.count >= FEWEST_PATHS:
-            self.expected_paths = self.fine.count * (max(errors.values()) / self.rel_error) ** 2
+            needed = self.fine.count * (max(errors.values()) / self.rel_error) ** 2
+            # where the bias is too large, as many paths follow with less of it
+            _, bias = _relative_errors(self)
+            runs = 2.0 if bias > self.rel_error else 1.0
+            self.expected_paths = self.refined_paths + runs * needed
         return f"{rate:.2g} steps/s, {self.impacts} impacts{error}"
 
     @property
@@ -254,6 +260,7 @@ class Run:
 
     def refine(self) -> None:
         """Start again with a plan of less bias: half the step, or slow impacts resolved."""
+        self.refined_paths += self.fine.count
         self.plan = self.plan.finer()
         before = self.state
         self.state = replace(

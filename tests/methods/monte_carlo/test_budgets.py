@@ -18,7 +18,7 @@ from stochvi import (
     exact,
     simulate,
 )
-from stochvi.methods.monte_carlo import blocks
+from stochvi.methods.monte_carlo import blocks, rounds
 from stochvi.methods.monte_carlo.blocks import FEWEST_AT_ONCE, averages_in_time, check_price
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Plan
@@ -130,3 +130,23 @@ def test_paths_are_not_begun_after_ctrl_c() -> None:
         signal.raise_signal(signal.SIGINT)
         with pytest.raises(Interrupted, match="before any path"):
             check_price([plan_of(2e3)], 3, deadline)
+
+
+def test_progress_foresees_that_the_step_has_to_be_halved(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run that refines its step takes as many paths again; it used to be at 100 % by then."""
+    known = rounds._relative_errors
+
+    def biased(run: rounds.Run) -> tuple[float, float]:
+        return known(run)[0], 0.0 if run.state.refinements else 1.0
+
+    fractions: list[float] = []
+    refine, at = rounds.Run.refine, list[float]()
+    monkeypatch.setattr(rounds, "_relative_errors", biased)
+    monkeypatch.setattr(rounds, "REPORT_SECONDS", 0.0)
+    monkeypatch.setattr(rounds.Run, "refine", lambda run: (at.append(fractions[-1]), refine(run)))
+    simulate(
+        oscillator(-1.0, 1.0, 0.5), rel_error=0.002, threads=1,
+        progress=lambda done, _: fractions.append(done),
+    )  # fmt: skip
+    assert len(at) == 1 and 0.4 < at[0] < 0.6
+    assert fractions[-1] > 0.9 and fractions == sorted(fractions)
