@@ -62,10 +62,11 @@ def test_the_mean_square_is_that_of_samples(law: CompliantLaw) -> None:
     stopped = at_clearance(scene, clearance)
     plan = plan_tabulated(model_of(stopped), 0.0, 8.0)
     paths, model = 256, model_of(stopped)
-    record = np.zeros((plan.steps, paths, 3))
+    blocks = []
     for first in range(0, paths, plan.block):
-        plan.averages(7, first, plan.block, record[:, first : first + plan.block])
-    x, v = record[:, :, 0], record[:, :, 1]
+        blocks.append(np.zeros((plan.steps, plan.block, 3)))
+        plan.averages(7, first, plan.block, blocks[-1])
+    x, v, _ = np.concatenate(blocks, axis=1).transpose(2, 0, 1)
     push = law.force_at(x - clearance) - law.force_at(-x - clearance)
     square = ((model.damping_rate * v + model.omega**2 * x + push) ** 2).mean(axis=0)
     found = Estimate(

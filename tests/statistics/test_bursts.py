@@ -27,6 +27,7 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import (
     IntervalEnds,
     interval_with_contacts,
 )
+from stochvi.methods.monte_carlo.kernels.impact_log import NO_LOG, page_of
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_SUMS,
     EXTREMES,
@@ -204,9 +205,10 @@ def test_a_contact_gives_its_largest_acceleration_and_integrals() -> None:
     stop = kernel_stop(place, Elastic(stiffness=stiffness))
     sampling = Sampling(h, 0.0, 0.0, 0.0, 1.0, 0, 0)
     arrays = np.zeros(TALLY), np.zeros(2), extremes, np.zeros(CONTACT_SUMS)
+    page = page_of.py_func(NO_LOG, 0, 0, h)
     for _ in range(8):
         ends = IntervalEnds(x, v, x + h * v, v)
-        x, v = interval_with_contacts(ends, sampling, None, stop, *arrays)
+        x, v = interval_with_contacts(ends, sampling, None, stop, *arrays, page)
     frequency = math.sqrt(stiffness)
     half = 0.5 * math.pi / frequency
     assert extremes[FASTEST] == pytest.approx(w, rel=1e-12)

@@ -73,6 +73,7 @@ class CompliantPlan(WhitePlan):
     rows = CONTACT_SUMS
     sums_of_contacts = tuple(CONTACT_ROWS)
     _kernel = staticmethod(run_contacts)
+    _no_log = None
 
     def _kernel_constants(self) -> tuple[Any, ...]:
         return (

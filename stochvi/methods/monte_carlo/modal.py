@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.state_space import square_root, step_covariance, transition
-from stochvi.methods.monte_carlo.kernels.impact_log import Log
+from stochvi.methods.monte_carlo.kernels.impact_log import NO_RECORD, Log
 from stochvi.methods.monte_carlo.kernels.modal_contacts import Contacts
 from stochvi.methods.monte_carlo.kernels.modal_stops import MOST_SWEEPS, Resets
 from stochvi.methods.monte_carlo.kernels.modes import (
@@ -363,8 +363,8 @@ class ModalPlan(SteppedPlan):
         """Simulate the paths on, and add the last `steps` to `sums`."""
         run_modes(
             state, streams, sums, self._kernel_constants, tables, self._contact_constants,
-            None if self._pulls is None else _table(self._pulls), burn_in, steps, stride, record,
-            log, largest, stop_flag(),
+            None if self._pulls is None else _table(self._pulls), burn_in, steps, stride,
+            NO_RECORD if record is None else record, log, largest, stop_flag(),
         )  # fmt: skip
         check_flag()
 

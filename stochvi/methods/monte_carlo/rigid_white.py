@@ -15,7 +15,7 @@ from scipy.special import ndtr
 from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, gaussian_stop
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE, run_white
-from stochvi.methods.monte_carlo.kernels.impact_log import Log
+from stochvi.methods.monte_carlo.kernels.impact_log import NO_LOG, NO_RECORD, Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import (
     normal_pairs,
     normal_rows,
@@ -137,6 +137,7 @@ class WhitePlan(SteppedPlan):
     kicked = True
     excitation_known = True
     _kernel = staticmethod(run_white)
+    _no_log: ClassVar[Log | None] = NO_LOG
 
     @property
     def method(self) -> str:
@@ -343,7 +344,7 @@ class WhitePlan(SteppedPlan):
                 burn_in=burn_in, steps=self.steps, stride=stride,
                 origin=self.origin - self.model.rest, threshold=self.threshold,
             ),
-            record, log, stop_flag(),
+            NO_RECORD if record is None else record, log or self._no_log, stop_flag(),
         )  # fmt: skip
         check_flag()
         sums[:N_LOWER] /= math.ceil(self.steps / stride)

@@ -35,14 +35,14 @@ from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.mathematics.units import density_from_intensity, intensity_from_density
 from stochvi.methods.monte_carlo.compliant_white import CONTACT_ROWS, kernel_stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import CONTACT_ANGLE, contact_rate
-from stochvi.methods.monte_carlo.kernels.impact_log import Log
+from stochvi.methods.monte_carlo.kernels.impact_log import NO_LOG, NO_RECORD, Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.kernels.response_domain import (
     add_free_motion,
     fill_spectrum,
     run_response,
 )
-from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, Sums
+from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, NO_EXTREMES, Sums
 from stochvi.methods.monte_carlo.kernels.steps import ContactStop, RigidStop, Sampling
 from stochvi.methods.monte_carlo.plan import (
     Histories,
@@ -435,9 +435,9 @@ class TabulatedPlan:
             self._stop(self.model.upper),
             np.zeros((free.shape[1] // 2, 2)) if self.contacts else None,
             sums,
-            record,
-            extremes,
-            log,
+            NO_RECORD if record is None else record,
+            NO_EXTREMES if extremes is None else extremes,
+            log or NO_LOG,
         )
 
     def _stop(self, stop: Stop | None) -> RigidStop | ContactStop | None:

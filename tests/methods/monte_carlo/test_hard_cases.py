@@ -17,6 +17,7 @@ from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_expone
 from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.flight import run_white
+from stochvi.methods.monte_carlo.kernels.impact_log import NO_LOG, NO_RECORD
 from stochvi.methods.monte_carlo.kernels.rows import SUMS
 from stochvi.methods.monte_carlo.kernels.steps import Counting, Kick, Paths
 from stochvi.methods.monte_carlo.modal import ModalPlan
@@ -308,7 +309,7 @@ def test_energy_between_elastic_stops_does_not_drift(steps: int) -> None:
             x, v, np.ones((2, lanes), np.uint64), np.zeros((SUMS, lanes)), np.zeros((2, lanes))
         ),
         Kick(1.0, 0.0),
-        *constants, Counting(0, steps // lanes, 10**6, 0.0, 0.0), None, None, stop_flag(),
+        *constants, Counting(0, steps // lanes, 10**6, 0.0, 0.0), NO_RECORD, NO_LOG, stop_flag(),
     )  # fmt: skip
     drift = (v**2 + x**2) / before - 1.0
     # cosine and sine are rounded once, so that a step changes energy by the same C^2 + S^2 - 1

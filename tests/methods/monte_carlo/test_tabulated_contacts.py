@@ -24,6 +24,7 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import (
     sub_step,
 )
 from stochvi.methods.monte_carlo.kernels.contact import PIECES
+from stochvi.methods.monte_carlo.kernels.impact_log import NO_LOG, page_of
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_SUMS,
@@ -80,7 +81,9 @@ def free_flight(span: float, speed: float) -> Sampling:
 def interval(x0, v0, x1, v1, sampling, stops, peaks, sums):
     """The end (x, v) of one interval; `peaks` and `sums` are changed."""
     arrays = np.zeros(TALLY), peaks, np.zeros(EXTREMES), sums
-    return interval_with_contacts(IntervalEnds(x0, v0, x1, v1), sampling, *stops, *arrays)
+    page = page_of.py_func(NO_LOG, 0, 0, sampling.span)
+    ends = IntervalEnds(x0, v0, x1, v1)
+    return interval_with_contacts(ends, sampling, *stops, *arrays, page)
 
 
 # ---- one contact -----------------------------------------------------------------------------

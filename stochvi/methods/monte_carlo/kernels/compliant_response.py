@@ -317,9 +317,7 @@ def impact_or_contact(ends, span, sampling, stop, which, tally, peaks, extremes,
 
 
 @numba.njit(cache=True, error_model="numpy")
-def interval_with_contacts(
-    ends, sampling, lower, upper, tally, peaks, extremes, sums, page=None
-):  # fmt: skip
+def interval_with_contacts(ends, sampling, lower, upper, tally, peaks, extremes, sums, page):
     """One sampling interval with any number of contacts and impacts; returns the end (x, v).
 
     Parameters
@@ -330,7 +328,7 @@ def interval_with_contacts(
     tally : (TALLY,), overwritten by the sums of one contact.
     peaks : (2,), largest force so far of a contact that lasts, of the lower and the upper stop.
     extremes, sums : (EXTREMES,) and (CONTACT_SUMS,) of the path, updated.
-    page : None, or part of a log.
+    page : part of a log.
     """
     x0, v0, x1, v1 = ends
     threshold = sampling.threshold
@@ -350,9 +348,8 @@ def interval_with_contacts(
             sums[row + 2] += w * w
             extremes[FASTEST] = max(extremes[FASTEST], w)
             span *= 1.0 - s
-            if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
-                if w >= threshold:
-                    log_impact(page, 0, whole - span, side * w)
+            if page.open and w >= threshold:
+                log_impact(page, 0, whole - span, side * w)
         if span <= 0.0:
             return side * x, side * w
         if upper is not None and side > 0.0:

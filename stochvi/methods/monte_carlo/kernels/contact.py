@@ -470,7 +470,7 @@ def flow_with_contacts(x, v, left, stiff, lower, upper, threshold, tally, peaks,
             sums[row + 1] += w
             sums[row + 2] += w * w
             if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
-                if w > 0.0 and w >= threshold:
+                if page.open and w > 0.0 and w >= threshold:
                     log_impact(page, 0, span - left, side * w)
             v = side * w
             if upper is not None:
@@ -538,14 +538,16 @@ def run_contacts(paths, kick, flow, lower, upper, counting, record, log, flag):
     paths : `steps.Paths`, with sums (CONTACT_SUMS, paths).
     kick, flow, counting : `steps.Kick`, `steps.Flow` and `steps.Counting`.
     lower, upper : None, or a `steps.ContactStop`.
-    record : None, or zeros (steps, paths, 3), which get x, v and the sum of the speeds of first
-        touches of every step, negative at the lower stop; the burn-in must then be 0.
+    record : zeros (steps, paths, 3), which get x, v and the sum of the speeds of first touches of
+        every step, negative at the lower stop; the burn-in must then be 0. Without samples there is
+        no record.
     log : None, or an `impact_log.Log`, which gets the first touches in the counted steps that are
         at least as fast as the threshold.
     flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
         result.
     """
     x, v, streams, sums, noise = paths
+    recording = record.shape[0] > 0
     burn_in, steps, stride, origin, threshold = counting
     first, second, mark = np.empty(LANES), np.empty(LANES), np.empty(LANES)
     local = np.empty((SUMS, LANES))  # close together: rows of `sums` would evict one another
@@ -576,13 +578,13 @@ def run_contacts(paths, kick, flow, lower, upper, counting, record, log, flag):
                         xs[i], vs[i], flow.step, flow.stiff, lower, upper, threshold, tally,
                         peaks[i], target, page_of(log, start + i, step - burn_in, flow.step),
                     )  # fmt: skip
-                    if record is not None:
+                    if recording:
                         after = target[N_UPPER + 1] - target[N_LOWER + 1]
                         record[step - burn_in, start + i, 2] = after - before
             if counted:
                 if (step - burn_in) % stride == 0:
                     add_moments(xs, vs, origin, local[X], local[XX], local[VV])
-                if record is not None:
+                if recording:
                     for i in range(end - start):
                         record[step - burn_in, start + i, 0] = xs[i]
                         record[step - burn_in, start + i, 1] = vs[i]

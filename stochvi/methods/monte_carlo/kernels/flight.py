@@ -203,7 +203,7 @@ def time_of_hit(x, v, hit, kick, z, flow, lower, upper):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def flow_with_impacts(x, v, flow, lower, upper, threshold, sums, page=None):
+def flow_with_impacts(x, v, flow, lower, upper, threshold, sums, page):
     """Flow of one path with any number of impacts, which are added to `sums`; returns (x, v).
 
     A mass that is pressed against a stop and rebounds too slowly to leave it rests there; its
@@ -241,9 +241,8 @@ def flow_with_impacts(x, v, flow, lower, upper, threshold, sums, page=None):
         sums[row] += 1.0 if w >= threshold else 0.0
         sums[row + 1] += w
         sums[row + 2] += w * w
-        if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
-            if w >= threshold:
-                log_impact(page, 0, h - time_since(s_r, c_r, stiff), speed)
+        if page.open and w >= threshold:
+            log_impact(page, 0, h - time_since(s_r, c_r, stiff), speed)
         x1 -= (1.0 + restitution) * speed * s_r
         v1 -= (1.0 + restitution) * speed * c_r
         x = position
@@ -281,7 +280,7 @@ def find_near_stop(x, v, owed, usual, corner, lower, upper, found):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def step_near_stop(x, v, owed, s0, s1, corner, lower, upper, threshold, sums, page=None):
+def step_near_stop(x, v, owed, s0, s1, corner, lower, upper, threshold, sums, page):
     """Advance one path near a stop by one step in sub-steps that suit the state they start from.
 
     Noise of intensity S0 alone changes a velocity v in the time v^2 / S0 and a distance d in
@@ -411,11 +410,12 @@ def negate(values, out):
 def add_impacts(several, counted, local, record, sample, first_path, i):
     """Add the sums of a step with several impacts to those of path i; a record takes their speed.
 
-    The speed of several impacts is the sum of their speeds, negative at the lower stop.
+    The speed of several impacts is the sum of their speeds, negative at the lower stop. There is no
+    record where it has no samples.
     """
     if counted:
         local[:, i] += several
-    if record is not None:
+    if record.shape[0] > 0:
         record[sample, first_path + i, 2] = several[F1_UPPER] - several[F1_LOWER]
 
 
@@ -431,14 +431,15 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
     between : None, or () where the stops lie on either side of the rest position.
     corner : None, or a `steps.Corner` to refine steps near a stop.
     counting : `steps.Counting`.
-    record : None, or zeros (steps, paths, 3), which get x, v and the impact speed of every step;
-        the burn-in must then be 0.
-    log : None, or an `impact_log.Log`, which gets the impacts in the counted steps that are at
-        least as fast as the threshold.
+    record : zeros (steps, paths, 3), which get x, v and the impact speed of every step; the burn-in
+        must then be 0. Without samples there is no record.
+    log : `impact_log.Log`, which gets the impacts in the counted steps that are at least as fast as
+        the threshold.
     flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
         result.
     """
     x, v, streams, sums, noise = paths
+    recording, logging = record.shape[0] > 0, log.events.shape[0] > 0
     burn_in, steps, stride, origin, threshold = counting
     work = aligned_rows(14 + SUMS)
     words = aligned_rows(2).view(np.uint64)
@@ -485,7 +486,7 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
                     for i in range(n):
                         place[i] += 0.0 if slow[i] != 0.0 else xs[i] * z[i]
                         power[i] += 0.0 if slow[i] != 0.0 else vs[i] * z[i]
-            if log is not None:
+            if logging:
                 for i in range(n):
                     before_x[i], before_v[i] = xs[i], vs[i]
             again = 0
@@ -509,7 +510,7 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
                 hits[i] = 0.0
                 add_impacts(several, counted, local, record, step - burn_in, start, i)
             if counted:
-                if log is not None:
+                if logging:
                     for i in range(n):
                         if (hits[i] != 0.0) & (abs(hits[i]) >= threshold):
                             elapsed = time_of_hit(
@@ -531,7 +532,7 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
                         intensity = corner.intensity
                         for i in range(n if refined > 0 else 0):
                             local[VV, i] += intensity * (owed[i] - usual)
-                if record is not None:
+                if recording:
                     for i in range(n):
                         record[step - burn_in, start + i, 0] = xs[i]
                         record[step - burn_in, start + i, 1] = vs[i]

@@ -432,7 +432,7 @@ def apply_event(work, elapsed, step, pair, upper, stops, contacts, peaks, sums, 
     sums[pair, 3 * upper + 1] += w
     sums[pair, 3 * upper + 2] += w * w
     if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
-        if w >= stops[pair, upper, 2]:
+        if page.open and w >= stops[pair, upper, 2]:
             log_impact(page, pair, elapsed, side * w)
     if kinds[pair, upper] != RIGID:
         inside[pair, upper] = 1

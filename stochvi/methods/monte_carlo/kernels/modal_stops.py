@@ -343,7 +343,7 @@ def step_with_stops(
             move_forces(accelerations, first)
         span *= 1.0 - first
         if page is not None:  # noqa: SIM102
-            if w >= stops[pair, upper, 2]:
+            if page.open and w >= stops[pair, upper, 2]:
                 log_impact(page, pair, step - span, side * w)
         gaps[pair, 0], gaps[pair, 1] = stop, side * w
         if contacts is not None:  # noqa: SIM102
@@ -493,8 +493,8 @@ def single_impacts(pair, ends, new, index, count, sums, arrays, log, first_path,
             sums[row, i] += 1.0 if w >= stops[0, which, 2] else 0.0
             sums[row + 1, i] += w
             sums[row + 2, i] += w * w
-        if log is not None:  # noqa: SIM102 - a test of its own is left out when compiled
-            if w >= stops[0, which, 2]:
-                page = page_of(log, first_path + i, number, step)
+        if log is not None:
+            page = page_of(log, first_path + i, number, step)
+            if page.open and w >= stops[0, which, 2]:
                 log_impact(page, 0, t[k] * step, sign * w)
     return left

@@ -358,8 +358,8 @@ def run_modes(
     pulls : None, or the table of a matrix pass from q and p to the modal forces alpha of springs
         and dampers; alpha and the upper triangle of alpha alpha', contact forces included, are
         then added up, modes + modes (modes + 1) / 2 rows.
-    record : None, or zeros (steps, paths, 2 modes + pairs), which get q, p and the signed impact
-        speeds of every counted step.
+    record : zeros (steps, paths, 2 modes + pairs), which get q, p and the signed impact speeds of
+        every counted step. Without samples there is no record.
     log : None, or an `impact_log.Log`, which gets the impacts in the counted steps.
     largest : None, or `Largest`, where there are tables and no kicks, and `pulls`.
     flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
@@ -374,6 +374,7 @@ def run_modes(
     moments = modes + modes * (modes + 1)
     rows = ROWS_OF_PAIR if contacts is None else ROWS_OF_CONTACT_PAIR
     third = step / 3.0
+    recording = record.shape[0] > 0
     old, new = np.zeros((states, width)), np.zeros((states, width))
     drawn = np.zeros((2 * normals, width))
     y0, y1 = np.zeros((pairs, width)), np.zeros((pairs, width))
@@ -466,7 +467,7 @@ def run_modes(
                     if tables is not None:
                         add_curvatures(a0, a1, s0, r0, s1, r1, step)
                 if contacts is None:  # noqa: SIM102 - a test of its own is left out when compiled
-                    if (pairs == 1) & (count > 0) & (record is None):
+                    if (pairs == 1) & (count > 0) & (not recording):
                         count = single_impacts(
                             single, (y0, v0, a0, y1, v1, a1), new, index, count, local, arrays,
                             log, start, number,
@@ -489,7 +490,7 @@ def run_modes(
                         if counted:
                             for m in range(rows):
                                 local[moments + rows * j + m, i] += hits[j, m]
-                            if record is not None:
+                            if recording:
                                 record[number, start + i, 2 * modes + j] = hits[j, 4] - hits[j, 1]
                 if tables is not None:  # noqa: SIM102 - left out when compiled
                     if counted & controlled:
@@ -525,7 +526,7 @@ def run_modes(
                                     add_to(pushing, r0)
                                 add_contact_pulls(pulled, y0, pushing, stops, contacts)
                         add_pulls(local, first_pull, pulled)
-                if record is not None:
+                if recording:
                     for i in range(lanes):
                         for row in range(2 * modes):
                             record[number, start + i, row] = old[row, i]

@@ -43,7 +43,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
 
 
 @numba.njit(cache=True, error_model="numpy")
-def interval_with_impacts(x0, v0, x1, v1, sampling, lower, upper, extremes, sums, page=None):
+def interval_with_impacts(x0, v0, x1, v1, sampling, lower, upper, extremes, sums, page):
     """One sampling interval with any number of impacts on rigid stops; returns the end (x, v)."""
     span, omega, damping_rate, threshold, scale, _, _ = sampling
     whole = span
@@ -67,9 +67,8 @@ def interval_with_impacts(x0, v0, x1, v1, sampling, lower, upper, extremes, sums
         sums[row + 2] += w * w
         extremes[FASTEST] = max(extremes[FASTEST], w)
         span *= 1.0 - s
-        if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
-            if w >= threshold:
-                log_impact(page, 0, whole - span, side * w)
+        if page.open and w >= threshold:
+            log_impact(page, 0, whole - span, side * w)
         shape, slope = decay(span, damping_rate, omega)
         change = -(1.0 + restitution) * w * side
         x1 += change * shape
@@ -168,10 +167,10 @@ def run_response(free, sampling, lower, upper, peaks, sums, record, extremes, lo
     peaks : None, or (paths, 2) where a stop gives way: the largest forces so far of contacts that
         last, of the lower and the upper stop.
     sums : (SUMS, paths), with `peaks` (CONTACT_SUMS, paths), added to.
-    record : None, or (counted, paths, 3).
-    extremes : None, or (paths, EXTREMES) as in `rows`, of the counted samples.
-    log : None, or an `impact_log.Log`, which gets the impacts in the intervals that end on counted
-        samples and that are at least as fast as the threshold.
+    record : (counted, paths, 3). Without samples there is no record.
+    extremes : (paths, EXTREMES) as in `rows`, of the counted samples. Without paths there are none.
+    log : `impact_log.Log`, which gets the impacts in the intervals that end on counted samples and
+        that are at least as fast as the threshold.
     """
     span, omega, damping_rate, _, _, warm_up, counted = sampling
     column = decay(span, damping_rate, omega)
@@ -181,15 +180,14 @@ def run_response(free, sampling, lower, upper, peaks, sums, record, extremes, lo
     x, v = free[previous, 0::2].copy(), omega * free[previous, 1::2]
     local, several, tally = np.zeros_like(sums), np.zeros(sums.shape[0]), np.zeros(TALLY)
     spare = np.zeros(EXTREMES)
+    extreme = extremes.shape[0] > 0
     for step in range(-warm_up, counted):
         y = free[step if step >= 0 else samples + step]
         marked = advance_clear_paths(y, x, v, e, rate, near, sampling, column, lower, upper)
         for i in range(paths if marked > 0 else 0):
             if near[i] != 0.0:
                 several[:] = 0.0
-                own = spare
-                if extremes is not None:
-                    own = extremes[i] if step >= 0 else spare
+                own = extremes[i] if extreme and step >= 0 else spare
                 y0, y1 = y[2 * i], omega * y[2 * i + 1]
                 if peaks is None:
                     x[i], v[i] = interval_with_impacts(
@@ -206,9 +204,9 @@ def run_response(free, sampling, lower, upper, peaks, sums, record, extremes, lo
                     add_impacts(several, True, local, record, step, 0, i)
         if step >= 0:
             add_moments(x, v, 0.0, local[X], local[XX], local[VV])
-            if extremes is not None:
+            if extreme:
                 update_peak_acceleration(x, v, sampling, extremes)
-            if record is not None:
+            if record.shape[0] > 0:
                 for i in range(paths):
                     record[step, i, 0] = x[i]
                     record[step, i, 1] = v[i]

@@ -41,6 +41,9 @@ EXTREMES = 4
 """Columns of the extremes of a path: largest impact speed, largest absolute acceleration
 |b x' + w0^2 x + F|, and the integrals of F^2 and of x F over time."""
 
+NO_EXTREMES = np.empty((0, EXTREMES))
+"""The extremes of a kernel whose extremes nobody asks for."""
+
 
 class Sums(NamedTuple):
     """A table (rows, paths) of sums or averages of one oscillator, read by name."""
