@@ -6,7 +6,7 @@ import unicodedata
 from pathlib import Path, PurePosixPath, PureWindowsPath
 
 import pytest
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from stochvi.results.file_names import LONGEST, RESERVED, file_names
@@ -32,6 +32,7 @@ def check(names: list[str], ending: str = ".png") -> None:
     assert len(set(alike)) == len(alike)
 
 
+@settings(max_examples=40)
 @given(st.lists(st.one_of(st.text(), st.sampled_from(NASTY)), max_size=6))
 @example([*NASTY])
 @example(["a/b", "a_b", "A_b", "a:b"])

@@ -55,7 +55,7 @@ def elastic() -> WorkPrecision:
 
 @pytest.fixture(scope="module")
 def lossy() -> WorkPrecision:
-    return cost(LOSSY, paths=6 * PATHS, seed=2)
+    return cost(LOSSY, paths=2 * PATHS, seed=2)
 
 
 def bias(row: StepError) -> Estimate:

@@ -122,9 +122,10 @@ def test_a_regime_repeats_itself_under_the_force_law(scene: Scene, frequency: fl
         assert end == pytest.approx(start, abs=1e-9 * max(1.0, branch.multiplier[place]))
 
 
-@pytest.mark.parametrize(
+@quick_cases(
     "law",
     [Viscoelastic(stiffness=100.0, damping_ratio=0.2), TABLE, Hertz(coefficient=100.0)],
+    keep={0},
     ids=lambda law: law.kind,
 )
 def test_disturbances_grow_by_the_multiplier(law: Law) -> None:
