@@ -15,7 +15,7 @@ from stochvi.scenes.structures import Isolator, Matrices, Oscillator, Structure
 from stochvi.scenes.validation import Checked, NonNegative, Number, Positive, given
 
 CARRIER = "structure"
-"""Name of the coordinate that carries the boxes, in the short form."""
+"""Name of the coordinate of the structure that carries the boxes, in the short form."""
 
 MOST_UNITS = 64
 """Largest number of units of one absorber; each unit is a coordinate of its own."""
@@ -23,7 +23,7 @@ MOST_UNITS = 64
 ONE_OR_MORE_NAMES = {
     "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}}]
 }  # fmt: skip
-"""JSON Schema of names, where a single one may stand without brackets."""
+"""JSON Schema of a list of names; a single name may be given without brackets."""
 
 
 class Absorber(Checked):
@@ -31,8 +31,8 @@ class Absorber(Checked):
 
     A scene with a structure of kind `matrices` has the coordinates and impact pairs already, and
     the absorber names the coordinates in `mass_on`. In a scene with an oscillator or isolator the
-    absorber gives mass, play and law, from which both are built. Units that differ are several
-    absorbers: `absorber=[...]` of a scene, `[[absorber]]` in its file.
+    absorber gives mass, play and law, and coordinates and pairs are built from these. Units that
+    differ are given as several absorbers: `absorber=[...]` in Python, `[[absorber]]` in a file.
 
     Parameters
     ----------
@@ -41,16 +41,17 @@ class Absorber(Checked):
     mass
         Mass of all units together, kg; each has an equal share.
     play
-        Total travel of a unit in its box, m, the box about its rest position.
+        Total travel of a unit in its box, m; the box is centred about its rest position.
     lower, upper
-        Instead of the play: the stops of the relative displacement, m; a sprung mass may have one.
+        Instead of the play: the stops of the relative displacement, m. A mass on a spring may have
+        only one.
     law
         Impact law of the walls.
     units
         Number of equal units, each in a box of its own.
     stiffness, damping
-        Springs and dampers between the units and the structure, all units together, N/m and
-        N s/m; 0 for loose masses.
+        Stiffness (N/m) and damping (N s/m) between the structure and all units together; 0 for
+        loose masses.
 
     See Also
     --------
@@ -100,19 +101,22 @@ class Absorber(Checked):
         if (self.play is None) == (self.lower is None and self.upper is None):
             raise ValueError(f"needs play, or lower and upper, got {described}")
         if self.stiffness == 0.0 and self.play is None and None in (self.lower, self.upper):
-            raise ValueError("needs both walls where no spring holds the mass, got one")
+            raise ValueError(
+                "needs both walls where no spring holds the mass, got one; give play, or lower and "
+                "upper, or a stiffness"
+            )
         return self
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Coordinates of the units."""
+        """Names of the coordinates of the units."""
         if self.mass_on:
             return self.mass_on
         return unit_names(self.units)
 
     @property
     def unit(self) -> Absorber:
-        """One of its equal units."""
+        """One of the equal units, as an absorber of its own."""
         assert self.mass is not None
         return self.model_copy(
             update={
@@ -139,7 +143,7 @@ class Absorber(Checked):
 
 
 def unit_names(units: int) -> tuple[str, ...]:
-    """Coordinates of the units of a structure.
+    """Names of the coordinates of the units on a structure.
 
     >>> unit_names(2)
     ('absorber 1', 'absorber 2')
@@ -155,7 +159,7 @@ def carrying(carrier: Oscillator, units: Sequence[Absorber]) -> Matrices:
     Raises
     ------
     SceneError
-        If the oscillator has no mass to compare with.
+        If the mass of the oscillator is not given.
     """
     if carrier.mass is None:
         raise SceneError(
@@ -188,11 +192,12 @@ def on_oscillator(
     Parameters
     ----------
     absorbers
-        Given by mass, play and law; each of their units becomes a coordinate with a pair.
+        Absorbers given by mass, play and law; each of their units becomes a coordinate with an
+        impact pair.
     carrier
         The oscillator or isolator that carries them.
     pairs, excitations
-        Impact pairs of the carrier, and what shakes it.
+        Impact pairs and excitations of the carrier.
 
     Raises
     ------
@@ -227,7 +232,7 @@ def absorbers_of(given: Any) -> list[Absorber]:
     Raises
     ------
     SceneError
-        If they are neither, the list is empty, or one of several names coordinates.
+        If `given` is neither, the list is empty, or one of several absorbers names coordinates.
     """
     if not isinstance(given, list | tuple):
         found = _at("absorber", Absorber, given) if isinstance(given, Mapping) else given

@@ -1,4 +1,4 @@
-"""The cells of a line of text: what parts them, and which of them hold numbers."""
+"""The cells of a line of text: how they are separated, and which of them hold numbers."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ import re
 from collections.abc import Sequence
 
 DELIMITERS = (";", "\t", "|", ",", None)
-"""What may part the cells of a line; None is any number of blanks."""
+"""Delimiters that may separate the cells of a line; None stands for any number of blanks."""
 
 NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eEdD][+-]?\d+)?")
-"""A number with a decimal point or comma, and a Fortran exponent if it has one."""
+"""Pattern of a number with a decimal point or comma; its exponent may begin with d (Fortran)."""
 
 CLOCK = re.compile(r"\d\d:\d\d:\d\d(?:[.,]\d+)?")
-"""A time of day without a date."""
+"""Pattern of a time of day without a date."""
 
 STAMP = re.compile(
     r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d\S*|\d{8}T\d{6}(?:[.,]\d+)?(?:Z|[+-]\d{4})?|" + CLOCK.pattern
 )
-"""A date of ISO 8601 with a time of day, or a time of day alone."""
+"""Pattern of an ISO 8601 date with a time of day, or of a time of day alone."""
 
 MISSING = frozenset(
     ("", "nan", "na", "n/a", "null", "none", "-", "--", "---", "inf", "-inf",
@@ -26,8 +26,8 @@ MISSING = frozenset(
      "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind", "1.#inf", "-1.#inf",
      "1.#nan")
 )  # fmt: skip
-"""Cells, in small letters, that stand for a value that was not measured; the last are those of
-spreadsheets, and those that C libraries of Windows print."""
+"""Texts, in small letters, of cells without a measured value, including the errors of spreadsheets
+and the texts for infinity and NaN that C libraries of Windows print."""
 
 
 def is_number(cell: str) -> bool:
@@ -36,7 +36,8 @@ def is_number(cell: str) -> bool:
 
 
 def count_values(cells: Sequence[str]) -> int:
-    """How many cells hold a number or a time stamp, or say that one is missing beside one."""
+    """Number of cells with a number or time stamp. If there are any, cells for a missing value count
+    as well."""
     held = sum(is_number(cell) or bool(STAMP.fullmatch(cell)) for cell in cells)
     return held and held + sum(cell.casefold() in MISSING for cell in cells)
 

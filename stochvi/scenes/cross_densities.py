@@ -23,25 +23,25 @@ Waves = NDArray[np.complex128]
 Axis = Literal["x", "y", "z"]
 
 COHERENT = 1e-9
-"""How far an eigenvalue of the matrix of coherences may lie below 0 and count as rounding."""
+"""Size up to which a negative eigenvalue of the matrix of coherences counts as a rounding error."""
 
 
 class CrossDensity(Checked):
     """The complex cross density of the accelerations of a base along two of its axes.
 
-    One-sided per hertz, G_ab = 2 E conj(A) B / T for a, b = `between`, as scipy.signal.csd(a, b)
-    estimates it. Between breakpoints the coherence, the cross density over the root of the product
-    of the two densities, is linear in the logarithm of the frequency; outside them, and where one
-    of the densities is 0, it is 0.
+    It is one-sided per hertz, G_ab = 2 E conj(A) B / T for a, b = `between`, as
+    scipy.signal.csd(a, b) estimates it. The complex coherence is the cross density over the root of
+    the product of the two densities. Between breakpoints it is linear in the logarithm of the
+    frequency; outside them, and where one of the densities is 0, it is 0.
 
     Parameters
     ----------
     between
         The two axes.
     frequency_hz, real, imaginary
-        Breakpoints, and the parts of the density there.
+        Breakpoints, Hz, and the real and imaginary parts of the cross density there.
     unit
-        Unit of the density, that of an acceleration density.
+        Unit of the cross density, the same as of an acceleration density.
 
     Examples
     --------
@@ -97,7 +97,7 @@ class CrossDensity(Checked):
         return np.asarray(np.where(moved, real + 1j * imaginary, 0.0))
 
     def louder(self, level_db: float) -> CrossDensity:
-        """The cross density where both motions are raised by a level in dB."""
+        """The cross density of both motions when they are raised by a level in dB."""
         factor = power_ratio(level_db)
         parts = {
             name: [factor * each for each in getattr(self, name)] for name in ("real", "imaginary")
@@ -108,8 +108,8 @@ class CrossDensity(Checked):
 def coherences(
     crosses: tuple[CrossDensity, ...], tables: dict[str, Table], frequency_hz: ArrayLike
 ) -> Waves:
-    """Matrices (frequencies, k, k) of E A_a conj(A_b) over the roots of the densities, of the axes
-    in the order of `tables`."""
+    """Matrices (frequencies, k, k) of E A_a conj(A_b), divided by the roots of the two densities,
+    for the axes in the order of `tables`."""
     axes = list(tables)
     f = np.asarray(frequency_hz, dtype=float)
     found = np.broadcast_to(np.eye(len(axes), dtype=complex), (len(f), len(axes), len(axes))).copy()
@@ -123,8 +123,9 @@ def coherences(
 def independent_sources(
     crosses: tuple[CrossDensity, ...], tables: dict[str, Table]
 ) -> dict[str, Callable[[Vector], Waves]]:
-    """Accelerations along all axes per unit of independent sources, one of the density of each
-    axis.
+    """Accelerations along all axes per unit of independent sources, one for each axis.
+
+    The source of an axis has the density of that axis.
 
     Source j moves axis a by sqrt(G_aa / G_jj) L_aj, L the Cholesky factor of the coherences, so
     that the sources together have the densities and cross densities asked for.
@@ -164,9 +165,9 @@ def cholesky(matrices: Waves) -> Waves:
 
 
 def impossible(crosses: tuple[CrossDensity, ...], tables: dict[str, Table]) -> str:
-    """Why no motion has these densities and cross densities; empty if one may have.
+    """Sentence on why no motion can have these densities and cross densities; empty if one can.
 
-    The coherences are linear between breakpoints, so that it is enough to look at these.
+    The coherences are linear between breakpoints, so that it is enough to check the breakpoints.
     """
     places = np.unique(np.concatenate([each.frequency_hz for each in crosses]))
     smallest = np.linalg.eigvalsh(coherences(crosses, tables, places))[:, 0]

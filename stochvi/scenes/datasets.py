@@ -13,7 +13,7 @@ from stochvi.scenes.text import read_table
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """A tabulated environment: breakpoints in hertz and g^2/Hz, log-log straight between them.
+    """A tabulated environment: breakpoints in Hz and g^2/Hz, with log-log interpolation.
 
     See Also
     --------
@@ -106,7 +106,7 @@ def zoo_files() -> dict[str, Path]:
 
 
 def scene_files(name: str) -> list[Path]:
-    """A scene that ships, with the tables that it names."""
+    """Files of a scene that ships: its TOML file and the tables that it names."""
     path = shipped_scene(name)
     text = path.read_text(encoding="utf-8")
     return [path, *(table for table in sorted(path.parent.glob("*.csv")) if table.name in text)]

@@ -1,4 +1,4 @@
-"""Motions of a whole structure that no spring, damper or stop feels: it drifts freely in them."""
+"""Free drifts: motions of a whole structure that no spring, damper or stop resists."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from scipy.linalg import null_space
 Matrix = NDArray[np.float64]
 
 UNFELT = 1e-10
-"""Share of its size up to which a force of springs, dampers or stops counts as none (rounding)."""
+"""Relative size up to which a force of springs, dampers or stops counts as a rounding error."""
 
 
 def drifts(felt: Matrix, rows: Matrix) -> tuple[list[int], Matrix]:
-    """Motions that neither forces nor gaps feel, and coordinates that the others can be seen from.
+    """Free drifts, and the reference coordinates relative to which the others do not drift.
 
     Parameters
     ----------
     felt
-        Stiffness and damping, one below the other (2 n, n).
+        Damping and stiffness matrices, one below the other (2 n, n).
     rows
         Rows (pairs, n) of the gaps.
 
     Returns
     -------
     references, motions
-        k places of coordinates, and the motions (n, k), of which each moves one of these by 1 and
-        no other: x_i - motions[i] . x[references] does not drift.
+        Indices of k reference coordinates, and the drifts (n, k). Each drift moves one reference
+        by 1 and no other, so that x_i - motions[i] . x[references] does not drift.
 
     Examples
     --------
@@ -40,7 +40,7 @@ def drifts(felt: Matrix, rows: Matrix) -> tuple[list[int], Matrix]:
     """
     size = np.linalg.norm(felt, axis=0).max(initial=0.0) or 1.0
     free = null_space(np.vstack([felt / size, rows]), rcond=UNFELT).T
-    # what masses strike is the natural place to look from
+    # a coordinate that other masses strike is preferred as a reference
     struck = np.sum(rows < 0.0, axis=0)
     references: list[int] = []
     for place in np.argsort(-struck, kind="stable").tolist():
@@ -57,8 +57,11 @@ def drifts(felt: Matrix, rows: Matrix) -> tuple[list[int], Matrix]:
 
 
 def without_drift(mass: Matrix, references: Sequence[int], motions: Matrix) -> Matrix:
-    """The matrix (n - k, n) that takes forces on all coordinates to those on the others, seen from
-    the references, whose mass matrix is this times that of all, without the references."""
+    """Matrix (n - k, n) from forces on all coordinates to forces on the relative coordinates.
+
+    The relative coordinates are the others, measured from the references. Their mass matrix is this
+    matrix times the mass matrix of all coordinates, without the columns of the references.
+    """
     kept = np.delete(np.arange(len(mass)), references)
     carried = mass @ motions
     whole = np.linalg.solve(motions.T @ carried, motions.T)

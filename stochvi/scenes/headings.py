@@ -13,41 +13,41 @@ LAST_HEADINGS = 3
 """Number of lines above the numbers that may name the columns and their units."""
 
 GLUE = "\0"
-"""Stands for a blank at which a line is not split; decoded text holds none."""
+"""Character in place of a blank at which a line is not split; decoded text never contains it."""
 
 ABSCISSAE = {
     "time": r"t|time\w*|zeit\w*|temps|date\w*|datum",
     "frequency": r"f|freq\w*|frequenz|fréquence|k?hz",
 }
-"""Quantity of the column that runs -> words by which headings call it."""
+"""Quantity of the column of times or frequencies -> pattern of its names in headings."""
 
 NAMED_UNIT = re.compile(
     r"(?:(?:acc[a-z]*[_ ])?(?:psd|asd)|acc[a-z]*|a|beschleunigung|force|density|time(?:stamp)?|t|"
     r"zeit|frequency|freq|f|level)"
     r"(?:[_ ][xyz])?(?:_| in | )(\S+)", re.I,
 )  # fmt: skip
-"""A name such as acceleration_g, accel_z_g, density_g2_per_hz or "Time ms", and its unit."""
+"""Pattern of a name with a unit, such as acceleration_g, density_g2_per_hz or "Time ms"."""
 
 QUANTITY_OVER_UNIT = re.compile(r"[^\W\d_]+\s*/\s*(\S+)")
-"""A name over its unit, "f/kHz", as ISO 80000-1 heads the columns of a table."""
+"""Pattern of a name over its unit, "f/kHz", the heading of a column by ISO 80000-1."""
 
 LABELLED_UNIT = re.compile(r"(?:[xy][_ ])?(?:units?|einheit)(?:[_ ]label)?\s*[:=]\s*(\S+)", re.I)
-"""A line such as "Unit: g", and the unit in it."""
+"""Pattern of a line such as "Unit: g", with the unit in it."""
 
 ROW_OF_UNITS = re.compile(r"(?:[xy][_ ])?(?:units?|einheit)\b|(?:[xy][_ ])?unit_label", re.I)
-"""What the first cell of a line of units may say, as those of LabVIEW do, far above the rows."""
+"""Pattern of the first cell of a line of units, which LabVIEW writes far above the rows."""
 
 COUNTING = re.compile(
     r"(?:#|no|nr|n|i|index|idx|sample\w*|point\w*|row|line|count\w*|scan\w*|rpm|order|period|"
     r"speed|drehzahl|omega|ω)\b"
     r"|#", re.I,
 )  # fmt: skip
-"""What the heading of a column starts with that holds neither times nor frequencies, but rises."""
+"""Pattern of the start of the heading of a column that rises without being time or frequency."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Heading:
-    """What stands above a column: its cells from the top down, its unit, and where that stands."""
+    """The heading of a column: its cells from the top down, its unit, and the line of the unit."""
 
     cells: tuple[str, ...] = ()
     unit: Unit | None = None
@@ -55,12 +55,12 @@ class Heading:
 
     @property
     def name(self) -> str:
-        """The lowest cell that is no unit, empty if there is no cell."""
+        """The lowest cell that is not a unit, or the lowest if all are units; empty if none."""
         lowest = self.cells[-1] if self.cells else ""
         return next((cell for cell in reversed(self.cells) if not _is_unit(cell)), lowest)
 
     def called(self, name: str) -> bool:
-        """Whether the column goes by a name, with or without the unit in it, in any case."""
+        """Whether a cell is the name `name`, with or without a unit in brackets, ignoring case."""
         wanted = name.strip().casefold()
         return any(
             wanted in (cell.casefold(), re.sub(r"\s*[\[(].*", "", cell).casefold())
@@ -68,17 +68,17 @@ class Heading:
         )
 
     def mentions(self, name: str) -> bool:
-        """Whether a name is one of the words of the heading, in any case."""
+        """Whether a name is one of the words of the heading, ignoring case."""
         return any(name.strip().casefold() in cell.casefold().split() for cell in self.cells)
 
     def is_of(self, quantity: str) -> bool:
-        """Whether the heading says that the column holds times, or frequencies."""
+        """Whether the heading states that the column holds the quantity, "time" or "frequency"."""
         named = re.match(rf"(?:{ABSCISSAE[quantity]})\b", self.name, re.I)
         return self.unit.quantity == quantity if self.unit else named is not None
 
     @property
     def unread(self) -> str:
-        """What stands in the place of a unit and is none that is known; empty for nothing."""
+        """The text in the place of a unit, if it is not a known unit; otherwise empty."""
         if self.unit is not None or not self.name:
             return ""
         over = QUANTITY_OVER_UNIT.fullmatch(self.name)
@@ -87,16 +87,19 @@ class Heading:
 
     @property
     def counts(self) -> bool:
-        """Whether the heading says that the column numbers the rows, or holds rpm or orders."""
+        """Whether the heading states that the column holds row numbers, rpm or orders."""
         return self.unit is None and COUNTING.match(self.name) is not None
 
 
 def headings_above(
     above: Sequence[tuple[int, str]], delimiter: str | None, count: int, longest: int, stamped: bool
 ) -> list[Heading]:
-    """The headings of the columns, from the last lines above the rows that have as many cells, and
-    from a line that says that it holds units. `longest` is the number of cells of a row with the
-    empty ones at its end, which a heading may name."""
+    """The headings of the columns.
+
+    They come from the last lines above the rows that have as many cells as there are columns, and
+    from lines that state that they hold units. `longest` is the number of cells of a row including
+    empty ones at its end, which a heading may name.
+    """
     fitting: list[tuple[int, list[str]]] = []
     for number, line in above[:-LAST_HEADINGS]:
         cells = _heading_cells(line, delimiter, count, longest, stamped)
@@ -106,7 +109,7 @@ def headings_above(
         if cells := _heading_cells(line, delimiter, count, longest, stamped):
             fitting.append((number, cells))
     found = []
-    # the name of a column is not looked for in a line of units
+    # lines of units come last, because the name of a column is not looked for there
     named = sorted(fitting, key=lambda each: not _holds_units(each[1]))
     for place in range(count):
         stack = tuple(row[place] for _, row in named if row[place])
@@ -129,7 +132,7 @@ def _holds_units(cells: Sequence[str]) -> bool:
 def _heading_cells(
     line: str, delimiter: str | None, count: int, longest: int, stamped: bool
 ) -> list[str] | None:
-    """The cells of a heading, one for each column; None of a line that has another number."""
+    """The cells of a heading, one for each column; None for a line with another number of cells."""
     text = re.sub(r"^\s*(?:#|%|//)+\s*", "", line)
     # a unit in brackets belongs to the name before it
     glued = re.sub(r"\s+(?=[\[(])", GLUE, text.strip())
@@ -150,7 +153,7 @@ def _is_unit(cell: str) -> bool:
 
 
 def _known(spelling: str) -> Unit | None:
-    """The unit of a spelling; None for what is no unit."""
+    """The unit of a spelling; None if it is not a known unit."""
     try:
         return unit(spelling)
     except ValueError:
@@ -163,7 +166,7 @@ def unit_in(text: str, alone: bool = False) -> Unit | None:
     Parameters
     ----------
     alone
-        Whether the heading is of a line of units, so that a single letter is one as well.
+        Whether the heading is in a line of units, so that a single letter is a unit as well.
 
     Examples
     --------
@@ -203,7 +206,7 @@ def unit_in(text: str, alone: bool = False) -> Unit | None:
 
 
 def _bracketed(text: str) -> list[str]:
-    """What stands in outermost brackets after which a word ends."""
+    """The texts within outermost brackets that are followed by the end of a word."""
     found, depth, start = [], 0, 0
     for place, letter in enumerate(text):
         if letter in "([":
@@ -217,7 +220,8 @@ def _bracketed(text: str) -> list[str]:
 
 
 def stated_density(above: Sequence[tuple[int, str]]) -> tuple[Unit | None, int]:
-    """The unit of a density that lines above the rows state, if they state one alone."""
+    """The unit of a density that the lines above the rows state, and its line; (None, 0) if they
+    state none or several."""
     found: dict[tuple[str, bool], tuple[Unit, int]] = {}
     for number, line in above:
         pieces = [*_bracketed(line), *re.split(r"[;,\t|]", line)]

@@ -86,7 +86,7 @@ def test_the_unit_of_the_heading_is_taken_and_explained(
         ("f;two-sided PSD (g2/Hz)", {}, "expected a one-sided density"),
         ("f;PSD (mV2/Hz)", {"unit": "g2/Hz"}, "expected no mV"),
         ("f;a (g rms)", {"unit": "g2/Hz"}, "says 'g'"),
-        ("f;PSD", {"unit": "g"}, "is no unit of this"),
+        ("f;PSD", {"unit": "g"}, "is a unit of another quantity"),
     ],
 )
 def test_a_unit_that_is_not_known_or_not_of_a_density_is_refused(
@@ -187,7 +187,7 @@ def test_rows_in_descending_order_and_rows_without_density_at_the_ends(tmp_path:
             "line 1: needs positive finite values of frequency_hz, got -10",
         ),
         (["10;1", "20;nan", "30;1"], "line 2: needs positive finite values of density, got nan"),
-        (["10;1", "20;1", "20;2", "20;3", "30;1"], "line 4: 20 Hz stands three times"),
+        (["10;1", "20;1", "20;2", "20;3", "30;1"], "line 4: 20 Hz appears three times"),
         (["10;0", "20;0"], "needs positive finite values of density, got none"),
         (["30;1", "20;0", "10;1"], "line 2: the density is 0 at 20 Hz, between others"),
     ],

@@ -1,4 +1,4 @@
-"""What every excitation says of itself, and what noise of a density says besides."""
+"""The base classes of all excitations and of noise with a density, and checks of their units."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ BASE = "base"
 
 
 def unit_name(spelling: str, *quantities: str, decibels: bool = False) -> str:
-    """The usual name of a unit of one of some quantities; ValueError for any other."""
+    """The usual name of a unit, which must be of one of `quantities`; otherwise a ValueError."""
     known = listed_units(*quantities)
     try:
         found = unit(spelling)
@@ -29,7 +29,7 @@ def unit_name(spelling: str, *quantities: str, decibels: bool = False) -> str:
         found = None
     if found is None or found.quantity not in quantities or (found.decibels and not decibels):
         level = ", or dB re 1 g2/Hz" if decibels else ""
-        other = "is not a unit that is known" if found is None else "is no unit of this"
+        other = "is not a known unit" if found is None else "is a unit of another quantity"
         raise ValueError(f"{spelling!r} {other}; expected {known}{level}, or a spelling of these")
     return found.name
 
@@ -46,11 +46,12 @@ DensityUnit = Annotated[str, AfterValidator(_density_name)]
 """A unit of a one-sided density, in any spelling; kept by its usual name."""
 
 DensityOrLevelUnit = Annotated[str, AfterValidator(_density_or_level_name)]
-"""The same, or decibels over such a density."""
+"""A unit of a one-sided density, or of its level in decibels; kept by its usual name."""
 
 
 def check_unit(name: str, on: str) -> None:
-    """A force density belongs on a mass, an acceleration density on the base."""
+    """Raise a ValueError unless a unit is a force density on a mass or an acceleration density on
+    the base."""
     fitting = "acceleration density" if on == BASE else "force density"
     if unit(name).quantity != fitting:
         choices = " or ".join(UNITS[fitting])
@@ -61,9 +62,7 @@ def check_unit(name: str, on: str) -> None:
 
 
 class Disturbance(Checked):
-    """Something that shakes; the base of every excitation.
-
-    An excitation that leaves out an abstract method cannot be made.
+    """Base class of every excitation.
 
     Parameters
     ----------
@@ -81,10 +80,11 @@ class Disturbance(Checked):
     axis: Literal["x", "y", "z"] | None = None
 
     effect_word: ClassVar[str]
-    """Its name in the effects of a scene."""
+    """Name of the excitation in the effects of a scene."""
 
     family: ClassVar[str]
-    """The effect of which it is one kind; an effect that no excitation of a scene has is absent."""
+    """Effect to which the excitation belongs. The absent effects of a scene are those to which none
+    of its excitations belongs."""
 
     @field_validator("between", mode="before")
     @classmethod
@@ -96,19 +96,19 @@ class Disturbance(Checked):
         """The excitation raised by a level in dB; a constant load stays as it is."""
 
     def numbers(self) -> dict[str, float]:
-        """Numbers that a report states and the scene file does not, SI units."""
+        """Numbers, in SI units, that a report states and that are not in the scene file."""
         return {}
 
     @abstractmethod
     def facts(self, where: str, numbers: Mapping[str, float]) -> list[tuple[str, ...]]:
-        """Name, value with its unit, and a remark, for a report.
+        """Rows of a report: name, value with its unit, and a remark.
 
         Parameters
         ----------
         where
-            What it acts on, `BASE` or a coordinate.
+            What the excitation acts on, `BASE` or a coordinate.
         numbers
-            Those of `numbers`.
+            Numbers that the method `numbers` returned.
         """
 
 
@@ -139,7 +139,7 @@ class DensityNoise(Disturbance):
         return self._table
 
     def table_for(self, omega: float, damping_rate: float) -> Table:
-        """The table with which an oscillator of omega (rad/s) and b (1/s) is shaken."""
+        """The table that excites an oscillator with omega (rad/s) and damping rate b (1/s)."""
         return self._table
 
     @property
@@ -148,12 +148,12 @@ class DensityNoise(Disturbance):
         """Unit of the density as it was given."""
 
     def said(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
-        """What is taken for granted about it, in words, for an oscillator if one is given."""
+        """Assumptions about the noise, in words, for an oscillator if its numbers are given."""
         return ()
 
     def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
-        """Sentences that warn of what makes the response of an oscillator doubtful, which has this
-        omega (rad/s) and damping rate (1/s)."""
+        """Sentences on what makes the response of an oscillator with this omega (rad/s) and damping
+        rate (1/s) doubtful."""
         return ()
 
     def louder(self, level_db: float) -> Self:
@@ -179,7 +179,7 @@ class DensityNoise(Disturbance):
 
 
 LARGEST_LEVEL = 200.0
-"""Decibels; more is a slip."""
+"""Largest size of a change of level, dB; a larger one is probably a mistake."""
 
 
 def band_of(numbers: Mapping[str, float]) -> str:
@@ -188,13 +188,13 @@ def band_of(numbers: Mapping[str, float]) -> str:
 
 
 def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...]) -> Unit:
-    """The unit that the scene says, or else the file that the columns are from; never two.
+    """The unit that the scene or the file of the columns states.
 
     Raises
     ------
     SceneError
-        Where both say one and they differ, where the file holds another quantity, or where
-        neither says one.
+        If both state a unit and these differ, if the file holds another quantity, or if neither
+        states a unit.
     """
     stated = columns.unit
     if stated is None:
@@ -218,21 +218,21 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
 
 
 def unread_unit(columns: Columns, taken: Unit) -> tuple[str, ...]:
-    """A sentence on what looks like a unit above the values, is none that is known, and therefore
-    could not be compared with the unit of the scene."""
+    """A sentence on a text above the values that looks like a unit but is not a known one, and was
+    therefore not compared with the unit of the scene."""
     if not re.search(r"[/^²]", columns.unread):
         return ()
     return (
-        f"above its values stands {columns.unread!r}, which is no unit that is known; they were "
-        f"taken for {taken.name}, as the scene says",
+        f"the text {columns.unread!r} above the values is not a known unit; the values were taken "
+        f"to be in {taken.name}, as the scene states",
     )
 
 
 def _unread_heading(columns: Columns, quantities: tuple[str, ...]) -> str:
-    """What a file without a unit that is known says above its values, and how decibels are written.
+    """The text above the values of a file without a known unit, and how to write decibels.
 
-    It is empty if the file says nothing. The heading of a density may not fall into columns, but
-    names hertz.
+    It is empty if there is no such text. For a density, a line that names hertz is used if the
+    heading of the column does not.
     """
     heading = columns.heading
     if quantities == DENSITIES and "hz" not in heading.casefold():
@@ -245,7 +245,7 @@ def _unread_heading(columns: Columns, quantities: tuple[str, ...]) -> str:
 
 
 def _check_sides(columns: Columns) -> None:
-    """Refuse a density of which a heading or a comment says that it is two-sided."""
+    """Refuse a density if a heading or a comment states that it is two-sided."""
     for place, text in (("above its values", columns.heading), *columns.remarks):
         if re.search(TWO_SIDED, text, re.I) and not re.search(ONE_SIDED, text, re.I):
             raise SceneError(
@@ -256,7 +256,7 @@ def _check_sides(columns: Columns) -> None:
 
 
 def _check_heading(heading: str, named: Unit | None) -> None:
-    """Refuse a heading whose words, which are no unit here, contradict the unit of the scene."""
+    """Refuse a heading that contradicts the unit of the scene by decibels or a logger's unit."""
     if re.search(r"\bdB\b", heading, re.I) and not (named and named.decibels):
         raise SceneError(
             [("unit", f"must say what 0 dB stands for, as in 'dB re 1 g2/Hz': above the values "
@@ -271,18 +271,18 @@ def _check_heading(heading: str, named: Unit | None) -> None:
 
 
 TWO_SIDED = r"(?:two|double|2)[-_ ]?sided|zweiseitig|bilat[eé]ral"
-"""Pattern of the words for a density that also holds negative frequencies."""
+"""Pattern of words for a density that is given for negative frequencies as well."""
 
 ONE_SIDED = r"(?:one|single|1)[-_ ]?sided|einseitig|unilat[eé]ral"
-"""Pattern of the words for a density of positive frequencies alone, such as all here are."""
+"""Pattern of words for a density of positive frequencies only, as all densities here are."""
 
 OTHER_UNITS = r"[\[(]([mµu]?V|[np]C|[cC]ounts?|LSB|[Dd]igits?)(?:(?:\^?2|²)?/Hz)?[\])]"
-"""Units, in brackets, of what a logger takes from a sensor before it is scaled."""
+"""Pattern of units in brackets that a logger writes for values not yet scaled to a quantity."""
 
 
 @contextlib.contextmanager
 def sentences_of(key: str) -> Iterator[None]:
-    """Sentences that name no key are about this one."""
+    """Give the key `key` to every problem in a SceneError that names no key."""
     try:
         yield
     except SceneError as error:

@@ -40,8 +40,9 @@ def _value_unit(spelling: str) -> str:
 class RecordedNoise(DensityNoise):
     """Gaussian noise with the density of a measured record, estimated by Welch's method.
 
-    The record itself is not replayed. Its segments are chosen from its length and from the
-    oscillator that it shakes (`Record.resolution`), unless `resolution_hz` says.
+    The record itself is not replayed. The length of the segments follows from the length of the
+    record and from the oscillator that it excites (`Record.resolution`), unless `resolution_hz` is
+    given.
 
     Parameters
     ----------
@@ -131,7 +132,7 @@ class RecordedNoise(DensityNoise):
         self._table = self._within_band(self._record.resolution())
 
     def louder(self, level_db: float) -> Self:
-        """The record at a level that is higher by so many dB; the file is not read again."""
+        """The record at a level raised by `level_db`; the file is not read again."""
         louder = self.model_copy(update={"level_db": self.level_db + level_db})
         louder._set_level()
         return louder
@@ -169,8 +170,8 @@ class RecordedNoise(DensityNoise):
         return (
             f"record {Path(self.file).name}: {record.duration:.4g} s at {record.fs:.4g} Hz, "
             f"kurtosis of the input {kurtosis:.2f} +- {doubt:.2f} (Gaussian: 3, which says "
-            "little of the response); simulated is Gaussian noise of "
-            "its density, not the record",
+            "little of the response); Gaussian noise of its density is simulated, not the record "
+            "itself",
             *(f"record {Path(self.file).name}: {note}" for note in self._notes + record.notes),
             *(
                 (f"record {Path(self.file).name}: split at {listed_gaps(record.gaps)}",)
@@ -182,15 +183,15 @@ class RecordedNoise(DensityNoise):
         )
 
     def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
-        """Sentences on what the record leaves uncertain: of the response of an oscillator with this
-        omega (rad/s) and damping rate (1/s); where one of them is 0, of itself alone."""
+        """Sentences on how uncertain the record leaves the response of an oscillator with this
+        omega (rad/s) and damping rate (1/s); if one of these is 0, only on the record itself."""
         record = self._record
         found = [f"record {Path(self.file).name}: {note}" for note in self._doubts]
         kurtosis, doubt = record.kurtosis()
         if kurtosis - 3.0 > SEEN * doubt:
             found.append(
-                "the record has larger peaks than Gaussian noise of the same rms: hits and "
-                "clearances from its density are too favourable"
+                "the record has larger peaks than Gaussian noise of the same rms: hit rates and "
+                "clearances that are calculated from its density are too favourable"
             )
         if not omega or not damping_rate:
             return tuple(found)
@@ -199,11 +200,11 @@ class RecordedNoise(DensityNoise):
         found.append(
             f"the length of the record leaves the rms response, and with it every clearance, "
             f"uncertain by {50.0 * error:.2g} % (standard error; {50.0 * bias:+.1g} % bias of its "
-            "window); the intervals of what is computed from it do not hold that"
+            "window); the intervals of computed results do not include that"
         )
         if record.density(bins).resolution_hz > COARSE * wanted:
             found.append(
-                f"the record is short for this mount: bins of {wanted:.3g} Hz want "
+                f"the record is short for this mount: bins of {wanted:.3g} Hz need a record of "
                 f"{FEWEST_SEGMENT_LENGTHS / wanted:.3g} s"
             )
         return tuple(found)
@@ -249,10 +250,11 @@ DENSITY_OF = {"acceleration": "(m/s2)2/Hz", "force": "N2/Hz"}
 """Quantity of a record -> SI unit of its density."""
 
 FEWEST_BINS = 16
-"""Samples in the shortest segment."""
+"""Number of samples in the shortest segment that `resolution_hz` may ask for."""
 
 SEEN = 3.0
-"""Standard errors from which a kurtosis is said to be above that of Gaussian noise."""
+"""Excess of a kurtosis over 3, in standard errors, above which it counts as not Gaussian."""
 
 COARSE = 1.1
-"""Ratio of bins to those wanted from which this is said: segments are whole samples long."""
+"""Ratio of the width of the bins to the width that the mount needs, above which a warning says that
+the record is short. It is above 1 because segments have a whole number of samples."""

@@ -19,8 +19,8 @@ from stochvi.scenes.vehicles import QuarterCar
 class RoadNoise(DensityNoise):
     """A base that follows a road of ISO 8608 at a constant speed (see `roads`).
 
-    Its vertical velocity is white, its acceleration rises as f^2, over `band_hz`. The mount stands
-    on the road itself, or on the vehicle of the scene (`behind`).
+    Within `band_hz` the density of its vertical velocity is constant, and that of its acceleration
+    rises as f^2. The mount stands on the road itself, or on the vehicle of the scene.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class RoadNoise(DensityNoise):
         return self.speed_kmh / KMH_PER_METRE_PER_SECOND
 
     def behind(self, vehicle: QuarterCar | None) -> Self:
-        """The same road, whose acceleration reaches the base through a vehicle, or as it is."""
+        """The same road with a vehicle between it and the base; None for no vehicle."""
         found = self.model_copy()
         found._vehicle = vehicle
         found._reach_the_base()
@@ -109,7 +109,8 @@ class RoadNoise(DensityNoise):
         )
 
     def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
-        """A mount that is bolted to a road feels more than any vehicle would pass on."""
+        """A warning if the mount stands on the road itself, which shakes it more than any vehicle
+        would."""
         if not omega or self.band_hz is not None or self._vehicle is not None:
             return ()
         rms = math.sqrt(self._table.mean_square()) / STANDARD_GRAVITY
@@ -139,4 +140,4 @@ class RoadNoise(DensityNoise):
 
 
 KMH_PER_METRE_PER_SECOND = 3.6
-"""Kilometres per hour in a metre per second."""
+"""Speed of 1 m/s in km/h."""

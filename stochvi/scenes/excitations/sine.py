@@ -17,7 +17,7 @@ STRENGTHS = ("amplitude", "displacement", "velocity", "unbalance")
 
 
 class Sine(Disturbance):
-    """A sine, a cos(2 pi frequency_hz t + phase), the phase of each path random.
+    """A sine, a cos(2 pi frequency_hz t + phase), with a random phase in each path.
 
     Parameters
     ----------
@@ -32,8 +32,8 @@ class Sine(Disturbance):
     frequency_hz
         Frequency, Hz.
     phase_deg
-        Phase of a among several sines that make one periodic force, degrees. Periodic regimes keep
-        it; every other method draws phases at random.
+        Phase of the sine, degrees, where several sines make one periodic force. Periodic regimes
+        use it; every other method draws phases at random.
 
     See Also
     --------
@@ -92,7 +92,8 @@ class Sine(Disturbance):
         return float(value * (2.0 * math.pi * self.frequency_hz) ** power)
 
     def misplaced(self, where: str) -> str:
-        """What is wrong with the strength of a sine that acts there; empty if nothing is."""
+        """What is wrong with the key of the strength for a sine that acts on `where`; empty if
+        nothing is."""
         name, _ = self.strength
         if name in ("displacement", "velocity") and where != BASE and not self.crank:
             return f"has {name}, which is that of the base, got on = {where!r}; give amplitude (N)"

@@ -37,12 +37,13 @@ class TabulatedNoise(DensityNoise):
     profile
         Name of a table that ships (`stochvi profiles`), in g^2/Hz.
     file
-        Text, a UFF file with a dataset 58, or a MATLAB file. A `spectrum.csv` that `stochvi
-        spectrum --out` wrote of another scene is one, too.
+        A text file, a UFF file with a dataset 58, or a MATLAB file. It may also be the
+        `spectrum.csv` that `stochvi spectrum --out` wrote for another scene.
     column
-        Name of the column of densities of a text, or its number from 1, if there are more than two.
+        Name of the column of densities in a text file, or its number from 1, if there are more than
+        two columns.
     of
-        Coordinate of the other scene, of a `spectrum.csv`, whose absolute acceleration is meant.
+        For a `spectrum.csv`: the coordinate of the other scene whose absolute acceleration is used.
     variables
         Names of the two vectors of a MATLAB file, or of its matrix of two columns, if several fit.
     dataset
@@ -52,9 +53,9 @@ class TabulatedNoise(DensityNoise):
     density
         One-sided density at each breakpoint, in `unit`.
     unit
-        Of the densities: "g2/Hz" or "(m/s2)2/Hz" on the base, "N2/Hz" on a mass, in any spelling,
-        or decibels, as "dB re 1 g2/Hz". A unit that the file states may be left out, and must be
-        the same where it is given.
+        Unit of the densities: "g2/Hz" or "(m/s2)2/Hz" on the base, "N2/Hz" on a mass, in any
+        spelling, or decibels, as "dB re 1 g2/Hz". It may be left out if the file states the unit;
+        if both are given, they must agree.
 
     Raises
     ------
@@ -157,12 +158,13 @@ class TabulatedNoise(DensityNoise):
         return self._unit.name
 
     def said(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
-        """What was taken from its file besides the numbers, and what was left out."""
+        """What was taken from the file besides the numbers, and what was left out."""
         name = Path(self.file or "").name
         return tuple(f"table {name}: {note}" for note in self._notes)
 
     def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
-        """How uncertain a density is that was estimated by simulation; a unit that is not known."""
+        """Warnings on the error of a density that was estimated by simulation, and on a text that
+        looks like a unit but is not a known one."""
         return tuple(f"table {Path(self.file or '').name}: {note}" for note in self._doubts)
 
     def numbers(self) -> dict[str, float]:
@@ -187,13 +189,14 @@ class TabulatedNoise(DensityNoise):
 def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tuple[str, ...]]:
     """Rows of a file as a table needs them, and notes on what was changed.
 
-    Rows in descending order are turned round; rows at 0 Hz, and rows without density at either end,
-    are left out; one of two equal rows is dropped.
+    Rows in descending order are reversed. Rows at 0 Hz, and rows with the density 0 at either end,
+    are left out. One of two equal rows is dropped.
 
     Raises
     ------
     SceneError
-        With the line: for what is missing, negative, out of order, or 0 between other densities.
+        If a value is missing, negative or out of order, or a density between others is 0. The
+        message names the line.
     """
     assert columns.x is not None
     frequency, density, order = columns.x, columns.y, np.arange(len(columns.y))
@@ -210,7 +213,7 @@ def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tupl
             )
     if np.all(np.diff(frequency) <= 0.0) and frequency[0] > frequency[-1]:
         order = order[::-1]
-        notes.append("rows in descending order were turned round")
+        notes.append("its rows are in descending order and were reversed")
     frequency, density = frequency[order], density[order]
     falls = np.diff(frequency) < 0.0
     if falls.any():
@@ -237,8 +240,8 @@ def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tupl
         row = first + int(np.argmin(held[first : last + 1]))
         raise refuse(
             row,
-            f"the density is 0 at {frequency[row]:g} Hz, between others: a table is straight in "
-            "logarithms, which never reach 0; give the parts as two excitations",
+            f"the density is 0 at {frequency[row]:g} Hz, between others above 0: a table is "
+            "interpolated in logarithms, which never reach 0; give the parts as two excitations",
         )
     if left := len(held) - (last + 1 - first):
         notes.append(
@@ -254,8 +257,8 @@ def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tupl
         row = int(kept[2:][np.argmax(thrice)])
         raise refuse(
             row,
-            f"{frequency[row]:g} Hz stands three times, expected twice at most, for the densities "
-            "below and above a step; take out the one between",
+            f"{frequency[row]:g} Hz appears three times, expected at most twice, for the densities "
+            "below and above a step; take out the row between",
         )
     steps = frequency[kept[1:]][np.diff(frequency[kept]) == 0.0]
     if len(steps):

@@ -21,9 +21,10 @@ class _Strength(Disturbance):
     intensity
         S0, two-sided, N^2 s on a mass, (m/s^2)^2 s on the base.
     density
-        The same one-sided per hertz, 2 S0, in `unit`.
+        Instead of the intensity: the one-sided density per hertz, 2 S0, in `unit`.
     unit
-        Of the density: "g2/Hz" or "(m/s2)2/Hz" on the base, "N2/Hz" on a mass, in any spelling.
+        Unit of the density: "g2/Hz" or "(m/s2)2/Hz" on the base, "N2/Hz" on a mass, in any
+        spelling.
     """
 
     on: str | None = None
@@ -33,7 +34,7 @@ class _Strength(Disturbance):
 
     @property
     def density_unit(self) -> str | None:
-        """Unit of its density; None for an intensity, which is in SI units."""
+        """Unit of the density; None for an intensity, which is in SI units."""
         return self.unit
 
     @model_validator(mode="after")
@@ -107,12 +108,12 @@ class WhiteNoise(_Strength):
 class FilteredNoise(_Strength):
     """White noise that has passed through a resonance.
 
-    From white noise w of intensity S0 it follows by
+    It follows from white noise w of intensity S0 by
 
         f'' + 2 zeta w_f f' + w_f^2 f = w_f^2 w(t),    w_f = 2 pi frequency_hz,
 
-    so that far below the resonance its density is that of w, and E f^2 = w_f S0 / (4 zeta).
-    Narrow-band for a small `zeta`. The strength, that of w, is given as for `WhiteNoise`.
+    so that far below the resonance its density is that of w, and E f^2 = w_f S0 / (4 zeta). The
+    noise is narrow-band for a small `zeta`. The strength of w is given as for `WhiteNoise`.
 
     Parameters
     ----------
@@ -152,6 +153,6 @@ class FilteredNoise(_Strength):
 
     def _remark(self) -> str:
         return (
-            f"{super()._remark()}; that is before a resonance at {self.frequency_hz:.4g} Hz with a "
-            f"damping ratio of {self.zeta:.3g}"
+            f"{super()._remark()}; both are before the filter, a resonance at "
+            f"{self.frequency_hz:.4g} Hz with a damping ratio of {self.zeta:.3g}"
         )

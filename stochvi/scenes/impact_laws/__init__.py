@@ -27,13 +27,13 @@ __all__ = [
 
 
 def _kind(value: Any) -> str:
-    """The kind of a law by its key; restitution where it is left out."""
+    """The kind that a law states; "restitution" if it states none."""
     kind = value.get("kind", "restitution") if isinstance(value, dict) else None
     return str(getattr(value, "kind", "restitution") if kind is None else kind)
 
 
 def not_rigid(stops: Iterable[tuple[str, Law]]) -> list[str]:
-    """What stands in the way of a method that needs rigid stops; `stops` are (side, law)."""
+    """The unmet conditions of a method that needs rigid stops; `stops` are pairs (side, law)."""
     return [
         f"stops must be rigid (law.kind = 'restitution'), got {law.kind!r} at the {side} stop"
         for side, law in stops

@@ -1,4 +1,4 @@
-"""What every impact law says of itself, and what a stop that gives way says besides."""
+"""The base classes of all impact laws, and of those of stops that give way."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Vector = NDArray[np.float64]
 
 
 class Form(NamedTuple):
-    """How a simulation moves a mass that meets the stop, and the numbers that it does so with.
+    """The form in which the kernels of a simulation know an impact law, and its numbers.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ class Form(NamedTuple):
         "rigid", with a restitution; "pieces", with a row (deflection, force, slope) for each linear
         piece of the force; "damped", with stiffness and damping; "hertz", with the coefficient.
     numbers
-        (rows, columns), for forces per unit mass, SI units.
+        Array (rows, columns) of the numbers, for forces per unit mass, SI units.
     """
 
     name: Literal["rigid", "pieces", "damped", "hertz"]
@@ -32,13 +32,10 @@ class Form(NamedTuple):
 
 
 class ImpactLaw(Checked):
-    """What happens when the mass meets a stop; the base of every law.
-
-    A law that leaves out an abstract method cannot be made.
-    """
+    """Base class of every impact law: what happens when the mass meets a stop."""
 
     word: ClassVar[str]
-    """The word for its stop in the effects of a scene."""
+    """Word for a stop with this law in the effects of a scene."""
 
     rigid: ClassVar[bool]
     """Whether the stop does not give way."""
@@ -49,15 +46,15 @@ class ImpactLaw(Checked):
 
     @abstractmethod
     def scaled(self, length: float, time: float) -> Self:
-        """The law, for forces per unit mass, in units of `length` (m) and `time` (s)."""
+        """The law for forces per unit mass, with `length` (m) and `time` (s) as units."""
 
     @abstractmethod
     def strengths(self) -> tuple[float, ...]:
-        """Numbers with a unit that the law holds."""
+        """Those numbers of the law that have a unit."""
 
     @abstractmethod
     def phrase(self) -> str:
-        """The law with its numbers and their units, for a report."""
+        """The law in words, with its numbers and their units, for a report."""
 
     @property
     @abstractmethod
@@ -70,7 +67,7 @@ class ImpactLaw(Checked):
         """Restitution R that a free mass sees, v+ = -R v-."""
 
     def form(self) -> Form | None:
-        """How a simulation follows the law for forces per unit mass; None where none can."""
+        """The form for simulations, for a law for forces per unit mass; None if there is none."""
         return None
 
 
@@ -81,7 +78,7 @@ class RigidLaw(ImpactLaw):
     rigid: ClassVar[bool] = True
 
     def per_unit_mass(self, mass: float) -> Self:
-        """The same law: it knows no force."""
+        """The same law: it has no force."""
         return self
 
     def scaled(self, length: float, time: float) -> Self:
@@ -89,21 +86,21 @@ class RigidLaw(ImpactLaw):
         return self
 
     def strengths(self) -> tuple[float, ...]:
-        """Numbers with a unit that the law holds: none."""
+        """No number of the law has a unit."""
         return ()
 
 
 class CompliantLaw(ImpactLaw):
     """A stop that gives way: its force depends on the deflection y = x - stop and its rate.
 
-    Forces and deflections are positive inwards the stop; there is none while y < 0.
+    Forces and deflections are positive into the stop. The force is 0 while y < 0.
     """
 
     rigid: ClassVar[bool] = False
 
     @property
     def conservative(self) -> bool:
-        """Whether the force has a potential: there is no damper beside the spring."""
+        """Whether the force has a potential, because there is no damper parallel to the spring."""
         return self.damping(1.0) == 0.0
 
     @property
@@ -115,14 +112,14 @@ class CompliantLaw(ImpactLaw):
     def damping(self, mass: float) -> float:
         """Coefficient c of a linear damper beside the spring of the stop, N s/m; 0 without one.
 
-        `mass` is the one that a damping ratio refers to, kg: of a pair, the reduced mass.
+        `mass` is the mass to which a damping ratio refers, kg: the reduced mass of the impact pair.
         """
 
     @abstractmethod
     def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0, mass: float = 1.0) -> Vector:
         """Force on the stop, N, at deflections (m) and their rates (m/s).
 
-        `mass` is the one that a damping ratio refers to, kg, as for `damping`.
+        `mass` is the mass to which a damping ratio refers, kg, as for `damping`.
         """
 
     @abstractmethod
@@ -143,19 +140,19 @@ class CompliantLaw(ImpactLaw):
         """The contact of a free mass (of a pair: its reduced mass, kg) that arrives at `speed`."""
 
     def knots(self) -> Vector:
-        """Deflections (m), from 0 on, between which the force is smooth; a law with a kink must
-        override this."""
+        """Deflections (m), the first one 0, between which the force is smooth; a law with a kink
+        must override this."""
         return np.zeros(1)
 
     @property
     def largest_force(self) -> float:
-        """What the force at rest comes to and never exceeds, N; infinite where it grows without a
-        bound. A law whose force has a bound must override this."""
+        """Upper bound of the force at rest, N; infinite by default. A law whose force has a bound
+        must override this."""
         return math.inf
 
     @property
     def starts_as_root(self) -> bool:
-        """Whether the slope of the force grows from the touch on as the root of the deflection."""
+        """Whether the slope of the force near 0 grows as the square root of the deflection."""
         return False
 
 

@@ -26,8 +26,8 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """A table as straight pieces: where each begins (m), its force (N) and its potential (J) there,
-    and its slope (N/m)."""
+    """A table as linear pieces: deflection (m), force (N) and potential (J) at the start of each
+    piece, and its slope (N/m)."""
 
     starts: Vector
     forces: Vector
@@ -38,8 +38,8 @@ class Pieces:
 class ForceTable(CompliantLaw):
     """A measured force over deflection, linear between its points.
 
-    Beyond the last point the force goes on with the slope of the last piece; before the first it
-    starts from (0, 0), which is put in front where it is not given.
+    Beyond the last point the force continues with the slope of the last piece. The point (0, 0) is
+    added in front if it is not given.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class ForceTable(CompliantLaw):
         Instead of the two: a file of two columns, and their units, "m,N" or "mm,N", which may also
         stand in the headings of the columns, in any spelling.
     source
-        Where the numbers come from; the name of the file, if they were read.
+        Where the numbers come from; by default the name of the file from which they were read.
 
     See Also
     --------
@@ -79,7 +79,7 @@ class ForceTable(CompliantLaw):
     @model_validator(mode="before")
     @classmethod
     def _from_file(cls, keys: Any) -> Any:
-        """A law read from a file is one with the numbers in it: it needs the file no more."""
+        """The keys with the numbers of the file instead of its name, if a file is given."""
         if not isinstance(keys, dict) or not isinstance(keys.get("file"), str):
             return keys
         given = [name for name in ("deflection", "force") if keys.get(name) is not None]
@@ -131,7 +131,7 @@ class ForceTable(CompliantLaw):
 
     @cached_property
     def arrays(self) -> Pieces:
-        """The table by its pieces, made once: a closure asks for it some 100,000 times."""
+        """The table as pieces, made once because a closure asks for it some 100,000 times."""
         y, f = np.array(self.deflection), np.array(self.force)
         if y[0] > 0.0:
             y, f = np.insert(y, 0, 0.0), np.insert(f, 0, 0.0)
@@ -141,19 +141,20 @@ class ForceTable(CompliantLaw):
         return Pieces(starts, forces, slopes, np.concatenate([[0.0], np.cumsum(areas)]))
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """A copy with other values, whose pieces are its own."""
+        """A copy with other values; its pieces are made anew."""
         copy = super().model_copy(update=update, deep=deep)
         copy.__dict__.pop("arrays", None)
         return copy
 
     @property
     def pieces(self) -> Vector:
-        """(3, pieces): deflection and force where a piece begins, and its slope; the last has no
-        end."""
+        """Array (3, pieces): deflection and force at the start of each piece, and its slope. The
+        last piece has no end."""
         return np.stack([self.arrays.starts, self.arrays.forces, self.arrays.slopes])
 
     def _piece(self, deflection: ArrayLike) -> tuple[NDArray[np.intp], Vector, Vector, Vector]:
-        """Of the piece at each deflection: its number, force and slope, and how far into it."""
+        """For each deflection: number of the piece, force at its start, its slope, and the distance
+        from its start."""
         table, y = self.arrays, inside(deflection)
         number = np.searchsorted(table.starts, y, side="right") - 1
         return number, table.forces[number], table.slopes[number], y - table.starts[number]
@@ -185,16 +186,16 @@ class ForceTable(CompliantLaw):
         return np.asarray(starts[number] + into)
 
     def impact(self, speed: float, mass: float) -> Impact:
-        """Piece by piece, each a part of a harmonic motion.
+        """The contact of a free mass, whose motion within each piece is part of a harmonic one.
 
-        From the speed v_0 to v_1 over the distance d it takes (2 / W) arctan(W d / (v_0 + v_1)),
-        W^2 = slope / mass.
+        From the speed v_0 to v_1 over the distance d it takes the time
+        (2 / W) arctan(W d / (v_0 + v_1)), W^2 = slope / mass.
         """
         starts, forces, slopes = self.pieces / np.array([[1.0], [mass], [mass]])
         ends = np.append(starts[1:], math.inf)
         time, left = 0.0, speed**2
         for start, end, force, slope in zip(starts, ends, forces, slopes, strict=True):
-            # where left - 2 force d - slope d^2 = 0, written so that either may be 0
+            # root of left - 2 force d - slope d^2 = 0, written so that force or slope may be 0
             push = force + math.sqrt(force**2 + slope * left)
             turn = left / push if push else math.inf
             distance = min(end - start, turn)
@@ -237,13 +238,13 @@ class ForceTable(CompliantLaw):
 
 
 COLUMN_UNITS = {"m,N": ("m", "N"), "mm,N": ("mm", "N")}
-"""Units of the columns of a file of forces, deflection and force, by the name of both."""
+"""Units of the columns of deflection and force by the text that names both in the key `unit`."""
 
 CHOICES = " or ".join(repr(name) for name in COLUMN_UNITS)
 
 
 def _factors(table: TextTable, given: str | None) -> list[float]:
-    """Factors to m and N of the columns, whose units the scene or their headings state."""
+    """Factors that convert the columns to m and N; the scene or their headings state the units."""
     names = COLUMN_UNITS[given] if given else (None, None)
     found = []
     for place, (quantity, name) in enumerate(zip(("length", "force"), names, strict=True)):

@@ -1,4 +1,4 @@
-"""Rigid stops: an impact is instantaneous, and a restitution says what it loses."""
+"""Rigid stops: an impact is instantaneous, and its loss of energy follows from a restitution."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Restitution(RigidLaw):
 
     @property
     def restitution(self) -> float:
-        """R; of a stop that gives way, what a free mass sees."""
+        """Restitution R of an impact."""
         return self.coefficient
 
     def restitution_at(self, speed: ArrayLike) -> Vector:
@@ -114,7 +114,7 @@ class SpeedRestitution(RigidLaw):
 
     @property
     def restitution(self) -> float:
-        """There is no single one."""
+        """Raises a ValueError, because there is no single restitution."""
         raise ValueError("a restitution that is a function of speed has no single value")
 
     def restitution_at(self, speed: ArrayLike) -> Vector:
@@ -126,4 +126,4 @@ class SpeedRestitution(RigidLaw):
 
 
 SAMPLE_SPEEDS = np.geomspace(1e-6, 1e3, 181)
-"""Where a restitution that depends on speed is looked at once, m/s: twenty speeds a decade."""
+"""Speeds at which a restitution that depends on speed is checked, m/s: twenty per decade."""

@@ -24,25 +24,25 @@ from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws.base import CompliantLaw
 
 SOFTEST, HARDEST = 20.0, 80.0
-"""Shore A hardness between which Gent's relation is used: beyond, durometers resolve little."""
+"""Range of Shore A hardness in which Gent's relation is used; durometers resolve little outside."""
 
 PAD = ("shore_a", "area", "thickness")
-"""Keys of a rubber pad, whose stiffness they give."""
+"""Keys of a rubber pad, from which its stiffness follows."""
 
 DAMPING = ("damping_ratio", "loss_factor", "restitution")
-"""Keys that say how much a stop loses, of which one is given."""
+"""Keys that state the energy loss of a stop; exactly one of them must be given."""
 
 OF_RUBBER = ("elastic", "viscoelastic")
-"""Kinds of laws whose numbers may be given by what is known of their rubber."""
+"""Kinds of laws whose numbers may follow from data of the rubber."""
 
 AS_WRITTEN = {"as_written": True}
-"""Context of a dump in which a law of rubber has the keys that it was given by."""
+"""Context for pydantic's dump with which a law of rubber keeps the keys by which it was given."""
 
 
 class RubberLaw(CompliantLaw):
-    """A linear law whose numbers may be given by what is known of its rubber.
+    """A linear law whose numbers may be calculated from data of its rubber.
 
-    It is the law of these numbers, and remembers the keys from which they come.
+    It has the calculated numbers, and keeps the keys from which they were calculated.
     """
 
     _written: dict[str, Any] | None = PrivateAttr(default=None)
@@ -50,7 +50,7 @@ class RubberLaw(CompliantLaw):
     @classmethod
     @abstractmethod
     def converted(cls, keys: Mapping[str, Any]) -> dict[str, Any]:
-        """The keys of the law with its own numbers instead of those of rubber."""
+        """The keys of the law with its own numbers in place of the data of the rubber."""
 
     @model_validator(mode="wrap")
     @classmethod
@@ -68,13 +68,13 @@ class RubberLaw(CompliantLaw):
         self, handler: SerializerFunctionWrapHandler, info: SerializationInfo
     ) -> dict[str, Any]:
         found: dict[str, Any] = handler(self)
-        # a copy with another stiffness is no more what was written
+        # the keys as written no longer hold for a copy with another stiffness
         if info.context == AS_WRITTEN and self._written and type(self)(**self._written) == self:
             return {"kind": found["kind"]} | self._written
         return found
 
     def __eq__(self, other: object) -> bool:
-        """Two laws of the same numbers are the same, whatever they were given by."""
+        """Two laws with the same numbers are equal, whatever keys they were given by."""
         return type(other) is type(self) and other.__dict__ == self.__dict__
 
 
@@ -83,8 +83,8 @@ def youngs_modulus(shore_a: float) -> float:
 
         E = 0.0981 MPa (56 + 7.62336 S) / (0.137505 (254 - 2.54 S))
 
-    (A. N. Gent, Rubber Chemistry and Technology 31 (1958) 896-906): a spherical-ended indenter on
-    a half-space that does not change its volume. Good to some 20 %.
+    (A. N. Gent, Rubber Chemistry and Technology 31 (1958) 896-906), for a spherical-ended indenter
+    on an incompressible half-space. It is accurate to some 20 %.
 
     Examples
     --------
@@ -121,11 +121,11 @@ def with_stiffness(keys: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def with_damping_ratio(keys: Mapping[str, Any]) -> dict[str, Any]:
-    """The keys of a law with the damping ratio that a loss factor or a restitution comes to."""
+    """The keys of a law with the damping ratio that follows from a loss factor or restitution."""
     given = [name for name in DAMPING if keys.get(name) is not None]
     speed = keys.get("at_speed")
     if not given and speed is None:
-        return dict(keys)  # that damping_ratio is missing is said where the law is checked
+        return dict(keys)  # the check of the law refuses a missing damping_ratio
     if len(given) != 1 or (speed is not None and given != ["restitution"]):
         also = ["at_speed"] if speed is not None else []
         raise ValueError(
@@ -156,7 +156,7 @@ def with_damping_ratio(keys: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _told(keys: Mapping[str, Any], converted: tuple[str, ...], said: str) -> dict[str, Any]:
-    """The keys without those that were converted, and the conversion in `source`."""
+    """The keys without the converted ones, and with the conversion added to `source`."""
     kept = {name: value for name, value in keys.items() if name not in converted}
     before = f"{kept['source']}; " if kept.get("source") else ""
     return kept | {"source": before + said}

@@ -1,4 +1,4 @@
-"""Stops of rubber and steel: a linear spring, alone or with a damper beside it.
+"""Stops of rubber and steel: a linear spring, alone or with a parallel damper.
 
 `rubber_data.py` makes their numbers from hardness, loss factor or restitution.
 """
@@ -98,12 +98,12 @@ class Elastic(LinearLaw):
 
 
 class Viscoelastic(LinearLaw):
-    """A spring and a damper side by side that can only push (Kelvin-Voigt, B App. I).
+    """A spring and a parallel damper, which can only push (Kelvin-Voigt, B App. I).
 
-    force = max(K y + c y', 0), c = 2 z sqrt(K M), z the damping ratio and M the mass (of a pair:
-    the reduced mass). A contact ends when the force returns to zero, which it does before the
-    deflection does; the limiter, which has no mass, then recovers at once: it follows the mass
-    without a force, and pushes again where K y + c y' becomes positive.
+    force = max(K y + c y', 0) with c = 2 z sqrt(K M), z the damping ratio and M the mass (the
+    reduced mass of an impact pair). A contact ends when the force returns to zero, which is before
+    the deflection does. The limiter has no mass and recovers at once: it follows the mass without
+    a force, and pushes again when K y + c y' becomes positive.
 
     Parameters
     ----------
