@@ -36,7 +36,7 @@ def is_number(cell: str) -> bool:
 
 
 def count_values(cells: Sequence[str]) -> int:
-    """Number of cells with a number or time stamp. If there are any, cells for a missing value count
+    """Number of cells with a number or time stamp; if there are any, cells for missing values count
     as well."""
     held = sum(is_number(cell) or bool(STAMP.fullmatch(cell)) for cell in cells)
     return held and held + sum(cell.casefold() in MISSING for cell in cells)

@@ -1,4 +1,4 @@
-"""Units in which the keys of a scene file hold their numbers."""
+"""Units of the numbers in a scene file, by key."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ KEY_UNITS = {
     "speed_kmh": "km/h",
     "roughness": "m3",
 }
-"""Units of keys that have one unit wherever they stand in a scene file."""
+"""Units of the keys that have the same unit everywhere in a scene file."""
 
 
 def key_unit(document: Mapping[str, Any], part: Mapping[str, Any], name: str) -> str:

@@ -1,6 +1,6 @@
-"""Keys of a scene file, such as "impact_pair.0.law.coefficient", and the scenes that they change.
+"""Keys of a scene file, such as "impact_pair.0.law.coefficient", and scenes with changed values.
 
-In a key a number counts the entries of a list.
+A number in a key is the index of an entry in a list, from 0.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Change = tuple[tuple[str, float], ...]
 
 
 def written_key(key: str) -> str:
-    """A key with plain numbers for the places in lists: 0 instead of 00."""
+    """A key whose indices are written as plain numbers: 0 instead of 00."""
     words = str(key).split(".")
     return ".".join(str(int(word)) if is_place(word) else word for word in words)
 
@@ -35,7 +35,7 @@ def changed_scene(document: Mapping[str, Any], change: Change) -> Scene:
     Raises
     ------
     SceneError
-        With the nearest key that there is, or what is wrong with the value.
+        If there is no such key, with the nearest one that exists; or if the value is refused.
     """
     changed = json.loads(json.dumps(document))
     for key, value in change:
@@ -48,8 +48,10 @@ def changed_scene(document: Mapping[str, Any], change: Change) -> Scene:
 
 
 def _set(document: Any, key: str, value: float) -> None:
-    """Set a key that is there, or one that its part of the scene knows but leaves out; the scene
-    itself holds no numbers, only its parts do."""
+    """Set a key of a part of the scene, which need not have a value so far.
+
+    The scene itself has no keys for numbers; only its parts have.
+    """
     part, last = holder_of(document, key)
     way = key.split(".")
     if last == "clearance" and way[:1] == ["impact_pair"] and isinstance(part, dict):
@@ -83,7 +85,7 @@ def holder_of(document: Any, key: str) -> tuple[Any, str]:
 
 
 def _set_rubber(law: dict[str, Any], name: str, value: float) -> None:
-    """Set a key of a law instead of the others that would give the same number of it."""
+    """Set a key of a law, and delete the other keys that would give the same number."""
     others: tuple[str, ...] = (*DAMPING, "at_speed")
     match name:
         case "restitution":
@@ -98,7 +100,7 @@ def _set_rubber(law: dict[str, Any], name: str, value: float) -> None:
 
 
 def _set_clearance(pair: Any, key: str, value: float) -> None:
-    """Set both stops of an impact pair that has them at equal distances."""
+    """Set both stops of an impact pair whose stops are equally far from 0."""
     lower, upper = pair.get("lower"), pair.get("upper")
     if not _equal_distances(pair):
         have = " and ".join(
@@ -106,7 +108,7 @@ def _set_clearance(pair: Any, key: str, value: float) -> None:
             if stop is not None
         )  # fmt: skip
         raise SceneError(
-            f"vary: {key} is for stops at equal distances, got {have}; vary these instead"
+            f"vary: {key} needs two stops at equal distances, got {have}; vary these instead"
         )
     del pair["lower"], pair["upper"]
     pair["clearance"] = value
@@ -123,7 +125,7 @@ def unknown_key(document: Any, key: str) -> SceneError:
 
 
 def _clearances(document: Any) -> list[str]:
-    """The keys that move both stops of a pair, of the pairs whose stops are equally far away."""
+    """The keys `clearance` of the impact pairs whose two stops are equally far from 0."""
     pairs = document.get("impact_pair", [])
     return [f"impact_pair.{n}.clearance" for n, pair in enumerate(pairs) if _equal_distances(pair)]
 
@@ -134,7 +136,7 @@ def _equal_distances(pair: Any) -> bool:
 
 
 def _numbers(part: Any, key: str = "") -> Iterator[tuple[str, float]]:
-    """Every number of a document by its key."""
+    """Every number of a document, with its key."""
     if isinstance(part, dict | list):
         items = part.items() if isinstance(part, dict) else enumerate(part)
         for name, value in items:

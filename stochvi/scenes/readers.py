@@ -24,21 +24,23 @@ UFF_SUFFIXES = (".uff", ".unv", ".ufb", ".uf")
 MATLAB_SUFFIXES = (".mat",)
 
 SLOWEST_UNSTATED = 0.05
-"""Interval between the times of a record, above which their unit must be stated: they may be
-milliseconds, or numbers of samples. As seconds, it is a rate of 20 Hz, too low for vibration."""
+"""Largest interval between two times of a record at which times without a unit are taken for
+seconds, s. A larger one is a rate below 20 Hz, too low for vibration: the times may be in
+milliseconds, or numbers of samples."""
 
 TIME_RESPONSE, SPECTRAL_DENSITY = 1, 9
-"""Function types of UFF dataset 58, record 6, field 1."""
+"""Function types of UFF dataset 58 (record 6, field 1) for a record and for a spectral density."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Columns:
-    """Two columns of a file: `x` (None where the file holds `y` alone), and their units.
+    """Two columns of a file, and their units.
 
-    `unit` is that of `y`, as `stated_in` states it; None where the file does not say, or in words
-    that are not known (`heading`), of which `unread` looks like a unit. `x` is in Hz or s; NaN in
-    `y` is a value that is missing. `lines` are the lines of a text file; `remarks` are what else
-    the file says in words, each with the place where it stands.
+    `x` is in Hz or s; it is None if the file holds `y` only. A missing value of `y` is NaN. `unit`
+    is the unit of `y`, which the place `stated_in` of the file states, or None if the file states
+    no known unit. `heading` is the text above `y`, and `unread` the part of it that looks like a
+    unit but is not a known one. `lines` are the line numbers of the rows of a text file. `remarks`
+    are the other texts of the file, each after its place.
     """
 
     x: Vector | None
@@ -51,7 +53,7 @@ class Columns:
     remarks: Sequence[tuple[str, str]] = ()
 
     def place(self, row: int) -> str:
-        """Where a row stands in the file."""
+        """The place of a row in the file, in words."""
         return f"row {row + 1}" if self.lines is None else f"line {self.lines[row]}"
 
 
@@ -64,25 +66,25 @@ def read_columns(
     dataset: int | None = None,
     function_type: int = SPECTRAL_DENSITY,
 ) -> Columns:
-    """Two columns (or one) of a text, UFF or MATLAB file; the ending tells which.
+    """Two columns (or one) of a text, UFF or MATLAB file, recognised by the ending of its name.
 
     Parameters
     ----------
     names
-        Of the two columns that are wanted; of the one column where a file needs no more.
+        Names of the two columns that are needed, or of one column if no more is needed.
     column
-        Of a text file: the name or the number, from 1, of the column of values.
+        For a text file: name of the column of values, or its number from 1.
     variables
-        Of a MATLAB file: the two vectors, or the one matrix of two columns, to read.
+        For a MATLAB file: names of the two vectors, or of one matrix of two columns.
     dataset
-        Of a UFF file: which of its datasets, counted from 1.
+        For a UFF file: number of the dataset, from 1.
     function_type
-        The function type of dataset 58 that is looked for where `dataset` does not say.
+        Function type of the dataset 58 that is read if `dataset` is not given.
 
     Raises
     ------
     SceneError
-        In a sentence, where the file is not what was expected, or leaves a choice.
+        If the file does not hold what was expected, or holds several columns that could be meant.
     """
     suffix = path.suffix.lower()
     if variables is not None and suffix not in MATLAB_SUFFIXES:
@@ -142,7 +144,7 @@ def _read_text(
         if heading.unread and " " not in heading.unread:
             raise SceneError(
                 f"{path} has the heading {heading.name!r} above its first column, in which "
-                f"{heading.unread!r} is no unit that is known; write {listed_units(quantity)} there"
+                f"{heading.unread!r} is not a known unit; write {listed_units(quantity)} there"
             )
         if heading.unit is not None:
             times = heading.unit.to_si(times)
@@ -158,13 +160,15 @@ def _read_text(
 
 
 def _column_of(table: TextTable, quantity: str, chosen: int | None, *, needed: bool) -> int | None:
-    """Place of the column of times or frequencies: the first, or the only one whose heading says
-    that it holds them; None where the file need not have one and seems to have none.
+    """Index of the column of times or frequencies.
+
+    It is the first column, or the only one whose heading states the quantity. None if the file
+    need not have such a column, and seems to have none.
 
     Raises
     ------
     SceneError
-        Where the first column seems to hold something else that rises, such as numbers of rows.
+        If the first column seems to hold something else that rises, such as numbers of rows.
     """
     first, count = table.headings[0], len(table.headings)
     naming = [place for place, each in enumerate(table.headings) if each.is_of(quantity)]
@@ -190,7 +194,7 @@ def _column_of(table: TextTable, quantity: str, chosen: int | None, *, needed: b
 
 
 def _counts_rows(table: TextTable, chosen: int | None) -> bool:
-    """Whether the first of several columns without headings numbers the rows, and another rises."""
+    """Whether, of columns without headings, the first numbers the rows and another one rises."""
     if len(table.headings) < 3 or any(each.cells for each in table.headings):
         return False
     first, *others = table.columns(*range(len(table.headings)))
@@ -205,15 +209,18 @@ def _check_seconds(path: Path, times: Vector) -> None:
     interval = float(np.nanmedian(np.diff(times)))
     if interval > (1.0 + 1e-6) * SLOWEST_UNSTATED:  # beyond the rounding of binary numbers
         raise SceneError(
-            f"{path} has a time every {interval:.6g} in its first column, in no stated unit; "
-            f"seconds would be a rate of {1.0 / interval:.4g} Hz, milliseconds one of "
+            f"{path} has a time every {interval:.6g} in its first column, without a unit; in "
+            f"seconds the rate would be {1.0 / interval:.4g} Hz, in milliseconds "
             f"{1e3 / interval:.6g} Hz; write the unit into the heading (time (s), time (ms)), or "
             "take numbers of rows out and give fs"
         )
 
 
 def _holds_times(table: TextTable) -> bool:
-    """Whether the first column of a record holds times: by its heading, else because it rises."""
+    """Whether the first column of a record holds times.
+
+    Its heading states that; without a heading, a column that rises is taken for times.
+    """
     first = table.headings[0]
     if table.is_stamp(0) or first.is_of("time"):
         return True
@@ -221,7 +228,7 @@ def _holds_times(table: TextTable) -> bool:
 
 
 def _check_first_column(path: Path, table: TextTable, names: Sequence[str]) -> None:
-    """Names of the columns, where they are the usual ones, must stand in the order that is read."""
+    """Refuse a file whose headings are the usual names in another order than `names`."""
     found = [heading.name.lower() for heading in table.headings]
     if sorted(found) == sorted(names) and found != list(names):
         raise SceneError(
@@ -230,7 +237,7 @@ def _check_first_column(path: Path, table: TextTable, names: Sequence[str]) -> N
 
 
 def _label(label: str) -> Unit | None:
-    """The unit of a label that an instrument wrote; None for one that is not of a quantity here."""
+    """The unit in a label that an instrument wrote; None if it is not a unit of a quantity here."""
     try:
         found = unit(label)
     except ValueError:
@@ -273,7 +280,7 @@ def _read_uff(path: Path, names: Sequence[str], dataset: int | None, function_ty
 
 
 def _uff_functions(path: Path) -> dict[int, Mapping[str, Any]]:
-    """The datasets 58 of a file by their number, counted from 1."""
+    """The datasets 58 of a file by their numbers among all datasets, from 1."""
     import pyuff
 
     check_file(path, LARGEST_DATA_FILE)
@@ -281,7 +288,7 @@ def _uff_functions(path: Path) -> dict[int, Mapping[str, Any]]:
         file = pyuff.UFF(str(path))
         numbers = [n for n, kind in enumerate(file.get_set_types()) if int(kind) == 58]
         found: dict[int, Mapping[str, Any]] = {n + 1: file.read_sets(n) for n in numbers}
-    except Exception:  # pyuff raises whatever its parsing met
+    except Exception:  # pyuff raises errors of many kinds when it parses
         raise SceneError(f"{path} is not a UFF file that can be read") from None
     if not found:
         raise SceneError(f"{path} holds no dataset 58 (a function at a node)")
@@ -350,7 +357,8 @@ def _read_matlab(path: Path, names: Sequence[str], variables: Sequence[str] | No
 
 
 def _matlab_arrays(path: Path) -> dict[str, Vector]:
-    """Every real array of numbers, vectors as one dimension, by its name; fields as "run.acc"."""
+    """Every real array of numbers by its name, vectors with one dimension; a field of a structure
+    has a name such as "run.acc"."""
     from scipy.io import loadmat
 
     check_file(path, LARGEST_DATA_FILE)
@@ -360,13 +368,13 @@ def _matlab_arrays(path: Path) -> dict[str, Vector]:
             content = loadmat(str(path), simplify_cells=True)
     except NotImplementedError:
         raise SceneError(f"{path} is of MATLAB 7.3; save it with the option -v7") from None
-    except Exception:  # scipy raises whatever its parsing met
+    except Exception:  # scipy raises errors of many kinds when it parses
         raise SceneError(f"{path} is not a MATLAB file that can be read") from None
     return _numeric({name: value for name, value in content.items() if name[:2] != "__"})
 
 
 def _numeric(content: Mapping[str, Any]) -> dict[str, Vector]:
-    """The arrays of numbers among variables and, as "run.acc", the fields of structures."""
+    """The arrays of numbers among variables, and among fields of structures ("run.acc")."""
     found: dict[str, Vector] = {}
     for name, value in content.items():
         if isinstance(value, Mapping):
@@ -383,7 +391,8 @@ def _numeric(content: Mapping[str, Any]) -> dict[str, Vector]:
 
 
 def _matlab_choices(arrays: Mapping[str, Vector], count: int) -> list[tuple[str, ...]]:
-    """What the columns may be: a matrix of two, or vectors of one length, the first rising."""
+    """The variables that the columns may be: a matrix of two columns, or vectors of one length of
+    which the first rises."""
     vectors = {name: array for name, array in arrays.items() if array.ndim == 1}
     if count == 1:
         return [(name,) for name in vectors]

@@ -23,65 +23,68 @@ FEWEST_SAMPLES = 256
 """Smallest number of samples of a record: the segments of a shorter one would resolve nothing."""
 
 FEWEST_SEGMENT_LENGTHS = 8
-"""Smallest length of a record in segments: one bin of the density then scatters by 37 %."""
+"""Smallest length of a record, in windows: the standard error of a bin is then 37 %."""
 
 BINS_IN_BANDWIDTH = 6.0
-"""Number of bins in a half-power bandwidth, of which a Hann window covers a quarter (1.5 bins)."""
+"""Number of bins in a half-power bandwidth: a Hann window (1.5 bins) covers a quarter of it."""
 
 BINS_BELOW_RESONANCE = 10.0
-"""Number of bins up to the natural frequency: the energy below the first bin is lost."""
+"""Smallest number of bins up to the natural frequency, because the energy below the first bin is
+lost."""
 
 HANN_OVERLAP_VARIANCE = 19.0 / 18.0
 """K times the variance of a mean over K half-overlapping Hann segments: 1 + 2 / 6^2."""
 
 SMALLEST_DENSITY = 1e-16
-"""Density of a bin without energy, relative to the largest: a table in logarithms cannot hold 0."""
+"""Density that is given to a bin without energy, relative to the largest one: a table is
+interpolated in logarithms and cannot hold 0."""
 
 UNEVEN = 0.1
-"""Largest distance of a time from the even grid, in sampling intervals: printed digits are few."""
+"""Largest distance of a time from the even grid, in sampling intervals, because times are printed
+with few digits."""
 
 ROUNDED = 0.6
 """Largest distance of a time from the even grid, in units of its last digit: rounding moves it by
 0.5 at most, and the grid that is fitted to rounded times is a little off."""
 
 MOST_DIGITS = 9
-"""Number of decimals (of seconds) from which times are not taken for rounded."""
+"""Largest number of decimals, of times in seconds, that counts as rounding."""
 
 LAG = 64
-"""Number of samples over which the interval between two is first estimated."""
+"""Number of sampling intervals over which the first estimate of their length is averaged."""
 
 RATES_AGREE = 1e-3
-"""Largest relative difference of two sampling rates that counts as one: it moves the spectrum by a
-hundredth of the bandwidth of a mount with a damping ratio of 0.05."""
+"""Largest relative difference of two sampling rates that count as equal: it shifts the spectrum by
+a hundredth of the bandwidth of a mount with a damping ratio of 0.05."""
 
 RATES_EQUAL = 1e-6
-"""Relative difference of a fitted sampling rate from the true one that is rounding alone: it must
-not move the length of a segment to the next one."""
+"""Relative difference of a fitted sampling rate from the true one that counts as a rounding error:
+it must not lengthen a segment by a sample."""
 
 GAPS_LISTED = 3
-"""Number of gaps that a sentence lists."""
+"""Largest number of gaps that a sentence lists."""
 
 BLOCKS = 16
-"""Number of blocks of a record from which the standard error of its kurtosis is taken."""
+"""Number of blocks of a record for the jackknife error of its kurtosis."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Record:
-    """Evenly sampled values, in SI units, mean taken off.
+    """Evenly sampled values in SI units, without their mean.
 
     Parameters
     ----------
     values
-        Values of the record, m/s^2 (or N), of all segments in turn.
+        Values of the record, m/s^2 (or N), of all segments one after the other.
     fs
         Sampling rate, 1/s.
     lengths
         Number of samples of each segment, between which there are gaps; empty for a record in one
         piece.
     gaps
-        Start of each gap in s after the first sample, and its length, s.
+        Start of each gap, s after the first sample, and its length, s.
     notes
-        What was taken from the file besides the numbers, in words.
+        Sentences on what was taken from the file besides the numbers.
 
     See Also
     --------
@@ -111,7 +114,7 @@ class Record:
 
     @property
     def duration(self) -> float:
-        """Length of what was recorded, without gaps, s."""
+        """Length of the record without gaps, s."""
         return len(self.values) / self.fs
 
     def scaled(self, factor: float) -> Record:
@@ -141,11 +144,12 @@ class Record:
         return float(value), jackknife_error(left_out)
 
     def resolution(self, omega: float | None = None, damping_rate: float | None = None) -> float:
-        """Spacing of the bins, Hz: the coarsest that serves an oscillator, if the record is long
-        enough for it; without one, the finest that the record allows.
+        """Spacing of the bins, Hz, for an oscillator, or the finest one if none is given.
 
-        The coarsest is the smaller of b / (2 pi) / 6 (b / (2 pi) = 2 zeta f_n is the half-power
-        bandwidth) and f_n / 10, the finest 8 / duration, or one over the longest segment.
+        For an oscillator it is the coarsest that resolves its resonance, but no finer than the
+        record allows. The coarsest is the smaller of b / (2 pi) / 6 (b / (2 pi) = 2 zeta f_n is the
+        half-power bandwidth) and f_n / 10. The finest is the larger of 8 / duration and one over
+        the length of the longest segment.
         """
         longest = max(map(len, self.segments)) / self.fs
         finest = max(FEWEST_SEGMENT_LENGTHS / self.duration, 1.0 / longest)
@@ -154,14 +158,14 @@ class Record:
         return max(finest, wanted_resolution(omega, damping_rate))
 
     def density(self, resolution_hz: float) -> DensityEstimate:
-        """One-sided density by Welch's method: Hann windows, half overlap, means taken off.
+        """One-sided density by Welch's method: Hann windows, half overlap, means subtracted.
 
-        No window reaches over a gap; a segment that is shorter than a window is left out.
+        No window extends over a gap; a segment that is shorter than a window is left out.
 
         Parameters
         ----------
         resolution_hz
-            Spacing of the bins; segments are 1 / `resolution_hz` long.
+            Spacing of the bins, Hz; windows are 1 / `resolution_hz` long, s.
 
         Examples
         --------
@@ -193,7 +197,7 @@ class DensityEstimate:
 
 @lru_cache(maxsize=16)
 def _welch(record: Record, length: int) -> DensityEstimate:
-    """Kept, because a scene asks for its tables again and again."""
+    """The density for a window of `length` samples, cached because a scene asks for it often."""
     overlap = length // 2
     parts = [part for part in record.segments if len(part) >= length]
     windows = [(len(part) - overlap) // (length - overlap) for part in parts]
@@ -210,7 +214,7 @@ def _welch(record: Record, length: int) -> DensityEstimate:
 
 
 def wanted_resolution(omega: float, damping_rate: float) -> float:
-    """Spacing of bins that an oscillator's response needs, Hz (see `Record.resolution`)."""
+    """Coarsest spacing of bins that resolves an oscillator, Hz (see `Record.resolution`)."""
     turn = 2.0 * math.pi
     return min(damping_rate / turn / BINS_IN_BANDWIDTH, omega / turn / BINS_BELOW_RESONANCE)
 
@@ -221,10 +225,10 @@ def response_error(
     """Relative standard error and relative bias of the mean square response to a record's density.
 
     With G the density of the response, an estimate of its area from T seconds has the relative
-    variance int G^2 df / (T (int G df)^2), whatever the segments: for a flat input
-    1 / (pi B T), B the half-power bandwidth. The window smears the input over 1.5 bins; what it
-    takes or adds is found by smearing the estimate once more, with 1/6, 2/3, 1/6 of three bins,
-    which have the second moment of a Hann window's kernel.
+    variance int G^2 df / (T (int G df)^2), whatever the segments. For a flat input this is
+    1 / (pi B T), B the half-power bandwidth. The window smears the input over 1.5 bins. Its bias is
+    found by smearing the estimate once more, with the weights 1/6, 2/3, 1/6 on three bins, which
+    have the second moment of the kernel of a Hann window.
 
     Examples
     --------
@@ -249,7 +253,7 @@ def response_error(
     )
     f = _grid(table, omega, damping_rate)
     response = squared_gain(f, omega, damping_rate) * table(f)
-    # the scatter of the bins adds to the mean of their squares
+    # the scatter of the bins increases the mean of their squares
     squares = float(np.trapezoid(response**2, f)) / (1.0 + estimate.relative_error**2)
     return math.sqrt(squares / record.duration) / once, twice / once - 1.0
 
@@ -271,20 +275,20 @@ def read_record(
     dataset: int | None = None,
     gaps: Literal["refuse", "split"] = "refuse",
 ) -> tuple[Record, Columns]:
-    """A record from a column of times and one of values, or from values alone where `fs` is given.
+    """A record from a column of times and one of values, or from values only if `fs` is given.
 
-    Times may be seconds, in another unit that the heading states, or ISO 8601 stamps, rounded to
-    few digits: the sampling rate is fitted to all of them. Values that are missing, and times that
-    leave samples out, are gaps.
+    Times may be in seconds, in another unit that the heading states, or ISO 8601 stamps. They may
+    be rounded, because the sampling rate is fitted to all of them. Missing values and missing
+    samples are gaps.
 
     Parameters
     ----------
     path
         File of the record.
     fs
-        Sampling rate, 1/s; beside times it must agree with them.
+        Sampling rate, 1/s; if the file has times, it must agree with them.
     column
-        Of a text file with several columns of values: name or number of the one that is read.
+        For a text file with several columns of values: name or number of the one that is read.
     variables
         Names of the vectors of a MATLAB file.
     dataset
@@ -300,7 +304,7 @@ def read_record(
     Raises
     ------
     SceneError
-        In a sentence that names the file, where in it, and what helps.
+        If the file does not hold such a record. The message names the file, the line and a remedy.
 
     See Also
     --------
@@ -349,7 +353,7 @@ def read_record(
     values = values[~missing]
     values = values - values.mean()
     if not np.any(values):
-        raise SceneError(f"{path} holds a record that does not move; choose another column")
+        raise SceneError(f"{path} holds a record whose values are all equal; choose another column")
     record = Record(
         values=values, fs=rate, lengths=lengths if len(lengths) > 1 else (), gaps=found, notes=notes
     )
@@ -359,9 +363,9 @@ def read_record(
 def _segments(
     missing: NDArray[np.bool_], breaks: Vector, rate: float
 ) -> tuple[tuple[int, ...], tuple[tuple[float, float], ...]]:
-    """Numbers of samples of the segments, and start and length (s) of the gaps between them.
+    """Number of samples of each segment, and start and length (s) of the gaps between them.
 
-    `breaks` are the seconds by which an interval between two samples is too long.
+    `breaks` are the seconds by which each interval between two samples is too long.
     """
     clock = np.concatenate([[0.0], np.cumsum(breaks)]) + np.arange(len(missing)) / rate
     held = np.flatnonzero(~missing)
@@ -384,7 +388,7 @@ def _segments(
 
 
 def listed_gaps(gaps: Sequence[tuple[float, float]]) -> str:
-    """How many gaps there are, and where and how long the first of them are, in words."""
+    """The number of gaps, and length and start of the first of them, in words."""
     count = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
     listed = ", ".join(f"{length:.4g} s at {start:.6g} s" for start, length in gaps[:GAPS_LISTED])
     more = f" and {len(gaps) - GAPS_LISTED} more" if len(gaps) > GAPS_LISTED else ""
@@ -394,8 +398,8 @@ def listed_gaps(gaps: Sequence[tuple[float, float]]) -> str:
 def _sampling(times: Vector, path: Path, columns: Columns) -> tuple[float, Vector, tuple[str, ...]]:
     """Sampling rate, 1/s, the seconds by which each interval is too long, and notes.
 
-    The rate is the slope of the times by least squares, of one slope for all segments. Times may
-    be rounded: they must then lie on the grid to half of their last digit.
+    The rate comes from a least-squares fit to the times, with one slope for all segments. Times may
+    be rounded, but must lie on the even grid to within half of their last digit.
     """
     if not np.all(np.isfinite(times)):
         place = columns.place(int(np.argmin(np.isfinite(times))))
@@ -427,7 +431,9 @@ def _sampling(times: Vector, path: Path, columns: Columns) -> tuple[float, Vecto
     centred = index - (np.bincount(segment, index) / count)[segment]
     offset = times - (np.bincount(segment, times) / count)[segment]
     if not np.any(centred):
-        raise SceneError(f"{path} must be sampled evenly, but no interval follows another; give fs")
+        raise SceneError(
+            f"{path} must be sampled evenly, but it has no two samples without a gap; give fs"
+        )
     slope = float(centred @ offset / (centred @ centred))
     off = offset - slope * centred
     starts = np.flatnonzero(np.diff(segment, prepend=-1))
@@ -446,7 +452,7 @@ def _sampling(times: Vector, path: Path, columns: Columns) -> tuple[float, Vecto
 
 
 def _last_digit(times: Vector, interval: float) -> float:
-    """The decimal unit, s, that all times are multiples of; 0 for one far below the interval."""
+    """The decimal unit, s, of which all times are multiples; 0 if it is far below the interval."""
     for digits in range(MOST_DIGITS + 1):
         digit = 10.0**-digits
         if digit < UNEVEN * interval:

@@ -14,14 +14,14 @@ from stochvi.scenes.readers import LARGEST_DATA_FILE, Columns
 from stochvi.scenes.text import decoded
 
 HEADING = ("of", "quantity", "frequency_hz", "value", "standard_error", "unit")
-"""Columns of a `spectrum.csv` that are read; it has more."""
+"""Names of the columns of a `spectrum.csv` that are read; the file has more columns."""
 
 QUANTITY = "acceleration"
-"""The quantity that shakes what stands on a mass: its absolute acceleration."""
+"""Quantity in the file that excites a mount on a mass: the absolute acceleration of the mass."""
 
 
 class EstimatedDensity(NamedTuple):
-    """A density that was estimated by simulation, and what is to be known about it, in words."""
+    """A density that was estimated by simulation, and a sentence about its error."""
 
     columns: Columns
     error: str
@@ -29,7 +29,7 @@ class EstimatedDensity(NamedTuple):
 
 def is_response_spectrum(path: Path) -> bool:
     """Whether a file begins as a `spectrum.csv` does; False for what cannot be read."""
-    if not path.is_file():  # a pipe would be waited for
+    if not path.is_file():  # reading a pipe would wait for its writer
         return False
     try:
         with path.open(encoding="utf-8-sig") as file:
@@ -52,7 +52,7 @@ def read_response_spectrum(path: Path, of: str | None) -> EstimatedDensity:
     Raises
     ------
     SceneError
-        If the file is no such table, or does not say the acceleration of that coordinate.
+        If the file is no such table, or does not hold the acceleration of that coordinate.
     """
     if not is_response_spectrum(path):
         raise SceneError(
@@ -64,8 +64,8 @@ def read_response_spectrum(path: Path, of: str | None) -> EstimatedDensity:
     owners = list(dict.fromkeys(row["of"] for row in table if row["quantity"] == QUANTITY))
     if not owners:
         raise SceneError(
-            [("file", f"{path} holds no absolute acceleration: where a force acts on a mass, the "
-              "spectra of a scene leave it out")]
+            [("file", f"{path} holds no absolute acceleration: the spectra of a scene have none "
+              "where a force acts on a mass; use the spectra of a scene whose base alone moves")]
         )  # fmt: skip
     if of is None and len(owners) > 1:
         raise SceneError([("of", f"must say whose acceleration is meant: {_listed(owners)}")])
@@ -81,15 +81,18 @@ def read_response_spectrum(path: Path, of: str | None) -> EstimatedDensity:
         )
         stated = unit(chosen[0]["unit"])
     except (TypeError, ValueError) as reason:
-        raise SceneError([("file", f"{path} holds a row that is no number: {reason}")]) from None
+        raise SceneError(
+            [("file", f"{path} holds a row with a text in place of a number: {reason}")]
+        ) from None
     known = density > 0.0
     relative = 100.0 * float(np.median(error[known] / density[known])) if known.any() else 0.0
     whole = 100.0 * float(error.sum() / density.sum()) if known.any() else 0.0
     return EstimatedDensity(
         Columns(x=frequency, y=density, unit=stated, stated_in=path.name),
         f"it is the acceleration of {of or owners[0]}, estimated by simulation: {relative:.2g} % "
-        f"standard error at a frequency (median), less than {whole:.2g} % of the mean square; that "
-        "is not in the intervals of what is computed from it, nor is what does not look Gaussian",
+        f"standard error at a frequency (median), less than {whole:.2g} % of the mean square; the "
+        "intervals of results computed from it do not include that, nor a motion that is not "
+        "Gaussian",
     )
 
 

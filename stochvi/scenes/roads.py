@@ -21,14 +21,14 @@ ROUGHNESS = {
     "G": 65536e-6,
     "H": 262144e-6,
 }
-"""Geometric mean of Gd(n0) in each class, m^3: each four times the one before. A class reaches
-from half to twice its mean (A has no lower end, H no upper one). From secondary sources that quote
-ISO 8608:1995; the standard itself is sold and was not compared."""
+"""Geometric mean of Gd(n0) in each class, m^3: each is four times that of the class before. A class
+reaches from half to twice its mean (A has no lower limit, H no upper one). The numbers come from
+secondary sources that quote ISO 8608:1995; they were not compared with the standard itself."""
 
 WAVENUMBERS = (0.01, 10.0)
-"""Cycles/m between which a road is taken to be rough: ISO 8608:2016 says that on roads no less need
-be measured than the first, and that the tyre takes out what lies above the second (as quoted in
-public previews of the standard)."""
+"""Range of wavenumbers, cycles/m, in which a road is taken to be rough. By ISO 8608:2016,
+wavenumbers below the first need not be measured on roads, and the tyre filters out those above the
+second (as quoted in public previews of the standard)."""
 
 
 def velocity_density(roughness: float, speed: float) -> float:

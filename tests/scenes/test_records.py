@@ -408,10 +408,10 @@ def test_gaps_are_refused_or_split_and_never_bridged(tmp_path: Path, kind: str) 
 @pytest.mark.parametrize(
     ("heading", "words"),
     [
-        ("time,acc (g)\n", "in no stated unit; seconds would be a rate of 1 Hz"),
+        ("time,acc (g)\n", "without a unit; in seconds the rate would be 1 Hz"),
         ("Sample,acc (g)\n", "has 'Sample' in its first column, expected the time"),
-        ("", "in no stated unit"),
-        ("Time (ticks),acc (g)\n", "'ticks' is no unit that is known; write s, ms, min, h there"),
+        ("", "without a unit"),
+        ("Time (ticks),acc (g)\n", "'ticks' is not a known unit; write s, ms, min, h there"),
         ("X (g),Y (g)\n", "for values without times give fs and column"),
     ],
 )
