@@ -56,7 +56,7 @@ MOST_ROWS = 10_000
 """Largest number of rows of a sweep, whose table takes some 10 kB for each row while it grows."""
 
 ERROR, BIAS, LIMIT = "standard_error", "bias", "upper_95"
-"""Endings of the columns of a table that hold the errors of a quantity."""
+"""Endings of the names of columns that hold the errors of a quantity."""
 
 
 @shown_in_notebooks
@@ -321,7 +321,7 @@ class Job:
         except ValueError as error:
             if isinstance(error, StochviError):
                 raise
-            # a target that has no clearance in one scene may have one in the next
+            # a target that no clearance meets in one scene may be met in the next
             raise NotApplicable("size", [str(error)]) from error
 
     def _simulated(

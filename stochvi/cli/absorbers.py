@@ -17,18 +17,23 @@ if TYPE_CHECKING:
 @click.argument("scene")
 @click.option(
     "--levels", default="-6,-3,0,3,6", show_default=True, metavar="LIST",
-    help="Levels of the excitation, dB about the scene's own.",
+    help="Levels of the excitation, dB relative to that of the scene.",
 )  # fmt: skip
-@click.option("--mass-budget", type=float, metavar="KG", help="Instead: design the best box.")
+@click.option(
+    "--mass-budget",
+    type=float,
+    metavar="KG",
+    help="Instead: design the best box for this mass.",
+)
 @click.option(
     "--restitutions", default="0.3,0.5,0.7", show_default=True, metavar="LIST",
-    help="What a design may choose from.",
+    help="Restitutions of the walls that a design may choose from.",
 )  # fmt: skip
 @click.option(
     "--units", default="1", show_default=True, metavar="LIST",
     help="Numbers of equal masses that a design may choose from.",
 )  # fmt: skip
-@click.option("--sine", is_flag=True, help="Instead: under the sine of the scene, exactly.")
+@click.option("--sine", is_flag=True, help="Instead: exact regimes under the sine of the scene.")
 @varied(200, "what is tuned, as absorber.play=1mm:9mm:50 [play or gap, and mass].", "With --sine: ")
 @click.option("--rel-error", type=float, default=0.01, show_default=True, help="Of Monte Carlo.")
 @common("budget", "seed", "threads", "json", "out", "force", "quiet")
@@ -38,10 +43,11 @@ def absorber(
 ) -> None:  # fmt: skip
     """Does a loose mass in a box help: with, without, over levels; or the best box.
 
-    The scene needs an [absorber] with mass (kg), play (m, total, wall to wall) and law, beside an
+    The scene needs an [absorber] with mass (kg), play (m, total, wall to wall) and law, and an
     oscillator or isolator of known mass: stochvi new tower.toml --kind absorber writes one. With
-    --mass-budget the box of the scene, if there is one, is left out and the best one found. With
-    --sine: what is left over frequency, and over play and mass at the frequency of the scene.
+    --mass-budget the box of the scene, if there is one, is left out, and the best one is found.
+    With --sine the amplitude with the absorber is shown over frequency, or over play and mass at
+    the frequency of the scene.
     """
     from stochvi.absorbers import absorber_sine
     from stochvi.absorbers.design import design_absorber
@@ -68,7 +74,7 @@ def absorber(
 
     if sine:
         if mass_budget is not None:
-            raise ValueError("--sine and --mass-budget are two questions; leave out one")
+            raise ValueError("--sine and --mass-budget exclude each other, got both; leave out one")
         shown(
             lambda: absorber_sine(
                 loaded, varied.frequencies(), tune=varied.values(loaded), budget=options.rest
@@ -76,7 +82,9 @@ def absorber(
             lambda found: _show_sine(options, scene, found),
         )
     elif varied.given:
-        raise ValueError("--from, --to and --vary need --sine")
+        raise ValueError(
+            "--from, --to and --vary need --sine, got none; add --sine, or leave them out"
+        )
     elif mass_budget is None:
         shown(performance, lambda found: _show_performance(options, scene, found))
     else:

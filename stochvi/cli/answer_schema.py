@@ -48,24 +48,24 @@ PLAIN: dict[Any, Schema] = {
     int: {"type": "integer"}, float: NUMBER, str: {"type": "string"}, Scene: PART,
     pd.DataFrame: ROWS, np.ndarray: {"type": "array"},
 }  # fmt: skip
-"""Schemas by the types that need no definition of their own."""
+"""Schemas of types that need no definition of their own, by type."""
 
 TYPES = {
     "pd": pd, "Scene": Scene, "Response": Response, "Screening": Screening,
     "HarmonicResonance": HarmonicResonance,
 }  # fmt: skip
-"""Names in annotations that modules import for type checking alone."""
+"""Types by the names that annotations use in modules which import them for type checking only."""
 
 
 class Change(NamedTuple):
-    """What the document of an answer has other than its fields, by types or by schemas.
+    """How the JSON document of an answer differs from its fields; types may be given as schemas.
 
     Parameters
     ----------
     added, optional
-        Keys that are always there, and those that are there where they say something.
+        Further keys that are always present, and those that are present only if they have a value.
     renamed
-        Keys of fields that are not called by their names; None for fields that are left out.
+        Keys of fields whose key is not their name; None for fields that are left out.
     """
 
     added: Mapping[str, Any] = {}
@@ -151,10 +151,10 @@ CHANGES = {
         renamed={"elastic": None, "warnings": None, "interrupted": None},
     ),
 }  # fmt: skip
-"""What the documents of answers have other than their fields, by the names of their classes."""
+"""How the JSON documents of answers differ from their fields, by the names of their classes."""
 
 RARE = {"Estimate": ("upper_95", "bias_error"), "Reliability": ("pairs", "outputs")}
-"""Keys that are there only where they say something."""
+"""Keys that are present only if they have a value, by the names of the classes."""
 
 
 def answer_schema() -> Schema:
@@ -188,7 +188,7 @@ def kinds() -> Iterator[type[Result]]:
 
 
 class Definitions:
-    """Schemas of the dataclasses that were met, by their names in the document."""
+    """Schemas of the dataclasses that answers contain, by their names in the schema document."""
 
     def __init__(self) -> None:
         self.schemas: dict[str, Schema] = {}
@@ -206,7 +206,7 @@ class Definitions:
         return {"$ref": f"#/$defs/{self._names[kind]}"}
 
     def of_type(self, hint: Any) -> Schema:
-        """The schema of what a document holds of a value of this type."""
+        """The schema of the JSON form of a value of this type."""
         if isinstance(hint, Mapping):
             return dict(hint)  # a schema already
         kind, parts = get_origin(hint) or hint, get_args(hint)
@@ -256,7 +256,7 @@ def _record(required: Schema, optional: Schema | None = None) -> Schema:
 
 
 def _hint(kind: type, name: str) -> Any:
-    """The type of a field, also where its module imports that type for type checking alone."""
+    """The type of a field, even if its module imports that type for type checking only."""
     owner = next(base for base in kind.__mro__ if name in inspect.get_annotations(base))
     hint = inspect.get_annotations(owner)[name]
     hint = getattr(hint, "__forward_arg__", hint)  # as named tuples keep it

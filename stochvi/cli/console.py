@@ -1,4 +1,4 @@
-"""The console of the command line, which shows the names of a user as they are."""
+"""The console of the command line, which prints names from the user's files without markup."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from stochvi.views.files import silence
 
 
 class PlainConsole(Console):
-    """A console that shows words letter by letter, and that goes on without its reader.
+    """A console that prints text as it is, and that outlives its reader.
 
-    Brackets and colons in names are no markup, control characters are shown as "\\x1b", and a
-    reader that closes the stream, as `head` does, does not end the command.
+    Brackets and colons in names are not markup, control characters are shown as "\\x1b", and the
+    command does not end if its reader closes the stream, as `head` does.
     """
 
     def __init__(self, **how: Any) -> None:

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from stochvi.verification.check import Check
 
 TEXTBOOK = {"oscillator-elastic": "R = 1", "oscillator-lossy": "R = 0.8"}
-"""Shipped scenes of the textbook case, with what tells them apart."""
+"""Shipped scenes of the textbook case, with the restitution that distinguishes them."""
 
 CLEARANCES_IN_SIGMA = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
-"""Clearances of the isolator, in rms displacements without stops."""
+"""Clearances of the isolator in the table, in rms displacements without stops."""
 
 
 @main.command()

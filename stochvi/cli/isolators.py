@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 
 def fail_unless_gaussian(record: RecordVerdict | None) -> None:
-    """End with exit code 1 where a record is not what Gaussian noise of its spectrum would show, or
-    is too short to tell."""
+    """End with exit code 1 if a record contradicts Gaussian noise of its spectrum, or is too short
+    to be judged."""
     if record is not None and not record.agrees:
         why = "contradicts" if record.contradicts else "is too short to be judged against"
         stop(f"the record {why} the Gaussian model; stochvi replay shows its motion", FAILED)
@@ -140,7 +140,7 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
 @click.option(
     "--peak-acceleration",
     metavar="A[g]",
-    help="Or: largest absolute acceleration of the mission by a hit, m/s^2 or g (80g).",
+    help="Or: largest absolute acceleration during a hit in the mission, m/s^2 or g (80g).",
 )
 @click.option(
     "--exceedance",
@@ -160,11 +160,19 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
 )
 @click.option(
     "--at", metavar="NAME",
-    help="Coordinate or named point of that acceleration; default: any of a structure.",
+    help="Coordinate or named point of that acceleration; default: all of them.",
 )  # fmt: skip
 @click.option("--pair", metavar="NAME", help="Of several pairs: size this one, the others fixed.")
-@click.option("--rel-error", type=float, default=0.05, show_default=True, help="Of the risk.")
-@click.option("--sensitivity", is_flag=True, help="Also for a changed mount, level and stop law.")
+@click.option(
+    "--rel-error",
+    type=float,
+    default=0.05,
+    show_default=True,
+    help="Relative standard error of the risk.",
+)
+@click.option(
+    "--sensitivity", is_flag=True, help="Repeat it for a changed mount, level and stop law."
+)
 @click.option(
     "--tolerances", metavar="LIST",
     help="Tolerances of the worst case in the report: "
@@ -177,7 +185,7 @@ def size(
     options: Common, scene: str, peak_acceleration: str | None, sensitivity: bool,
     tolerances: str | None, **asked: Any,
 ) -> None:  # fmt: skip
-    """The clearance that is really needed, with a stated risk."""
+    """The smallest clearance that keeps a stated risk, rate or limit."""
     from stochvi.isolators.sizing.changes import Tolerances
     from stochvi.isolators.sizing.method import size as solve
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
@@ -188,7 +196,7 @@ def size(
     from stochvi.views.isolator_tables import print_sizing
 
     loaded = load_scene(scene)
-    # wrong ones are refused before the work
+    # wrong tolerances are refused before the work
     allowed = Tolerances.of(loaded, **_stated_tolerances(tolerances))
     if sensitivity and not model_of(loaded).single:
         raise ValueError(
@@ -200,7 +208,7 @@ def size(
     judged: list[RecordVerdict | None] = []
 
     def found() -> Sizing | PairsSizing:
-        # a sizing takes what it needs, changed cases and the report what is left
+        # changed cases and the report take the time that the sizing leaves
         share = FIRST if sensitivity else BEFORE_REPORT if options.out is not None else 1.0
         sampling = options.sampling | {"budget": deadline.part(share)}
         with options.progress("sizing") as report:
@@ -259,18 +267,17 @@ def _show_pairs(options: Common, answer: PairsSizing, scene: str) -> None:
 
 
 REPORT_SECONDS = 3.0
-"""Seconds that the tables of a report and its first picture take, with the calculations that every
-report holds (measured on a busy machine)."""
+"""Time that the tables, the first picture and the calculations of a report take, s (measured on a
+busy machine)."""
 
 FIRST, BEFORE_REPORT = 0.5, 0.7
-"""Shares of the budget that the sizing itself may take where changed cases, or only a report,
-follow."""
+"""Shares of the budget for the sizing itself if --sensitivity or only a report follows."""
 
 TOLERANCE_UNITS = {
     "frequency": ("%", 0.01), "damping": ("%", 0.01), "level": ("dB", 1.0),
     "stiffness": ("%", 0.01), "centre": ("mm", 1e-3),
 }  # fmt: skip
-"""Tolerances that --tolerances may state, each with its unit and the factor of that."""
+"""Tolerances that --tolerances may state, each with its unit and the factor of that unit."""
 
 
 def _stated_tolerances(text: str | None) -> dict[str, float]:
@@ -306,8 +313,12 @@ JOLT_COLUMNS = {
     "--speeds", required=True, metavar="LIST",
     help="Jolts: changes of the relative velocity, with commas: 0.1,0.2 (m/s) or 10mm/s.",
 )  # fmt: skip
-@click.option("--paths", type=int, default=64, show_default=True, help="For each jolt.")
-@click.option("--duration", type=TIME, help="Seconds after a jolt [1000 periods].")
+@click.option(
+    "--paths", type=int, default=64, show_default=True, help="Number of paths for each jolt."
+)
+@click.option(
+    "--duration", type=TIME, help="Time for which paths are watched after a jolt [1000 periods]."
+)
 @common("seed", "json", "out", "quiet")
 def jolt(options: Common, scene: str, speeds: str, **asked: Any) -> None:
     """Under a sine: can a jolt throw a mount into clatter, and how long does that last."""

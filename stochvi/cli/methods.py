@@ -22,7 +22,7 @@ MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 
 def show_response(options: Common, found: Response) -> None:
-    """Print a response, and write what was asked for."""
+    """Print a response, and write the files that the options ask for."""
     from stochvi.views.files import to_json, write_text
     from stochvi.views.tables import print_response
 
@@ -35,7 +35,7 @@ def show_response(options: Common, found: Response) -> None:
 @click.argument("scene")
 @common("json", "out", "quiet")
 def exact(options: Common, scene: str) -> None:
-    """Closed form, where there is one: white noise, elastic stops."""
+    """Closed form, where one is known: white noise, elastic stops."""
     from stochvi.methods.closed_form import exact as solve
     from stochvi.methods.closed_form import exact_density
     from stochvi.model.coverage import beyond_one_oscillator
@@ -82,13 +82,13 @@ def fokker_planck(options: Common, scene: str, **asked: Any) -> None:
 @click.argument("scene")
 @click.option(
     "--barrier", metavar="B|LO,HI",
-    help="Metres from the unloaded spring; leave one empty for none. Default: the stops.",
+    help="Barrier, m from the unloaded spring; leave LO or HI empty for none. Default: the stops.",
 )  # fmt: skip
 @click.option("--times", metavar="LIST", help="Times, with commas: 10,20 (s) or 1min ...")
 @click.option("--mission", type=TIME, metavar="TIME", help="... or a duration, and parts of it.")
 @click.option(
     "--start", type=click.Choice(["rest", "stationary"]), default="rest", show_default=True,
-    help="At rest, or in the stationary law without barriers.",
+    help="Start at rest, or in the stationary law without barriers.",
 )  # fmt: skip
 @click.option("--rtol", type=float, default=1e-4, show_default=True, help="Relative error.")
 @common("json", "out", "quiet")
@@ -128,11 +128,12 @@ def first_passage(
 @click.argument("scene")
 @click.option(
     "--form", type=click.Choice(["closure", "motion", "force", "clumps"]), default="closure",
-    show_default=True, help="What is linearised, and with which law.",
+    show_default=True, help="Which functions are linearised, and under which law.",
 )  # fmt: skip
 @click.option(
     "--variant", type=click.Choice(["consistent", "book", "box"]), default="consistent",
-    show_default=True, help="Coefficients that obey the balances, as printed, or of a box.",
+    show_default=True,
+    help="Coefficients: consistent with the balances, as printed in the book, or for a box.",
 )  # fmt: skip
 @common("json", "out", "quiet")
 def linearise(options: Common, scene: str, **asked: Any) -> None:
@@ -148,7 +149,7 @@ def linearise(options: Common, scene: str, **asked: Any) -> None:
 @click.option(
     "--variant", type=click.Choice(["finite-jumps", "continuous", "unfolded"]),
     default="finite-jumps", show_default=True,
-    help="Impacts as jumps of the energy, spread over a cycle, or as a damper.",
+    help="Impacts as jumps of the energy, as a loss spread over a cycle, or as a damper.",
 )  # fmt: skip
 @common("json", "out", "quiet")
 def average(options: Common, scene: str, variant: str) -> None:
@@ -169,23 +170,23 @@ def average(options: Common, scene: str, variant: str) -> None:
 @click.option(
     "--checkpoint",
     metavar="FILE",
-    help="Keep what was simulated here; a checkpoint there is replaced, a long one kept as "
+    help="Save the simulation to this file. It replaces a checkpoint there; a long one is kept as "
     "FILE.earlier.",
 )
 @click.option(
     "--checkpoint-interval", type=TIME, default=1.0, show_default=True, metavar="TIME",
-    help="At most this is lost in a crash, and one task.",
+    help="Time between checkpoints: a crash loses at most this, and one task.",
 )  # fmt: skip
 @click.option(
     "--resume", metavar="FILE",
-    help="Go on from a checkpoint, with its paths, duration and seed, and on keeping it.",
+    help="Continue from a checkpoint, with its paths, duration and seed, and keep saving to it.",
 )  # fmt: skip
 @click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster, as tcp://host:8786.")
 @click.option(
     "--budget", type=TIME, metavar="TIME",
     help=f"Give up (exit 1) after this [{BUDGET:g}; none with --paths, --checkpoint, --resume].",
 )  # fmt: skip
-@click.option("--seed", type=int, help="Same seed, same digits [0].")
+@click.option("--seed", type=int, help="Seed: same seed, same digits [0].")
 @common("threads", "json", "out", "quiet")
 def simulate(
     options: Common, scene: str, dask: str | None, budget: float | None, checkpoint: str | None,

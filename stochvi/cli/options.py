@@ -1,4 +1,4 @@
-"""Options that several commands have in common, and what a command does with them."""
+"""Options that several commands have in common, and their effects."""
 
 from __future__ import annotations
 
@@ -27,19 +27,20 @@ if TYPE_CHECKING:
     from stochvi.scenes.scene import Scene
 
 BUDGET = 60.0
-"""Seconds of wall time that a command may take to reach an accuracy, unless --budget is given."""
+"""Wall time that a command may take to reach an accuracy, s, unless --budget is given."""
 
 LEAST_SHARE = 0.3
-"""Share of a budget that is left for calculations however long the start of the program took."""
+"""Smallest share of a budget for calculations, however long the start of the program took."""
 
 GRACE_SHARE, GRACE_SECONDS = 0.2, 0.6
-"""Share of the budget, and seconds, after it in which pictures of a page are still begun: the
-command ends within 2 s after the share, and what is written last takes the rest."""
+"""Time after the end of the budget until which pictures of a page are still begun: this share of
+the budget, and these seconds. The command ends within 2 s after the share; the last files take the
+rest of that time."""
 
 DRAWING_SECONDS, ALLOWED_SECONDS = 2.0, 1.3
-"""Seconds that tables and a first picture take with their libraries (measured on a busy machine),
-and seconds after the share of the budget that they may take: the start of the program has the rest
-of the 2 s."""
+"""Time that tables and a first picture take with the import of their libraries, s (measured on a
+busy machine), and time after `GRACE_SHARE` of the budget that they may take, s. The start of the
+program takes the rest of the 2 s."""
 
 
 Found = TypeVar("Found")
@@ -47,9 +48,9 @@ Found = TypeVar("Found")
 
 @contextlib.contextmanager
 def checked_targets(options: Common, given: Mapping[str, Any]) -> Iterator[None]:
-    """Refuse, before any work, targets of a command that cannot be written, or that are read.
+    """Refuse, before any work, files that cannot be written or that the command also reads.
 
-    Within, no file that the command reads is replaced by an answer.
+    Within the `with` block no answer replaces a file that the command reads.
     """
     from stochvi.cli.targets import (
         check_apart,
@@ -90,9 +91,11 @@ class Common:
     begun: Deadline = field(default_factory=lambda: Deadline.after(0.0))
 
     def until(self, budget: float | None, drawing: float = DRAWING_SECONDS) -> Deadline:
-        """The deadline of a budget that is counted from the start of the command; `Interrupted`
-        where Ctrl-C has come already. Earlier where files are written whose `drawing` takes more
-        seconds than a command may take after its budget."""
+        """The deadline of a budget that is counted from the start of the command.
+
+        It is earlier if files are written and their `drawing` takes more seconds than a command may
+        take after its budget. Raises `Interrupted` if Ctrl-C has come already.
+        """
         if self.begun.interrupted:
             raise self.begun.fell_short("before the calculation began", "")
         if budget is None:
@@ -105,8 +108,10 @@ class Common:
 
     @contextlib.contextmanager
     def within(self, budget: float | None) -> Iterator[None]:
-        """Messages name this budget, and pages leave out pictures once it is long over. Where none
-        is given, messages name `BUDGET`, and every picture is drawn."""
+        """Let messages name this budget, and pages leave out pictures once it is long over.
+
+        Without a budget, messages name `BUDGET`, and every picture is drawn.
+        """
         from stochvi.views.files import pictures_until
 
         late = math.inf if budget is None else (1.0 + GRACE_SHARE) * budget + GRACE_SECONDS
@@ -115,7 +120,7 @@ class Common:
             yield
 
     def origin(self, scene: str, provenance: Mapping[str, Any]) -> Origin:
-        """What a report states of its making: this command, its scene file and what that names."""
+        """The origin that a report states: this command, its scene file and the files it names."""
         from stochvi.cli.program import COMMAND_LINE
         from stochvi.cli.targets import inputs_of
         from stochvi.results.origin import digests, origin_of
@@ -131,7 +136,7 @@ class Common:
 
     @property
     def console(self) -> Console:
-        """Where tables go: standard output, or standard error if JSON has that to itself."""
+        """The console for tables: standard output, or standard error if JSON goes to the output."""
         return console_for(self.json_file)
 
     @property
@@ -149,8 +154,8 @@ class Common:
         return progress_bar(self.quiet, title)
 
     def rest_unless(self, paths: int | None) -> float | None:
-        """What is left of the budget; where none is given of `BUDGET`, unless a number of paths
-        bounds the work."""
+        """The rest of the budget; without --budget the rest of `BUDGET`, or None if a number of
+        paths bounds the work."""
         budget = BUDGET if self.budget is None and paths is None else self.budget
         return self.until(budget).rest
 
@@ -160,7 +165,7 @@ class Common:
     ) -> None:  # fmt: skip
         """Show an answer as the options ask: write its JSON document, print it, write its table.
 
-        What is written first is kept whatever comes later.
+        Files that are written stay if a later step fails.
 
         Parameters
         ----------
@@ -181,7 +186,7 @@ class Common:
             write_table(found.to_frame(), self.out / f"{table}.csv")
 
     def draw(self, name: str, picture: Callable[[], Axes]) -> None:
-        """Write a picture, if there is a folder for it; one that fails costs a note."""
+        """Write a picture, if there is a folder for it; if that fails, print a note."""
         from stochvi.views.files import try_picture
 
         if self.out is not None:
@@ -263,8 +268,8 @@ OPTIONS = {
     "out": click.option(
         "--out", type=Folder(path_type=Path), metavar="DIR", help="Write tables and pictures here."
     ),
-    "seed": click.option("--seed", type=int, default=0, help="Same seed, same digits."),
-    "threads": click.option("--threads", type=int, help="Default: all cores."),
+    "seed": click.option("--seed", type=int, default=0, help="Seed of the random numbers: same seed, same digits."),
+    "threads": click.option("--threads", type=int, help="Number of threads; default: all cores."),
     "budget": click.option(
         "--budget", type=TIME, default=BUDGET, show_default=True, metavar="TIME",
         help="Give up (exit 1) if the accuracy takes longer.",
@@ -323,8 +328,8 @@ def _scenes(given: Mapping[str, Any]) -> list[Path]:
 
 
 NO_QUESTION = ("scene", "scenes", "checkpoint", "resume", "rel_error", "checkpoint_interval")
-"""Options of commands that change the accuracy or the course of an answer, and not what is asked
-for; the scene files are counted by their places."""
+"""Options that are not part of the question of a command: they change only the accuracy or the
+course of its answer. Scene files enter the question by their paths."""
 
 
 def _question(given: Mapping[str, Any]) -> str:
@@ -336,8 +341,8 @@ def _question(given: Mapping[str, Any]) -> str:
 
 
 def shown(solve: Callable[[], Found], show: Callable[[Found], None]) -> None:
-    """Show an answer; where its accuracy was not reached, or Ctrl-C ended it, show what was
-    reached, then fail."""
+    """Show an answer. If its accuracy was not reached or Ctrl-C ended it, show the answer so far,
+    and raise the error."""
     from stochvi.results.errors import Interrupted, NotConverged
 
     try:

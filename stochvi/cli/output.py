@@ -1,4 +1,4 @@
-"""Where a command writes: the console, progress, notes; and where it has work done."""
+"""The output of commands (console, progress, notes), and the cluster that does their work."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 LINE_SECONDS = 2.0
-"""Seconds between two lines of progress, where standard error is not a terminal."""
+"""Time between two lines of progress if standard error is not a terminal, s."""
 
 PLAIN_WIDTH, NARROWEST, WIDEST = 100, 80, 10_000
-"""Columns of a table that does not go to a terminal unless the variable COLUMNS says otherwise, and
-the limits of that variable."""
+"""Width, in characters, of a table that does not go to a terminal, if the variable COLUMNS does not
+state another, and the smallest and largest value of that variable."""
 
 CONTROLS = {
     number: f"\\x{number:02x}"
@@ -44,7 +44,7 @@ def new_console(stream: TextIO) -> Console:
     from stochvi.cli.console import PlainConsole
 
     unknown = None if stream.isatty() else PLAIN_WIDTH
-    # rich reads COLUMNS itself, and fails where that is "²"
+    # rich reads COLUMNS itself, and fails if it is "²"
     environment = {
         name: os.environ[name] for name in os.environ if name not in ("COLUMNS", "LINES")
     }
@@ -104,7 +104,7 @@ def _progress_in_lines(title: str) -> Progress:
 
 
 def echo(line: str) -> None:
-    """Print a line on standard error, if anybody still reads that."""
+    """Print a line on standard error, if that stream is still open."""
     with contextlib.suppress(BrokenPipeError):
         click.echo(visible(line), err=True)
 
@@ -113,8 +113,8 @@ def echo(line: str) -> None:
 def notes_of_warnings() -> Iterator[None]:
     """Print the warnings of the code inside as notes on standard error, each on a line.
 
-    Those of libraries, such as an overflow in numpy, are for programmers, and are left out unless
-    Python was started with -W or PYTHONWARNINGS.
+    Warnings of libraries, such as an overflow in numpy, are for programmers. They are left out
+    unless Python was started with -W or PYTHONWARNINGS.
     """
 
     def note(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:

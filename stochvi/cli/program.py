@@ -19,7 +19,7 @@ BAD_INPUT = 2
 """Exit code if the input is wrong, or the method does not apply to the scene."""
 
 COMMAND_LINE = "stochvi.command_line"
-"""Key of the command line among what the parts of a command share."""
+"""Key of the command line in the data (`meta`) that the contexts of click share."""
 
 
 class Commands(click.Group):
@@ -62,7 +62,7 @@ def _stop_for(error: BaseException) -> NoReturn:
 
 
 def _prepare_streams() -> None:
-    """Give the command streams that take any letter: none may be open, or they may know few."""
+    """Make standard output and error accept any character, and replace streams that are closed."""
     sys.stdout, sys.stderr = (
         open(os.devnull, "w", encoding="utf-8") if stream is None else stream  # noqa: SIM115
         for stream in (sys.stdout, sys.stderr)
@@ -74,7 +74,7 @@ def _prepare_streams() -> None:
 
 
 def _end_output() -> None:
-    """Write what waits for standard output; a reader that is gone wants no more of it."""
+    """Flush standard output, unless its reader has closed it."""
     from stochvi.views.files import silence
 
     try:

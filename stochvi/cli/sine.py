@@ -15,13 +15,15 @@ from stochvi.cli.program import main
 @varied(400, "values of a key of the scene, as impact_pair.0.clearance=3mm:6mm:100.")
 @click.option(
     "--sweep", type=click.Choice(["up", "down", "both"]),
-    help="Simulate a slow sweep from value to value beside the branches.",
+    help="Also simulate a slow sweep from value to value.",
 )  # fmt: skip
 @click.option(
     "--form", type=click.Choice(["exact", "motion", "force"]), default="exact", show_default=True,
-    help="Exact, or by harmonic linearisation, with its error.",
+    help="Exact regimes, or harmonic linearisation of motion or force, with its error.",
 )  # fmt: skip
-@click.option("--coordinate", metavar="NAME", help="Whose displacement is shown [the first].")
+@click.option(
+    "--coordinate", metavar="NAME", help="Coordinate whose displacement is shown [the first]."
+)
 @click.option(
     "--impacts", type=int, default=3, show_default=True,
     help="Largest number of impacts per period of regimes that are looked for.",
@@ -33,9 +35,9 @@ def sine(
 ) -> None:  # fmt: skip
     """What a structure between stops does under a sine: all regimes, jumps, stability.
 
-    Regimes that repeat themselves follow exactly, stable or not, over frequency or any key of the
-    scene; where a slow sweep jumps is stated. Without --from and --to: at the frequency of the
-    scene. Noise of the scene is left out.
+    Periodic regimes, stable or not, are calculated exactly over frequency or any key of the scene,
+    with the values at which a slow sweep jumps. Without --from and --to they are calculated at the
+    frequency of the scene. Noise of the scene is left out.
     """
     from stochvi.methods.periodic import harmonic_response
     from stochvi.scenes.scene import load_scene
@@ -63,14 +65,19 @@ def sine(
     help="Phase of the force at the start, degrees.",
 )  # fmt: skip
 @click.option(
-    "--periods", type=int, default=300, show_default=True, help="Periods that a start is flown for."
+    "--periods",
+    type=int,
+    default=300,
+    show_default=True,
+    help="Periods for which each start is followed.",
 )
 @common("threads", "budget", "json", "out", "quiet")
 def basins(options: Common, scene: str, sides: tuple[str, ...], phase: float, periods: int) -> None:
-    """Which of the motions that coexist under a sine a structure ends in, from many starts.
+    """Basins of attraction: which of the motions under a sine each of many starts ends in.
 
-    Each start in a plane of two displacements or velocities, all others at rest, is flown to the
-    regime that it ends in, and the plane is coloured by these. Noise of the scene is left out.
+    The starts lie in a plane of two displacements or velocities, all others being 0. Each start is
+    followed to the regime in which it ends, and the plane is coloured by regime. Noise of the scene
+    is left out.
     """
     from stochvi.methods.periodic import basins as map_of
     from stochvi.scenes.scene import load_scene
@@ -92,14 +99,18 @@ def basins(options: Common, scene: str, sides: tuple[str, ...], phase: float, pe
 @varied(400, "values of a key of the scene, as excitation.0.amplitude=1:3:400.")
 @click.option(
     "--sweep", type=click.Choice(["up", "down", "both"]), default="both", show_default=True,
-    help="Each motion goes on from that at the value before.",
+    help="Direction of the sweep; each motion starts from that at the value before.",
 )  # fmt: skip
 @click.option(
     "--settling", type=int, default=300, show_default=True,
     help="Periods that pass at each value before its motion is watched.",
 )  # fmt: skip
 @click.option(
-    "--watched", type=int, default=128, show_default=True, help="Periods in which it is watched."
+    "--watched",
+    type=int,
+    default=128,
+    show_default=True,
+    help="Periods for which the motion is watched.",
 )
 @click.option(
     "--start", "starts", multiple=True, metavar="NAME=VALUE",
@@ -110,9 +121,9 @@ def bifurcation(
     options: Common, scene: str, varied: Varied, sweep: str, settling: int, watched: int,
     starts: tuple[str, ...],
 ) -> None:  # fmt: skip
-    """Impact speeds that a slow sweep goes through, period doublings and chaos included.
+    """Impact speeds in a slow sweep, with period doublings and chaos.
 
-    By simulation from impact to impact, with the Lyapunov exponent at each value. Noise of the
+    They are simulated from impact to impact, with the Lyapunov exponent at each value. Noise of the
     scene is left out.
     """
     from stochvi.methods.periodic import bifurcation as diagram_of
@@ -140,11 +151,15 @@ def bifurcation(
     help='Regime whose life time is wanted, as "no impacts" [all].',
 )  # fmt: skip
 @click.option(
-    "--rel-error", type=float, default=0.1, show_default=True, help="Of the mean life times."
+    "--rel-error",
+    type=float,
+    default=0.1,
+    show_default=True,
+    help="Relative standard error of the mean life times.",
 )
 @common("seed", "threads", "budget", "json", "out", "quiet")
 def lifetimes(options: Common, scene: str, regimes: tuple[str, ...], rel_error: float) -> None:
-    """Sine and noise: how long each regime lasts, and where paths go that leave it.
+    """Sine and noise: how long each regime lasts, and to which regimes paths go from it.
 
     Paths start in each of the regimes that coexist without noise, and are simulated with the noise
     of the scene until enough of them have left.

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 @main.command()
 @click.argument("scene")
-@click.option("--rel-error", type=float, help="At a frequency [0.05].")
+@click.option("--rel-error", type=float, help="Relative standard error at a frequency [0.05].")
 @click.option("--paths", type=int, help="Instead: this many paths.")
 @click.option(
     "--method", type=click.Choice(["welch", "multitaper"]), default="welch", show_default=True,
     help="Overlapping segments, or several tapers over whole paths.",
 )  # fmt: skip
 @click.option("--highest", type=float, metavar="HZ", help="Highest frequency [4 times the mode's].")
-@click.option("--segment", type=TIME, metavar="TIME", help="Length [21 / bandwidth].")
+@click.option("--segment", type=TIME, metavar="TIME", help="Length of a segment [21 / bandwidth].")
 @common("open budget", "seed", "threads", "json", "out", "quiet")
 def spectrum(options: Common, scene: str, **asked: Any) -> None:
     """Spectra of the response, transmissibility, coherence, with bands."""
@@ -57,7 +57,7 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
 
 @main.command()
 @click.argument("scene")
-@click.option("--rel-error", type=float, help="Of the rate [0.02].")
+@click.option("--rel-error", type=float, help="Relative standard error of the rate [0.02].")
 @click.option("--paths", type=int, help="Instead: this many paths ...")
 @click.option("--duration", type=TIME, help="... of this many seconds each, after burn-in.")
 @click.option("--speed-threshold", type=SPEED, help="Slowest impact that counts, m/s.")
@@ -97,9 +97,11 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
 
 @main.command()
 @click.argument("scene")
-@click.option("--duration", type=TIME, required=True, metavar="TIME", help="As 10 (s) or 2min.")
+@click.option(
+    "--duration", type=TIME, required=True, metavar="TIME", help="Length: 10 (s) or 2min."
+)
 @click.option("--path", type=int, default=0, show_default=True, help="Number of the realisation.")
-@click.option("--rate", type=float, metavar="HZ", help="Samples per second [of the step].")
+@click.option("--rate", type=float, metavar="HZ", help="Samples per second [one per time step].")
 @click.option("--animate", is_flag=True, help="Also draw history.gif: masses between their stops.")
 @common("seed", "json", "out", "quiet")
 def history(
@@ -129,28 +131,30 @@ def history(
 
 @main.command()
 @click.argument("scene")
-@click.option("--mission", type=TIME, required=True, metavar="TIME", help="As 600 (s) or 10h.")
+@click.option(
+    "--mission", type=TIME, required=True, metavar="TIME", help="Duration: 600 (s) or 10h."
+)
 @click.option(
     "--barrier", metavar="B|LO,HI",
-    help="Without stops: from the unloaded spring, 0.004 (m) or 4mm; leave one empty for none.",
+    help="Without stops: barrier from the unloaded spring, 0.004 (m) or 4mm; LO, HI may be empty.",
 )  # fmt: skip
-@click.option("--impact-speed", type=SPEED, metavar="M/S", help="A hit must not be faster.")
+@click.option("--impact-speed", type=SPEED, metavar="M/S", help="Largest allowed impact speed.")
 @click.option(
     "--peak-acceleration", metavar="A|Ag",
-    help="No contact must bring more: m/s^2, or g (80g); stops that give way.",
+    help="Largest allowed acceleration in a contact with compliant stops, m/s^2 or g (80g).",
 )  # fmt: skip
 @click.option(
     "--at", metavar="NAME",
-    help="Coordinate or named point of that acceleration; default: any of a structure.",
+    help="Coordinate or named point of that acceleration; default: all of them.",
 )  # fmt: skip
 @click.option("--pair", metavar="NAME", help="Of several pairs: hits of this one alone.")
 @click.option(
     "--start", type=click.Choice(["rest", "stationary"]), default="stationary", show_default=True,
-    help="At rest, or in the stationary motion.",
+    help="Start at rest, or in the stationary motion.",
 )  # fmt: skip
 @click.option(
     "--way", type=click.Choice(["crude", "splitting", "first-crossings"]),
-    help="Default: what a pilot finds cheapest.",
+    help="Method; default: the one that a pilot run finds cheapest.",
 )  # fmt: skip
 @click.option(
     "--rel-error", type=float, default=0.05, show_default=True, help="Relative standard error."

@@ -44,15 +44,15 @@ def _check_options(method: str, given: Mapping[str, Any]) -> None:
 @click.argument("scene")
 @click.option(
     "--vary", required=True, multiple=True, metavar="KEY=FIRST:LAST:NUMBER",
-    help="As impact_pair.0.law.coefficient=0.3:1:8; also ...:log, or KEY=VALUE,VALUE; a value may "
-    "bear a unit: impact_pair.0.clearance=3mm:6mm:4. Several: all combinations.",
+    help="For example impact_pair.0.law.coefficient=0.3:1:8; also ...:log, or KEY=VALUE,VALUE. A "
+    "value may have a unit: impact_pair.0.clearance=3mm:6mm:4. Several --vary: all combinations.",
 )  # fmt: skip
 @click.option(
     "--method", default="simulate", show_default=True,
     type=click.Choice([
         "simulate", "exact", "closure", "fokker-planck", "average", "size", "reliability", "replay"
     ]),
-    help="What answers for each scene.",
+    help="Method that is applied to each scene.",
 )  # fmt: skip
 @click.option(
     "--probability", type=CHANCE, metavar="P", help="size: chance of any hit, 0.01 or 1%."
@@ -62,19 +62,22 @@ def _check_options(method: str, given: Mapping[str, Any]) -> None:
 @click.option(
     "--peak-acceleration", metavar="A[g]", help="size, reliability: limit, m/s^2 or g (40g)."
 )
-@click.option("--exceedance", type=CHANCE, metavar="P", help="size: chance of exceeding it [0.01].")
+@click.option(
+    "--exceedance", type=CHANCE, metavar="P", help="size: chance of exceeding the limit [0.01]."
+)
 @click.option("--mission", type=TIME, metavar="TIME", help="size [1h], reliability: 3600 (s), 10h.")
-@click.option("--rel-error", type=float, help="Of simulations [0.01], of the risk [0.05].")
+@click.option("--rel-error", type=float, help="Of means [0.01] or of the risk [0.05].")
 @click.option("--paths", type=int, help="Instead: this many paths ...")
 @click.option("--duration", type=TIME, help="... of this many seconds each, after burn-in.")
 @click.option(
     "--random-numbers", type=click.Choice(["common", "independent"]), default="common",
-    show_default=True, help="The same in each row, so that differences are the scenes', or not.",
+    show_default=True,
+    help="The same in each row, so that rows differ by their scenes only, or other ones.",
 )  # fmt: skip
 @click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster.")
 @click.option(
     "--budget", type=TIME, metavar="TIME",
-    help="Time for each row, so that N rows take up to N times that [60; none with --paths].",
+    help="Time for each row: N rows take up to N times this [60; none with --paths].",
 )  # fmt: skip
 @common("seed", "threads", "out", "quiet")
 def sweep(
@@ -83,8 +86,8 @@ def sweep(
 ) -> None:  # fmt: skip
     """A scene over ranges of its keys: a table, and one sheet of pictures.
 
-    Rows are kept in --out as they come; the same command goes on where it was stopped. Beside
-    sweep.csv it writes sweep.parquet where pyarrow is installed (pip install pyarrow).
+    Each finished row is kept in --out, and the same command continues a sweep that was stopped.
+    Besides sweep.csv it writes sweep.parquet if pyarrow is installed (pip install pyarrow).
     """
     from stochvi.scenes.scene import load_scene
     from stochvi.sweeps import once, values_of

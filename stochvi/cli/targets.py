@@ -1,4 +1,4 @@
-"""The files that a command would write, checked before its work: no answer is lost for a name."""
+"""Checks, before the work of a command, that the files of its answer can be written."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stochvi.results.origin import named_files
 
 
 def inputs_of(scenes: Sequence[Path]) -> list[Path]:
-    """The scene files, and the files that they name; what cannot be read is refused elsewhere."""
+    """The scene files, and the files that they name. Unreadable scenes are refused elsewhere."""
     from stochvi.scenes.text import read_text
 
     found = []
@@ -40,7 +40,7 @@ REPORT, QUESTION = "report.html", re.compile(r'<meta name="stochvi-question" con
 """Name of the page of a report, and where it states the question that it answers."""
 
 HEAD = 4000
-"""Characters of a page among which its question stands."""
+"""Number of characters at the start of a page that are searched for its question."""
 
 
 def check_report_target(folder: Path, question: str) -> None:

@@ -23,7 +23,7 @@ MANY_SCENES = 0.01
 
 @main.command()
 @click.argument("scenes", metavar="SCENE...", nargs=-1)
-@click.option("--zoo", is_flag=True, help="Every scene of the zoo that ships, too.")
+@click.option("--zoo", is_flag=True, help="Also check every scene of the zoo that ships.")
 @click.option(
     "--rel-error", type=float,
     help=f"Of Monte Carlo; default {ONE_SCENE:g}, of several scenes {MANY_SCENES:g}.",
@@ -86,7 +86,7 @@ def check(
 
 
 PANELS_SECONDS = 3.5
-"""Seconds that the errors of `cost` and the many panels of its picture take (measured on a busy
+"""Time that the errors of `cost` and the many panels of its picture take, s (measured on a busy
 machine)."""
 
 
@@ -123,7 +123,7 @@ def cost(options: Common, scene: str, budget: float) -> None:
 @click.argument("scene")
 @common("threads", "json", "quiet")
 def explain(options: Common, scene: str) -> None:
-    """What would be simulated, what not, which methods apply, at what price."""
+    """What would be simulated, what not, which methods apply, and how long they take."""
     from stochvi.scenes.scene import load_scene
     from stochvi.verification.explain import SECONDS
     from stochvi.verification.explain import explain as explain_scene
@@ -136,7 +136,8 @@ def explain(options: Common, scene: str) -> None:
 
 
 FILE_PATHS = 4096
-"""Default number of paths of a problem for other programs: a start that is counted shows then."""
+"""Default number of paths of a problem for other programs: enough to show the bias of an integrator
+that includes the transient from the start in its averages."""
 
 
 @main.command()
@@ -186,11 +187,11 @@ def problems(options: Common, paths: int, relaxations: float) -> None:
 )  # fmt: skip
 @click.option(
     "--format", "form", type=click.Choice(["statistics", "averages", "records"]),
-    help="Default: recognised by the header.",
+    help="Format of FILE; default: recognised by its header.",
 )  # fmt: skip
 @click.option(
     "--allowed", type=float, default=0.0, show_default=True, metavar="PERCENT",
-    help="A bias that is harmless.",
+    help="Largest bias that is accepted, per cent.",
 )  # fmt: skip
 @common("json", "out", "quiet")
 def judge(options: Common, file: str, problem: str, form: str | None, allowed: float) -> None:

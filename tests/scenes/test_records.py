@@ -219,7 +219,7 @@ def test_a_band_cuts_the_density(tmp_path: Path) -> None:
     [
         (lambda t, a: (t, a[:100]), "holds 100 samples, expected at least 256"),
         (lambda t, a: (t, np.where(t == t[7], np.nan, a)), "has a gap (0.0025 s at 0.0175 s)"),
-        (lambda t, a: (t, 0.0 * a + 3.0), "holds a record that does not move"),
+        (lambda t, a: (t, 0.0 * a + 3.0), "holds a record whose values are all equal"),
         (lambda t, a: (t[::-1], a), "must have rising times in its first column"),
         (lambda t, a: (np.delete(t, 500), np.delete(a, 500)), "has a gap (0.0025 s at 1.25 s)"),
         (
