@@ -268,7 +268,7 @@ OPTIONS = {
     "out": click.option(
         "--out", type=Folder(path_type=Path), metavar="DIR", help="Write tables and pictures here."
     ),
-    "seed": click.option("--seed", type=int, default=0, help="Seed of the random numbers: same seed, same digits."),
+    "seed": click.option("--seed", type=int, default=0, help="Same seed, same digits."),
     "threads": click.option("--threads", type=int, help="Number of threads; default: all cores."),
     "budget": click.option(
         "--budget", type=TIME, default=BUDGET, show_default=True, metavar="TIME",

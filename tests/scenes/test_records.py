@@ -437,7 +437,7 @@ def test_times_that_may_be_milliseconds_need_their_unit(
     if taken:
         assert RecordedNoise(file=path).record.fs == pytest.approx(1.0 / interval)
     else:
-        with pytest.raises(SceneError, match=f"milliseconds one of {1e3 / interval:g} Hz"):
+        with pytest.raises(SceneError, match=f"in milliseconds {1e3 / interval:g} Hz"):
             RecordedNoise(file=path)
         # a stated rate settles it
         assert RecordedNoise(file=path, fs=1.0 / interval).record.duration > 1.0
