@@ -178,10 +178,12 @@ class Common:
         """
         from stochvi.views.files import write_json, write_table
 
-        if self.json_file is not None:
-            write_json(document or found.to_dict(), self.json_file)
-        if not self.quiet:
-            tell(self.console, found)
+        try:
+            if self.json_file is not None:
+                write_json(document or found.to_dict(), self.json_file)
+        finally:  # a disk that is full costs the file, not the answer
+            if not self.quiet:
+                tell(self.console, found)
         if self.out is not None and table is not None:
             write_table(found.to_frame(), self.out / f"{table}.csv")
 

@@ -41,7 +41,10 @@ def write_json(document: Mapping[str, Any], target: str) -> None:
     if target == "-":
         _write_to_output(_for_stream(text, sys.stdout) + "\n")
     elif path.exists() and not path.is_file() and not path.is_dir():
-        path.write_text(text + "\n", encoding="utf-8", newline="\n")
+        try:
+            path.write_text(text + "\n", encoding="utf-8", newline="\n")
+        except OSError as error:  # it would name no file
+            raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     else:
         write_text(text + "\n", path.resolve() if path.is_symlink() else path)
 

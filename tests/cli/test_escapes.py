@@ -117,6 +117,14 @@ def test_a_target_that_cannot_be_is_refused_before_the_work(
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows makes links for administrators alone")
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is full")
+def test_a_disk_that_is_full_costs_the_file_and_not_the_answer(stochvi: Run, tmp_path: Path):
+    scene = scene_in(tmp_path)
+    code, text, errors = stochvi("exact", scene, "--json", "/dev/full")
+    assert (code, errors) == (2, "stochvi: /dev/full no space left on device\n")
+    assert text.split("cost:")[0] == stochvi("exact", scene)[1].split("cost:")[0] != ""
+
+
 def test_a_sweep_does_not_follow_a_link_in_its_folder(stochvi: Run, tmp_path: Path):
     scene, out, outside = scene_in(tmp_path), tmp_path / "out", tmp_path / "outside"
     out.mkdir()
