@@ -44,11 +44,11 @@ MOTIONS = {
 """Coordinates of a rigid body, and the usual words for its motion along or about an axis."""
 
 SYMMETRY = 1e-9
-"""Largest relative difference of numbers that counts as rounding where a tensor is checked."""
+"""Largest relative difference that counts as a rounding error when an inertia tensor is checked."""
 
 HELD = 1e-12
-"""Smallest eigenvalue of the stiffness, relative to the largest, of a body that is held: both are
-squares of angular frequencies, with the mass."""
+"""Smallest ratio of the lowest to the highest squared natural frequency at which the body counts as
+held in all directions."""
 
 
 def _plain(values: object) -> object:
@@ -76,8 +76,8 @@ class Mount(Checked):
     stiffness
         Stiffness along x, y and z, N/m.
     frequency_hz
-        Instead of the stiffness: the frequency of the body on all mounts together along z, to which
-        each mount contributes the same stiffness, which is that along x and y as well.
+        Instead of the stiffness: natural frequency, Hz, of the body on all mounts together along z.
+        All mounts have the same stiffness, which is equal along x, y and z.
     damping
         Damping along x, y and z, N s/m.
     zeta, loss_factor
@@ -144,10 +144,11 @@ class RigidBody(Checked):
     mounts
         The mounts; `[[structure.mount]]` in a scene file.
     gravity
-        Where gravity pulls to, as "-z": the box then hangs below its unloaded mounts, from which
-        stops are measured. Leave it out where clearances are measured from where the box hangs.
+        Direction in which gravity pulls, as "-z". The box then hangs below the position of the
+        unloaded mounts, from which stops are measured. Leave gravity out if clearances are measured
+        from where the box hangs.
     points
-        Places by name, m from the centre of mass, whose motion is reported.
+        Places, m from the centre of mass, whose motion is reported, by their names.
     frequency_tolerance, damping_tolerance, centre_tolerance
         Relative tolerances of the natural frequencies and of the damping ratios, as 0.1 for 10 %,
         and how far the centre of mass may lie from where it is stated, along each axis, m. Nothing
@@ -303,7 +304,7 @@ class RigidBody(Checked):
         return [(mount.rows.T * self.mount_stiffness(mount)) @ mount.rows for mount in self.mounts]
 
     def _damping(self, mass: Matrix, stiffness: Matrix) -> Matrix:
-        """Dampers, and damping ratios as viscous at each mode.
+        """Damping matrix (6, 6) of dampers, and of damping ratios as viscous damping of each mode.
 
         A mount of the ratio zeta with the part K_i of the stiffness damps the modes phi of the
         frequencies w by 2 zeta phi_r'K_i phi_s / sqrt(w_r w_s): each mode gets the mean of the
@@ -342,15 +343,15 @@ def rows_at(place: tuple[float, float, float]) -> Matrix:
 
 
 def modes_of(mass: Matrix, stiffness: Matrix) -> tuple[Vector, Matrix]:
-    """Squares of the angular frequencies (n,) in rising order, and shapes (n, n) by columns with
-    Phi'M Phi = 1, of M q'' + K q = 0."""
+    """Modes of M q'' + K q = 0: squares of the angular frequencies (n,) in rising order, and shapes
+    as columns (n, n) with Phi'M Phi = 1."""
     inverse = np.linalg.inv(np.linalg.cholesky(mass))
     squares, turned = np.linalg.eigh(inverse @ stiffness @ inverse.T)
     return squares, inverse.T @ turned
 
 
 def motion_in_words(shape: Vector, mass: Matrix) -> str:
-    """A mode shape of a rigid body in words, the coordinates by their shares of the energy.
+    """A mode shape of a rigid body in words, with the coordinates by falling share of the energy.
 
     Parameters
     ----------
@@ -378,14 +379,14 @@ LEAST_SHARE = 0.03
 
 
 def energy_shares(shape: Vector, mass: Matrix) -> Vector:
-    """Share of each coordinate in the kinetic energy of a mode (n,), without what products of
-    inertia add to it."""
+    """Share of each coordinate in the kinetic energy of a mode (n,), without the terms of products
+    of inertia."""
     own = shape**2 * np.diag(mass)
     return np.asarray(own / own.sum())
 
 
 def _impossible(inertia: Matrix) -> list[str]:
-    """Why no body has this inertia."""
+    """Sentences on why no body can have this inertia; empty if a body can."""
     size = float(np.abs(inertia).max())
     if float(np.abs(inertia - inertia.T).max()) > SYMMETRY * size:
         return [f"must be a symmetric matrix (kg m^2), got {inertia.tolist()}"]

@@ -53,8 +53,8 @@ class ImpactPair(Checked):
     clearance
         Instead of the two, one clearance on both sides, m: stops at -clearance and clearance.
     on, between
-        The coordinate that hits (left out where there is one), or the first and the second of
-        two, whose difference does.
+        The coordinate that hits, which may be left out if there is only one; or two coordinates,
+        of which the difference, first minus second, is the gap.
     at, direction
         Of a rigid body: the place that hits, m from the centre of mass, and the direction in which
         its displacement counts as positive; of any length above 0, it is divided by its length.
@@ -280,7 +280,7 @@ class Scene(Checked):
         return self
 
     def _beside_the_vehicle(self) -> list[tuple[str, str]]:
-        """What a vehicle between road and mount does not go with."""
+        """Problems of a scene with a vehicle: other excitations of the base, or no road."""
         if self.vehicle is None:
             return []
         roads = [isinstance(excitation, RoadNoise) for excitation in self.excitations]
@@ -357,9 +357,11 @@ class Scene(Checked):
 
     @property
     def drifts(self) -> tuple[list[int], Array]:
-        """Free motions of a whole structure that its stops do not feel either, by the coordinates
-        that the others are seen from (`stochvi.scenes.drift.drifts`); none without stops, or on a
-        moving base."""
+        """Free drifts of the whole structure and their reference coordinates.
+
+        They are those that `stochvi.scenes.drift.drifts` returns; there are none without stops, or
+        on a moving base.
+        """
         structure = self.structure
         none = list[int](), np.zeros((len(structure.coordinates), 0))
         if not isinstance(structure, Matrices) or not self.impact_pairs:
@@ -371,14 +373,16 @@ class Scene(Checked):
 
     @property
     def moving(self) -> tuple[str, ...]:
-        """The coordinates that answers hold: all but those that a drift is seen from."""
+        """Names of the coordinates in answers: all but the reference coordinates of drifts."""
         references, _ = self.drifts
         names = enumerate(self.structure.coordinates)
         return tuple(name for place, name in names if place not in references)
 
     def unit(self, first: str = "", second: str = "") -> Array:
-        """Row (n,) of a coordinate, or of the difference of two, over all coordinates; that of the
-        first one where none is named."""
+        """Row (n,) that selects the coordinate `first`, or the difference of two coordinates.
+
+        Without a name it selects the first coordinate.
+        """
         names = self.structure.coordinates
         row = np.array([float(name == (first or names[0])) for name in names])
         return np.asarray(row - np.array([float(name == second) for name in names]))
@@ -408,7 +412,7 @@ class Scene(Checked):
         return unknown
 
     def _unheld(self, pair: ImpactPair) -> str:
-        """Whether a stop stands where a spring that is a function has no force; empty if not."""
+        """What is wrong with a stop at which the restoring force is not finite; empty if none."""
         if not isinstance(self.structure, NonlinearOscillator):
             return ""
         for stop in (pair.lower, pair.upper):
@@ -418,7 +422,7 @@ class Scene(Checked):
         return ""
 
     def _out_of_range(self) -> list[tuple[str, str]]:
-        """Numbers whose products and squares would not fit a floating-point number."""
+        """Problems for numbers whose products and squares would leave the floating-point range."""
         numbers: list[tuple[str, str, float | None]] = []
         mass = 1.0
         if isinstance(self.structure, Matrices | RigidBody):
@@ -466,7 +470,7 @@ class Scene(Checked):
             match excitation:
                 case WhiteNoise() | FilteredNoise():
                     intensity = excitation.si_intensity
-                    if _fits(intensity):  # else what is said of it would be said twice
+                    if _fits(intensity):  # otherwise the same problem would be reported twice
                         intensity /= mass**2
                     yield "excitation", "the intensity per unit mass squared", intensity
                 case ConstantLoad():
@@ -588,8 +592,11 @@ class Scene(Checked):
         return [("cross_density", sentence)] if sentence else []
 
     def place(self, excitation: Excitation) -> str:
-        """Where an excitation acts: a coordinate, "base" or one coordinate against another, by its
-        own word, else by its kind and the structure's; empty where that does not say."""
+        """Where an excitation acts: a coordinate, "base" or one coordinate against another.
+
+        It follows from the keys of the excitation, otherwise from its kind and that of the
+        structure; it is empty if they do not tell.
+        """
         if excitation.between is not None:
             return " against ".join(excitation.between)
         if excitation.on is not None:
@@ -609,7 +616,7 @@ class Scene(Checked):
         return self.place(excitation) + along
 
     def effects(self) -> tuple[str, ...]:
-        """The effects this scene calls for; nothing else is simulated."""
+        """The effects of this scene; nothing else is simulated."""
         if self._short_absorbers:
             return self.expanded.effects()
         found = [
@@ -635,7 +642,7 @@ class Scene(Checked):
         return tuple(effect for effect in dict.fromkeys(known) if effect not in found)
 
     def assumptions(self) -> tuple[str, ...]:
-        """What the scene takes for granted, in words."""
+        """The assumptions of the scene, in words."""
         if self._short_absorbers:
             return (*self.expanded.assumptions(), *self._reaction())
         found = [UNLOADED]
@@ -709,7 +716,7 @@ class Scene(Checked):
 
 
 UNLOADED = "displacements are measured from the position of the unloaded spring"
-"""Where the positions of a scene, and of what methods answer, are measured from."""
+"""Sentence on the origin of all positions in scenes and answers."""
 
 LARGEST_NUMBER = 1e50
 """Largest number in a scene, per unit mass, and inverse of the smallest: squares stay finite."""
@@ -794,7 +801,7 @@ def scene_from(document: Mapping[str, Any], folder: Path = Path()) -> Scene:
 
 
 def _files_from(folder: Path, entry: Any) -> Any:
-    """The same entry, its file names and those of its laws starting at `folder`."""
+    """The same entry with its file names, and those of its laws, relative to `folder`."""
     if not isinstance(entry, dict):
         return entry
     found = {

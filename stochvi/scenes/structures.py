@@ -37,8 +37,7 @@ class Oscillator(Checked):
     Parameters
     ----------
     mass
-        Mass, kg. Beside `frequency_hz` it may be left out as long as no force acts on it; it is
-        then 1 kg.
+        Mass, kg. With `frequency_hz` it may be left out if no force acts on it; it is then 1 kg.
     damping, stiffness
         Damper, N s/m, and spring, N/m.
     frequency_hz
@@ -49,7 +48,7 @@ class Oscillator(Checked):
     Raises
     ------
     SceneError
-        If the two descriptions are mixed, or one is not whole.
+        If the two descriptions are mixed, or one is incomplete.
 
     See Also
     --------
@@ -93,12 +92,12 @@ class Oscillator(Checked):
 
     @property
     def in_parallel(self) -> int:
-        """How many springs and dampers of the stated size carry the mass."""
+        """Number of equal springs and dampers, each with the stated values, that carry the mass."""
         return 1
 
     @property
     def gravity_load(self) -> float:
-        """Constant acceleration of gravity, m/s^2, where the scene counts it."""
+        """Constant acceleration of gravity along x, m/s^2; 0 if the scene leaves gravity out."""
         return 0.0
 
     @property
@@ -148,8 +147,8 @@ class Isolator(Oscillator):
         stops, which are measured from the unloaded spring, lie closer below than above. Leave it
         out where clearances are measured from where the mass hangs.
     frequency_tolerance, damping_tolerance
-        Relative tolerances of the natural frequency and of the damping ratio, as 0.1 for 10 %.
-        Nothing simulated depends on them: they say how far a sensitivity reaches.
+        Relative tolerances of the natural frequency and of the damping ratio, as 0.1 for 10 %. No
+        simulation depends on them; they are the ranges of a sensitivity analysis.
 
     See Also
     --------
@@ -190,9 +189,9 @@ class Isolator(Oscillator):
 
     @property
     def sag(self) -> float:
-        """How far a spring gives way under the weight it carries, g / omega^2, m.
+        """Static deflection of the spring under the weight that it carries, g / omega^2, m.
 
-        That of the dynamic stiffness; an elastomer is softer at rest, and creeps.
+        It is that of the dynamic stiffness; an elastomer is softer at rest, and creeps.
         """
         return STANDARD_GRAVITY / self.omega**2
 
@@ -279,7 +278,8 @@ class Matrices(Checked):
 
 
 SYMMETRY = 1e-9
-"""Largest relative difference of two entries that counts as rounding where symmetry is checked."""
+"""Largest relative difference of two entries that counts as a rounding error when the symmetry of a
+matrix is checked."""
 
 
 def _smallest_eigenvalue(matrix: NDArray[np.float64]) -> float:
@@ -352,7 +352,7 @@ class NonlinearOscillator(Checked):
 
     @property
     def matrices(self) -> tuple[NDArray[np.float64], ...]:
-        """The mass as a matrix of one row: there is no other."""
+        """The mass as a matrix of one row; there are no matrices of damping and stiffness."""
         return (np.array([[self.mass]]),)
 
     @property

@@ -1,4 +1,4 @@
-"""Frozen, keyword-only values that check themselves once, and say in a sentence what is wrong."""
+"""Base of all parts of a scene, types of their keys, and sentences for what is wrong in them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from stochvi.results.errors import SceneError
 
 
 def _plain_number(value: Any) -> Any:
-    """A number of numpy's as Python's, so that its booleans and complex numbers are refused."""
+    """A number of numpy as a number of Python, so that booleans and complex numbers are refused."""
     return value.item() if getattr(value, "shape", None) == () else value
 
 
@@ -94,7 +94,7 @@ document of a scene it is its name."""
 
 
 def evaluated(function: Callable[..., Any], places: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values at `places`; of a function that returns one number for all, that number at each."""
+    """Values at `places`; if a function returns one number, this number at every place."""
     values = np.asarray(function(places), dtype=float)
     return np.array(np.broadcast_to(values, places.shape))
 
@@ -102,8 +102,10 @@ def evaluated(function: Callable[..., Any], places: NDArray[np.float64]) -> NDAr
 def check_values(
     name: str, function: Callable[..., Any], places: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The values of a function that is given as `name`; ValueError unless they are finite numbers,
-    one for each place."""
+    """The values at `places` of the function that is given as the key `name`.
+
+    Raises a ValueError unless they are finite numbers, one for each place.
+    """
     try:
         values = evaluated(function, places)
     except Exception as error:
@@ -169,7 +171,7 @@ class Checked(BaseModel):
 
 
 def _problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str, str]]:
-    """Turn a validation error into (key, sentence) pairs, inner errors unfolded."""
+    """The (key, sentence) pairs of a validation error, including those of inner errors."""
     problems: list[tuple[str, str]] = []
     for detail in error.errors(include_url=False):
         path = _without_kind(detail["loc"])
@@ -251,7 +253,7 @@ def _sentence(detail: Any) -> str:
 
 
 def _as_number(value: Any) -> str:
-    """What to write instead of a text of a number, as "6mm": lengths are in metres in every key."""
+    """The remedy for a text such as "6mm" in place of a number: which number to write."""
     found = (
         re.fullmatch(r"\s*([-+]?\d[\d.,]*)\s*(\D.*)?", value) if isinstance(value, str) else None
     )

@@ -28,7 +28,7 @@ TABLE_ERROR = 1e-6
 every mean square that follows from it."""
 
 POINTS_PER_DECADE = 20.0
-"""Breakpoints per decade of a filtered density from which the table is refined."""
+"""Breakpoints per decade of a filtered density before its table is refined."""
 
 MOST_HALVINGS = 24
 """Largest number of times that an interval between two of these breakpoints is halved."""
@@ -55,7 +55,7 @@ PRESETS = {
 """Known vehicles by name."""
 
 OWN_KEYS = ("wheel_mass", "suspension_stiffness", "suspension_damping", "tyre_stiffness")
-"""Keys that a vehicle without a preset needs beside `body_mass`."""
+"""Keys that a vehicle without a preset needs in addition to `body_mass`."""
 
 
 class Mode(NamedTuple):
@@ -69,9 +69,9 @@ class QuarterCar(Checked):
     """A quarter of a car between road and mount: body and wheel, suspension and tyre.
 
     The base of the mount is the body, or the wheel. The tyre touches the road in one point and
-    never leaves it. The mount does not act back on the vehicle, which holds as far as its mass is
-    small against that of what it stands on; a mount that is not belongs into a structure of
-    kind `matrices` together with body and wheel.
+    never leaves it. The mount does not act back on the vehicle. This holds if the mounted mass is
+    small against that of the body or wheel below it; otherwise model the mounted mass, body and
+    wheel together as a structure of kind `matrices`.
 
     Parameters
     ----------
@@ -80,13 +80,13 @@ class QuarterCar(Checked):
     preset
         Name of a known vehicle (`PRESETS`); `body_mass` may be given beside it.
     body_mass, wheel_mass
-        kg.
+        Masses, kg.
     suspension_stiffness, suspension_damping
-        N/m and N s/m.
+        Spring (N/m) and damper (N s/m) between body and wheel.
     tyre_stiffness, tyre_damping
-        N/m and N s/m.
+        Spring (N/m) and damper (N s/m) between wheel and road.
     mounted_on
-        "body" or "wheel".
+        Part of the vehicle that is the base of the mount: "body" or "wheel".
 
     See Also
     --------
@@ -196,7 +196,7 @@ class QuarterCar(Checked):
         return Table(frequency_hz=f, density=np.exp(values))
 
     def said(self) -> tuple[str, ...]:
-        """What is taken for granted about the vehicle, in words."""
+        """The assumptions about the vehicle, in words."""
         body, wheel = self.modes
         which = "of its own parameters" if self.preset is None else PRESETS[self.preset].source
         return (
@@ -207,7 +207,7 @@ class QuarterCar(Checked):
         )
 
     def reaction(self, mounted_mass: float | None) -> str:
-        """What neglecting the mount's action on the vehicle rests on, in words.
+        """The assumption that the mount does not act back on the vehicle, with the ratio of masses.
 
         Parameters
         ----------
