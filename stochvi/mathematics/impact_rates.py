@@ -107,8 +107,9 @@ def rice_rate(
 
     nu = s_v / (2 pi s_x) exp(-d^2 / (2 s_x^2)), d from the mean; numbers, or arrays of one shape.
 
-    >>> round(rice_rate(3.0, 1.0, 2 * math.pi * 10.0) * 3600.0)
-    400
+    >>> round(rice_rate(3.0, 1.0, 2 * math.pi * 10.0) * 3600.0, 2)
+    399.92
     """
     shape = np.exp(-0.5 * (distance / displacement_std) ** 2)
-    return velocity_std / (2.0 * math.pi * displacement_std) * shape
+    rate = velocity_std / (2.0 * math.pi * displacement_std) * shape
+    return rate if np.ndim(rate) else float(rate)

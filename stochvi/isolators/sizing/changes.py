@@ -11,6 +11,9 @@ from stochvi.scenes.impact_laws import Law, Restitution
 from stochvi.scenes.rigid_body import AXES, RigidBody
 from stochvi.scenes.scene import Scene
 
+COMBINED = "worst combination"
+"""Name of the row in which all changes that ask for more clearance come together."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerances:

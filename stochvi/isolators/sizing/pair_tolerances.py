@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from stochvi.isolators.sizing.changes import (
     CENTRE,
+    COMBINED,
     Change,
     Tolerances,
     ends_of,
@@ -35,9 +36,6 @@ if TYPE_CHECKING:
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
-
-COMBINED = "worst combination"
-"""Name of the row of that combination of changes which asks for the most clearance."""
 
 
 class Gaps(NamedTuple):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from stochvi.isolators.screening import Screening, screen_isolator
 from stochvi.isolators.sizing.chances import probability_at
-from stochvi.isolators.sizing.changes import Change, Tolerances, ends_of, ends_of_stops
+from stochvi.isolators.sizing.changes import COMBINED, Change, Tolerances, ends_of, ends_of_stops
 from stochvi.isolators.sizing.sensitivity import row_in_time, row_of
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.scenes.scene import Scene
@@ -22,9 +22,6 @@ if TYPE_CHECKING:
 REL_ERROR = 0.2
 """Relative error of the risk of a changed scene: that of its clearance c is 0.2 sigma^2 / c^2, some
 1 %, because the risk falls nearly as exp(-c^2 / (2 sigma^2))."""
-
-COMBINED = "worst combination"
-"""Name of the row in which all changes that ask for more clearance come together."""
 
 FIRST_SHARE = 0.3
 """Share of the time for the worst combination; the single changes share the rest evenly."""

@@ -101,7 +101,7 @@ def vanmarcke_rate(gap: LinearGap, pair: Pair) -> float | None:
     >>> gap = LinearGap(0.0, 1.0, 1.0, 0.2456120698613)
     >>> stops = [Stop(side, 2.0 * side, Restitution(coefficient=1.0)) for side in (-1, 1)]
     >>> two = Pair("", np.ones(1), 1.0, False, tuple(stops))
-    >>> round(float(vanmarcke_rate(gap, two) / rice_rates(gap, two)["both"]), 4)
+    >>> round(vanmarcke_rate(gap, two) / rice_rates(gap, two)["both"], 4)
     0.43
     """
     if gap.bandwidth is None:
