@@ -31,7 +31,7 @@ studies: .venv/test-installed
 	for study in studies/*/run.py; do $(BIN)/python $$study || exit 1; done
 
 bench: .venv/bench-installed
-	$(BIN)/python studies/02_cost_of_accuracy/run.py --libraries
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python studies/02_cost_of_accuracy/run.py --libraries
 	$(BIN)/python studies/23_time_of_every_job/run.py --history
 
 .venv/bin/python:

@@ -187,7 +187,7 @@ def study_pages() -> dict[str, str]:
         title = text.partition("\n")[0].removeprefix("# ")
         question = re.search(r"\*\*Question\.\*\* (.*?)\n\n", text, re.DOTALL)
         picture = f"../../../studies/{folder}/figure.png"
-        text = text.replace("](figure.png)", f"]({picture})")
+        text = re.sub(r"\]\((\w+\.png)\)", rf"](../../../studies/{folder}/\1)", text)
         found[f"studies/{folder}.md"] = f"{text}\nThe study lies in `studies/{folder}`.\n"
         asked = " ".join(question[1].split()) if question else ""
         listed += [f"## [{title}](studies/{folder}.md)", "", asked, ""]

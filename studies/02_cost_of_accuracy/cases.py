@@ -2,9 +2,10 @@
 
 import math
 
-import peers
-
 import stochvi as sv
+
+DAMPING, INTENSITY = 0.1, 0.2
+"""Damping and intensity of an oscillator of unit mass and stiffness, whose sigma is then 1."""
 
 CASES = {  # lower, upper, restitution, load; the others at their usual step
     f"{name}, R = {r:g}": (lower, upper, r, load)
@@ -21,6 +22,6 @@ def scene(lower: float, upper: float, restitution: float, load: float) -> sv.Sce
     pair = sv.ImpactPair(**stops, law=sv.Restitution(coefficient=restitution))
     loads = [sv.ConstantLoad(force=load)] if load else []
     return sv.Scene(
-        structure=sv.Oscillator(mass=1.0, damping=peers.B, stiffness=1.0),
-        impact_pairs=[pair], excitations=[sv.WhiteNoise(intensity=peers.S0), *loads],
+        structure=sv.Oscillator(mass=1.0, damping=DAMPING, stiffness=1.0),
+        impact_pairs=[pair], excitations=[sv.WhiteNoise(intensity=INTENSITY), *loads],
     )  # fmt: skip

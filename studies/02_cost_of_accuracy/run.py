@@ -6,22 +6,36 @@ import time
 from pathlib import Path
 
 import controls
+import errors
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import peers
 from cases import CASES, scene
+from systems import system_of
 
 import stochvi as sv
+
+FOLDER = Path(__file__).parent
 
 BURN_IN = 60.0  # seconds of scene time
 
 
-def measured_peer(function, h: float, paths: int, duration: float, *case):
+STEPS = {  # steps h, paths, seconds of scene time per path, for a full run
+    "NumPy Euler": ((0.2, 0.1, 0.05, peers.USUAL), 4096, 1200.0),
+    "numba prange Euler": ((0.2, 0.1, 0.05, peers.USUAL), 4096, 2400.0),
+    "scipy solve_ivp": ((1.0,), 16, 160.0),
+    "diffrax Euler": ((0.2, 0.1, 0.05), 4096, 600.0),
+    "torchsde Euler": ((0.2, 0.1, 0.05), 16384, 100.0),
+}
+
+
+def measured_peer(function, h: float, paths: int, duration: float, case: sv.Scene):
     """CPU ns per second of scene time, mean rate and its standard error."""
-    rates, cpu = function(paths, math.ceil(BURN_IN / h), math.ceil(duration / h), h, *case)
-    scale = 1e9 / (paths * (BURN_IN + duration))
-    return cpu * scale, rates.mean(), rates.std() / math.sqrt(paths)
+    system = system_of(case, "stops")
+    averages, cpu = function(system, paths, math.ceil(BURN_IN / h), math.ceil(duration / h), h)
+    rate, error = errors.answer_of_averages(averages)["collision_rate"]
+    return 1e9 * cpu / (paths * (BURN_IN + duration)), rate, error
 
 
 def measured_engine(case: sv.Scene, paths: int, duration: float):
@@ -35,23 +49,27 @@ def measured_engine(case: sv.Scene, paths: int, duration: float):
 
 
 def measure(methods: dict, size: float) -> pd.DataFrame:
+    """Costs and rates of one oscillator: of every case, and by the step between elastic stops."""
     rows = []
-    for name, case in CASES.items():
-        ours = measured_engine(scene(*case), math.ceil(8192 * size), 2000.0 * size)
-        rows.append(("stochvi", name, None, *ours))
-        for peer in ("NumPy Euler", "numba prange Euler"):
-            theirs = measured_peer(peers.PEERS[peer][0], peers.USUAL, 2048, 400.0 * size, case)
+    for name, numbers in CASES.items():
+        case = scene(*numbers)
+        ours = measured_engine(case, math.ceil(8192 * size), 2000.0 * size)
+        rows.append((errors.ENGINE, name, None, *ours))
+        for peer, function in peers.PEERS.items():
+            theirs = measured_peer(function, peers.USUAL, 2048, 400.0 * size, case)
             rows.append((peer, name, peers.USUAL, *theirs))
-    for name, (function, steps, paths, duration) in methods.items():
+    elastic = scene(*CASES["1 sigma, R = 1"])
+    for name, function in methods.items():
+        steps, paths, duration = STEPS[name]
         for h in steps:
-            found = measured_peer(function, h, math.ceil(paths * size), duration * size)
+            found = measured_peer(function, h, math.ceil(paths * size), duration * size, elastic)
             rows.append((name, "1 sigma, R = 1, by step", h, *found))
     columns = ["method", "case", "step", "cpu_ns_per_second", "rate", "rate_error"]
     table = pd.DataFrame(rows, columns=columns)
-    exact = sv.exact(scene(*CASES["1 sigma, R = 1"])).estimates()["stops", "collision_rate"].value
-    elastic = table["case"].str.startswith("1 sigma, R = 1")
+    exact = sv.exact(elastic).estimates()["stops", "collision_rate"].value
+    chosen = table["case"].str.startswith("1 sigma, R = 1")
     return table.assign(
-        bias=(table["rate"] / exact - 1.0).where(elastic), bias_error=table["rate_error"] / exact
+        bias=(table["rate"] / exact - 1.0).where(chosen), bias_error=table["rate_error"] / exact
     )
 
 
@@ -71,13 +89,19 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="shorter runs, larger errors")
     parser.add_argument("--libraries", action="store_true", help="diffrax and torchsde as well")
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent)
+    parser.add_argument("--out", type=Path, default=FOLDER)
     options = parser.parse_args()
-    chosen = peers.PEERS | (peers.LIBRARIES if options.libraries else {})
-    result = measure(chosen, 0.1 if options.quick else 1.0)
+    libraries = peers.LIBRARIES if options.libraries else {}
+    one_oscillator = peers.PEERS | {"scipy solve_ivp": peers.scipy_events} | libraries
+    result = measure(one_oscillator, 0.1 if options.quick else 1.0)
     result.to_csv(options.out / "result.csv", index=False)
     gains = controls.table(0.25 if options.quick else 1.0)
     gains.to_csv(options.out / "controls.csv", index=False, float_format="%.2f")
     draw(result, options.out / "figure.png")
-    print(result.to_string())
-    print(gains.to_string())
+    found = errors.measure(peers.PEERS, libraries, 0.01 if options.quick else 1.0)
+    found.to_csv(options.out / "errors.csv", index=False, float_format="%.6g")
+    errors.draw(found, options.out / "errors.png")
+    if options.libraries and not options.quick and options.out == FOLDER:
+        errors.write_into(FOLDER / "README.md", found)
+    print(result.to_string(), gains.to_string(), sep="\n")
+    print(errors.as_page(found), errors.as_checks(found), sep="\n\n")
