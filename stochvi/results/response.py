@@ -261,8 +261,8 @@ class Response(Result):
             return cls(**parts | {"cost": Cost(**parts["cost"])})
         except (AttributeError, KeyError, TypeError) as error:
             raise ValueError(
-                "expected a document that Response.to_dict made, got one that lacks or misnames "
-                f"{error}"
+                "expected the document of a response, as Response.to_dict makes it; a part of this "
+                f"one is missing or has another name: {error}"
             ) from error
 
     def __repr__(self) -> str:

@@ -571,7 +571,8 @@ def test_noise_does_not_make_an_absorber_harmful() -> None:
         )
         drawn = replace(found, performances=[replace(central, ratio=ratio)])
         assert "worse" not in verdict(drawn)
-    ratio = replace(central.ratio, value=1.0 + 10.0 * central.ratio.standard_error)
+    known_to = 10.0 * central.ratio.standard_error + (central.ratio.bias or 0.0)
+    ratio = replace(central.ratio, value=1.0 + known_to)
     assert "makes it worse" in verdict(replace(found, performances=[replace(central, ratio=ratio)]))
 
 

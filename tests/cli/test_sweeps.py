@@ -108,7 +108,7 @@ def test_a_clearance_moves_both_stops() -> None:
         rate = known.impact_pairs["stops"]["collision_rate"].value
         assert table["stops.collision_rate"][row] == rate
     with pytest.raises(
-        SceneError, match="for stops at equal distances, got lower = -1 and upper = 2"
+        SceneError, match="two stops at equal distances, got lower = -1 and upper = 2"
     ):
         sweep(oscillator(upper=2.0), {"impact_pair.0.clearance": [0.5]}, method="exact")
     with pytest.raises(SceneError, match=r"impact_pair\.1\.clearance is not a number of the scene"):

@@ -198,5 +198,5 @@ def test_any_law_between_stops_has_a_mean_between_them_and_obeys_its_balances(
     ],
 )
 def test_a_density_that_cannot_be_normalised_is_refused(keys):
-    with pytest.raises(ValueError, match="grows without bound"):
+    with pytest.raises(ValueError, match="must fall towards a side without a stop"):
         CutNormal(**keys)

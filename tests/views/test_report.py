@@ -488,7 +488,7 @@ def test_filtered_noise_on_a_base_is_told_before_its_resonance() -> None:
     section = environment_section(shaken)
     value, remark = facts(section)["Filtered noise on base"]
     assert value == "2 (m/s²)²/Hz"
-    assert "before a resonance at 8 Hz with a damping ratio of 0.2" in remark
+    assert "before the filter, a resonance at 8 Hz with a damping ratio of 0.2" in remark
 
 
 @pytest.mark.usefixtures("blank_pictures")
