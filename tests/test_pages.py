@@ -42,7 +42,7 @@ LESS = {
     "simulate": ["--rel-error", "0.1"],
     "simulate, so many paths": ["--paths", "64", "--duration", "6"],
     "spectrum": ["--rel-error", "0.3"],
-    "impacts": ["--paths", "64"],
+    "impacts": ["--paths", "16"],
     "sweep, simulated": ["--rel-error", "0.2"],
     "sine": ["--points", "3"],
     "basins": ["--start", "displacement.x=0", "--start", "velocity.x=-0.1:0.1:3"],
