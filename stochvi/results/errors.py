@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -98,7 +99,7 @@ class Interrupted(KeyboardInterrupt):
         super().__init__(message)
 
 
-LISTS = ("absorber", "excitation", "impact_pair")
+LISTS = ("absorber", "cross_density", "excitation", "impact_pair", "structure.mount")
 """Keys of a scene file that may have several entries."""
 
 
@@ -107,6 +108,9 @@ def toml_remedy(error: ValueError) -> str:
 
     >>> toml_remedy(ValueError("Cannot declare ('absorber',) twice (at line 9, column 10)"))
     '; for several, write each as [[absorber]]'
+    >>> toml_remedy(ValueError("Cannot declare ('structure', 'mount') twice (at line 5)"))
+    '; for several, write each as [[structure.mount]]'
     """
-    twice = [key for key in LISTS if f"Cannot declare ('{key}',) twice" in str(error)]
-    return "".join(f"; for several, write each as [[{key}]]" for key in twice)
+    declared = re.search(r"Cannot declare \((.*)\) twice", str(error))
+    key = ".".join(re.findall(r"'(.*?)'", declared[1])) if declared else ""
+    return f"; for several, write each as [[{key}]]" if key in LISTS else ""

@@ -118,7 +118,7 @@ def _unreadable(path: Path, error: OSError) -> SceneError:
 
 
 def _alike(path: Path) -> str:
-    """A file in the folder of a missing one with nearly its name, or that there is no folder."""
+    """A file in the folder of a missing one with nearly its name, or where it was looked for."""
     if not path.parent.is_dir():
         return f"; there is no folder {path.parent}"
     try:
@@ -126,7 +126,9 @@ def _alike(path: Path) -> str:
     except OSError:
         return ""
     near = [names[name] for name in difflib.get_close_matches(path.name.lower(), names, n=1)]
-    return f"; did you mean {path.with_name(near[0])}?" if near and near[0].isprintable() else ""
+    if near and near[0].isprintable():
+        return f"; did you mean {path.with_name(near[0])}?"
+    return f"; it was looked for in the folder {path.parent.resolve()}"
 
 
 MANY_ROWS = 1000
