@@ -18,6 +18,7 @@ from stochvi.methods.monte_carlo.blocks import (
     WorkersLost,
     check_executor,
     crew_of,
+    sampling,
     seconds_of_first_paths,
     start_crew,
 )
@@ -36,7 +37,7 @@ from stochvi.methods.monte_carlo.rounds import (
     run_until_accurate,
 )
 from stochvi.model.model import Model, model_of
-from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.results.response import Response
@@ -177,7 +178,7 @@ def simulate(
         raise Interrupted("interrupted by Ctrl-C before any path was simulated") from None
     try:
         try:
-            with heeding_ctrl_c():
+            with sampling():
                 _simulate(run, asked, deadline)
         finally:
             if executor is None:

@@ -25,6 +25,7 @@ import pytest
 from click.testing import CliRunner, Result
 from hypothesis import given
 from hypothesis import strategies as st
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from stochvi.cli import main, output
 from stochvi.methods.monte_carlo import blocks, rigid_white, rounds, simulate
@@ -551,3 +552,14 @@ def test_a_refused_checkpoint_ends_with_code_2_and_one_sentence(tmp_path: Path, 
     done = invoked(tmp_path, "--resume", kept, "--seed", 0)
     assert (done.exit_code, done.stdout) == (2, "")
     assert done.stderr.count("\n") == 1 and "seed 7, not 0" in done.stderr
+
+
+def test_linear_algebra_takes_no_core_from_the_paths() -> None:
+    def threads() -> set[int]:
+        return {each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"}
+
+    with threadpool_limits(2, user_api="blas"):
+        assert threads() == {2}
+        with blocks.sampling():
+            assert threads() == {1}
+        assert threads() == {2}
