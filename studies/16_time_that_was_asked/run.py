@@ -181,5 +181,5 @@ ax.axvline(0.0, color="#1b1b1b", linewidth=1.0)
 clock = "CPU" if options.cpu_clock else "wall"
 ax.set_xlabel(f"{clock} time beyond the limit (s); left of the line a run ended in time")
 ax.set_yticks(range(len(commands)), commands)
-ax.legend(title="ended by", frameon=False, fontsize="small", loc="upper right")
+figure.legend(title="ended by", frameon=False, fontsize="small", ncols=2, loc="outside upper right")
 write_picture(ax, options.out / "figure.png")

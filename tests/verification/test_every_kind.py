@@ -69,6 +69,13 @@ def law(request: pytest.FixtureRequest) -> Law:
     return request.param(**KEYS_OF_LAWS[kind_of(request.param)])
 
 
+@pytest.fixture(
+    params=[each for each in members(Law) if issubclass(each, CompliantLaw)], ids=kind_of
+)
+def compliant(request: pytest.FixtureRequest) -> CompliantLaw:
+    return request.param(**KEYS_OF_LAWS[kind_of(request.param)])
+
+
 @pytest.fixture(params=EXCITATIONS, ids=kind_of)
 def excitation(request: pytest.FixtureRequest, tmp_path: Path) -> Excitation:
     keys = dict(KEYS_OF_EXCITATIONS[kind_of(request.param)])
@@ -100,15 +107,9 @@ def test_a_law_in_other_units_is_the_same_law(law: Law) -> None:
     assert energy == pytest.approx(law.potential_at(deflection), rel=1e-12)
 
 
-def yielding(law: Law) -> CompliantLaw:
-    if not isinstance(law, CompliantLaw):
-        pytest.skip("a rigid stop has no force")
-    return law
-
-
-def test_the_parts_of_a_law_belong_to_one_force(law: Law) -> None:
+def test_the_parts_of_a_law_belong_to_one_force(compliant: CompliantLaw) -> None:
     """Slope, potential and deflection of a force are stated one by one, and must fit together."""
-    law, mass, rate = yielding(law), 2.0, 0.3
+    law, mass, rate = compliant, 2.0, 0.3
     y = np.array([0.04, 0.17, 0.37])
     force = law.force_at(y)
     assert law.force_at([-0.1, 0.0]).tolist() == [0.0, 0.0]
@@ -125,16 +126,15 @@ def test_the_parts_of_a_law_belong_to_one_force(law: Law) -> None:
     assert law.conservative == np.array_equal(law.force_at(y, rate), force)
 
 
-def test_a_law_says_what_its_force_never_exceeds(law: Law) -> None:
+def test_a_law_says_what_its_force_never_exceeds(compliant: CompliantLaw) -> None:
     """The default is a force without a bound: a law whose force has one must say so."""
-    law = yielding(law)
-    most = law.largest_force
+    most = compliant.largest_force
     if math.isinf(most):
-        assert np.isfinite(law.deflection_at(1e9 * law.force_at(1.0)))
+        assert np.isfinite(compliant.deflection_at(1e9 * compliant.force_at(1.0)))
     else:
-        assert law.force_at(1e9) == pytest.approx(most, rel=1e-6)
-        assert np.isfinite(law.deflection_at(0.9 * most))
-        assert np.isinf(law.deflection_at(1.1 * most))
+        assert compliant.force_at(1e9) == pytest.approx(most, rel=1e-6)
+        assert np.isfinite(compliant.deflection_at(0.9 * most))
+        assert np.isinf(compliant.deflection_at(1.1 * most))
 
 
 def force_of(form: Form, y: np.ndarray, rate: float) -> np.ndarray:
@@ -149,11 +149,11 @@ def force_of(form: Form, y: np.ndarray, rate: float) -> np.ndarray:
     return force + slope * (y - start)
 
 
-def test_a_simulation_takes_the_force_of_the_law(law: Law) -> None:
-    law, y = yielding(law), np.array([0.04, 0.17, 0.37])
-    if (form := law.form()) is not None:
+def test_a_simulation_takes_the_force_of_the_law(compliant: CompliantLaw) -> None:
+    y = np.array([0.04, 0.17, 0.37])
+    if (form := compliant.form()) is not None:
         for rate in (-0.5, 0.0, 0.3):
-            assert force_of(form, y, rate) == pytest.approx(law.force_at(y, rate), rel=1e-9)
+            assert force_of(form, y, rate) == pytest.approx(compliant.force_at(y, rate), rel=1e-9)
 
 
 def test_a_law_is_named_wherever_it_is_spoken_of(law: Law) -> None:
@@ -235,9 +235,11 @@ def test_an_excitation_is_raised_by_a_level_unless_it_is_constant(excitation: Ex
     assert kept == pytest.approx({name: getattr(excitation, name) for name in kept}, rel=1e-12)
 
 
-def test_a_level_raises_the_density_itself(excitation: Excitation) -> None:
-    if not isinstance(excitation, DensityNoise):
-        pytest.skip("no noise of a density")
+@pytest.mark.parametrize(
+    "excitation", [each for each in EXCITATIONS if issubclass(each, DensityNoise)],
+    indirect=True, ids=kind_of,
+)  # fmt: skip
+def test_a_level_raises_the_density_itself(excitation: DensityNoise) -> None:
     ratio = excitation.louder(6.0).table.density / excitation.table.density
     assert ratio == pytest.approx(power_ratio(6.0), rel=1e-12)
 

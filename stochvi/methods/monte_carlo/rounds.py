@@ -248,8 +248,7 @@ class Run:
         if errors and self.rel_error is not None and self.fine.count >= FEWEST_PATHS:
             needed = self.fine.count * (max(errors.values()) / self.rel_error) ** 2
             # where the bias is too large, as many paths follow with less of it
-            _, bias = _relative_errors(self)
-            runs = 2.0 if bias > self.rel_error else 1.0
+            runs = 2.0 if largest_bias(self) > self.rel_error else 1.0
             self.expected_paths = self.refined_paths + runs * needed
         return f"{rate:.2g} steps/s, {self.impacts} impacts{error}"
 
@@ -531,7 +530,7 @@ def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
         in_time = run.reach_goal(deadline)
         if run.fine.count < 2:
             raise deadline.fell_short("before two paths were simulated", "raise budget")
-        errors, bias = _relative_errors(run)
+        errors, bias = max(relative_standard_errors(run).values()), largest_bias(run)
         if errors <= rel_error and run.fine.count < FEWEST_PATHS:
             raise deadline.fell_short(
                 f"after {run.fine.count} paths, too few to know a standard error",
@@ -563,21 +562,22 @@ def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
         run.set_goal(run.fine.count + math.ceil(paths / run.plan.block) * run.plan.block)
 
 
-def _relative_errors(run: Run) -> tuple[float, float]:
-    """Largest relative standard error, and the largest relative bias that exceeds its own error."""
+def largest_bias(run: Run) -> float:
+    """Largest relative bias of a governed quantity that exceeds twice its own standard error."""
+    if run.plan.elastic:
+        return 0.0
     biases = [0.0]
-    if not run.plan.elastic:
-        for key, quantity in governed(run.model).items():
-            # half the step would hardly improve the rates at lossy stops: their bias is stated only
-            if key[1] in RATES:
-                continue
-            value, _ = run.fine.evaluate(quantity)
-            change, change_error = run.difference(quantity)
-            excess = abs(change) - 2.0 * change_error
-            size = _reference_size(run, key, value)
-            bias = run.plan.step_bias(key[1], max(0.0, excess))
-            biases.append(bias / size if bias and size else 0.0)
-    return max(relative_standard_errors(run).values()), max(biases)
+    for key, quantity in governed(run.model).items():
+        # half the step would hardly improve the rates at lossy stops: their bias is stated only
+        if key[1] in RATES:
+            continue
+        value, _ = run.fine.evaluate(quantity)
+        change, change_error = run.difference(quantity)
+        excess = abs(change) - 2.0 * change_error
+        size = _reference_size(run, key, value)
+        bias = run.plan.step_bias(key[1], max(0.0, excess))
+        biases.append(bias / size if bias and size else 0.0)
+    return max(biases)
 
 
 def relative_standard_errors(run: Run) -> dict[Key, float]:

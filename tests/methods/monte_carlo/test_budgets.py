@@ -134,14 +134,13 @@ def test_paths_are_not_begun_after_ctrl_c() -> None:
 
 def test_progress_foresees_that_the_step_has_to_be_halved(monkeypatch: pytest.MonkeyPatch) -> None:
     """A run that refines its step takes as many paths again; it used to be at 100 % by then."""
-    known = rounds._relative_errors
 
-    def biased(run: rounds.Run) -> tuple[float, float]:
-        return known(run)[0], 0.0 if run.state.refinements else 1.0
+    def biased(run: rounds.Run) -> float:
+        return 0.0 if run.state.refinements else 1.0
 
     fractions: list[float] = []
     refine, at = rounds.Run.refine, list[float]()
-    monkeypatch.setattr(rounds, "_relative_errors", biased)
+    monkeypatch.setattr(rounds, "largest_bias", biased)
     monkeypatch.setattr(rounds, "REPORT_SECONDS", 0.0)
     monkeypatch.setattr(rounds.Run, "refine", lambda run: (at.append(fractions[-1]), refine(run)))
     simulate(
