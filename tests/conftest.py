@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import os
 import signal
 import sys
@@ -21,6 +22,9 @@ from support.commands import Finished, Run
 # file again: 10 s of each run. Some machines ask for that by default; the suite does not follow.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 sys.dont_write_bytecode = False
+
+# A look for garbage after every 700 new objects is some 7 % of the time of the suite.
+gc.set_threshold(10_000)
 
 # A shell that starts the suite in the background lets it ignore Ctrl-C, of which it tests a lot.
 signal.signal(signal.SIGINT, signal.default_int_handler)
