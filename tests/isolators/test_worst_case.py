@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -51,6 +52,15 @@ def test_the_worst_combination_is_a_scene_of_its_own(sizing: Sizing) -> None:
     curve = risk_curve(changed, sizing.target, MISSION, rel_error=0.1, seed=sizing.seed, threads=1)
     assert last["clearance"] == pytest.approx(curve.clearance(0.05).value, rel=1e-9)
     assert last["probability"] == pytest.approx(curve.probability(sizing.clearance.value), rel=1e-9)
+
+
+def test_the_worst_combination_is_found_where_hits_have_no_rate_in_floating_point(
+    sizing: Sizing,
+) -> None:
+    far = replace(sizing, clearance=replace(sizing.clearance, value=50.0 * sizing.sigma))
+    assert sizing.screening.rice_rate(far.clearance.value) == 0.0
+    last = worst_case(far, threads=1, budget=1e-6)["change"].iloc[-1]
+    assert last == worst_case(sizing, threads=1, budget=1e-6)["change"].iloc[-1]
 
 
 def test_a_case_without_time_is_a_row_that_says_so(sizing: Sizing) -> None:

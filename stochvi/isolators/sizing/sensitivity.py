@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -124,19 +125,19 @@ def sensitivity(
     """
     import pandas as pd
 
-    deadline, rows = Deadline.after(budget), []
-    curves: dict[str, RiskCurve] = {}
-    cases = list(variations(sizing))
+    again = Resizing(
+        sizing=sizing, seed=seed, threads=threads, deadline=Deadline.after(budget),
+        rel_error=ROUGH_ERROR,
+    )  # fmt: skip
+    rows, cases = [], list(variations(sizing))
     with heeding_ctrl_c():
         for number, (change, scene) in enumerate(cases):
             if progress:
                 progress(number / len(cases), change)
-            share = 1.0 / (len(cases) - number)
-            rows.append(
-                row_in_time(change, scene, sizing, seed, threads, deadline, share, curves=curves)
-            )
-        if sizing.target.name == "probability" and UNCHANGED in curves and not deadline.passed():
-            rows += _not_gaussian(sizing, curves[UNCHANGED], seed, deadline)
+            rows.append(again.row(change, scene, 1.0 / (len(cases) - number)))
+        curve = again.curves.get(UNCHANGED)
+        if sizing.target.name == "probability" and curve and not again.deadline.passed():
+            rows += _not_gaussian(sizing, curve, seed, again.deadline)
     return pd.DataFrame(rows)
 
 
@@ -150,74 +151,64 @@ def variations(sizing: Sizing) -> Iterator[tuple[str, Scene]]:
         yield from _other_laws(scene)
 
 
-def row_in_time(
-    change: str,
-    scene: Scene,
-    sizing: Sizing,
-    seed: int,
-    threads: int | None,
-    deadline: Deadline,
-    share: float,
-    rel_error: float = ROUGH_ERROR,
-    curves: dict[str, RiskCurve] | None = None,
-) -> dict[str, Any]:
-    """The row of a changed scene in a share (0 to 1) of the time that is left, and no less than
-    LEAST_SECONDS; where the scene cannot be sized, or no time is left, a row whose note says why.
-    `curves` takes the risk curve of the scene by the name of the change."""
-    try:
-        if deadline.left < LEAST_SECONDS:
-            raise deadline.fell_short("before this case", "raise budget")
-        seconds = deadline.part(share)
-        part = Deadline.after(None if seconds is None else max(seconds, LEAST_SECONDS))
-        curve = risk_curve(
-            scene, sizing.target, sizing.mission, rel_error=0.5 * rel_error, seed=seed,
-            threads=threads, budget=part.part(CURVE_SHARE),
-        )  # fmt: skip
-        if curves is not None:
-            curves[change] = curve
-        return changed_row(change, scene, sizing, curve, seed, threads, part, rel_error)
-    except (StochviError, Interrupted, ValueError) as reason:
-        return row_of(change, sizing, math.nan, math.nan, math.nan, str(reason))
+@dataclass(frozen=True, kw_only=True)
+class Resizing:
+    """Sizes changed scenes for the target of a sizing, all before one deadline.
 
+    `rel_error` is the relative error of the risk of each, and `curves` takes their risk curves by
+    the name of the change.
+    """
 
-def changed_row(
-    change: str,
-    scene: Scene,
-    sizing: Sizing,
-    curve: RiskCurve,
-    seed: int,
-    threads: int | None,
-    deadline: Deadline,
-    rel_error: float,
-) -> dict[str, Any]:
-    """A row of the table: the changed scene, whose risk curve is known, sized for the same target
-    before the deadline."""
-    target, note = sizing.target, ""
-    if target.name == "probability":
-        clearance = curve.clearance(target.value).value
-    else:
+    sizing: Sizing
+    seed: int
+    threads: int | None
+    deadline: Deadline
+    rel_error: float
+    curves: dict[str, RiskCurve] = field(default_factory=dict)
+
+    def row(self, change: str, scene: Scene, share: float) -> dict[str, Any]:
+        """The row of a changed scene in a share (0 to 1) of the time that is left, and no less than
+        LEAST_SECONDS; where the scene cannot be sized, or no time is left, a row whose note says
+        why."""
+        target, mission = self.sizing.target, self.sizing.mission
+        try:
+            if self.deadline.left < LEAST_SECONDS:
+                raise self.deadline.fell_short("before this case", "raise budget")
+            seconds = self.deadline.part(share)
+            part = Deadline.after(None if seconds is None else max(seconds, LEAST_SECONDS))
+            curve = risk_curve(
+                scene, target, mission, rel_error=0.5 * self.rel_error, seed=self.seed,
+                threads=self.threads, budget=part.part(CURVE_SHARE),
+            )  # fmt: skip
+            self.curves[change] = curve
+            clearance, note = self._clearance(scene, curve, part)
+        except (StochviError, Interrupted, ValueError) as reason:
+            return row_of(change, self.sizing, math.nan, math.nan, math.nan, str(reason))
+        chance = curve.probability(self.sizing.clearance.value)
+        sigma = curve.crossings.displacement_std
+        return row_of(change, self.sizing, sigma, clearance, chance, note)
+
+    def _clearance(self, scene: Scene, curve: RiskCurve, deadline: Deadline) -> tuple[float, str]:
+        """The clearance that a changed scene with this risk curve needs for the same target, and a
+        note where it is not as accurate as asked for."""
+        target = self.sizing.target
+        if target.name == "probability":
+            return curve.clearance(target.value).value, ""
         limit: dict[str, Any] = {target.name: target.value}
         if target.exceedance is not None:
             limit["exceedance"] = target.exceedance
+        note = ""
         try:
             found = size(
-                scene, **limit, mission=sizing.mission, rel_error=rel_error, seed=seed,
-                threads=threads, budget=deadline.rest or BUDGET,
+                scene, **limit, mission=self.sizing.mission, rel_error=self.rel_error,
+                seed=self.seed, threads=self.threads, budget=deadline.rest or BUDGET,
             )  # fmt: skip
         except (NotConverged, Interrupted) as reason:
             if reason.response is None:
                 raise
             found, note = reason.response, str(reason)
         assert isinstance(found, Sizing)  # of one oscillator
-        clearance = found.clearance.value
-    return row_of(
-        change,
-        sizing,
-        curve.crossings.displacement_std,
-        clearance,
-        curve.probability(sizing.clearance.value),
-        note,
-    )
+        return found.clearance.value, note
 
 
 def row_of(

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from stochvi.isolators.screening import Screening, screen_isolator
 from stochvi.isolators.sizing.chances import probability_at
 from stochvi.isolators.sizing.changes import COMBINED, Change, Tolerances, ends_of, ends_of_stops
-from stochvi.isolators.sizing.sensitivity import row_in_time, row_of
+from stochvi.isolators.sizing.sensitivity import Resizing, row_of
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.scenes.scene import Scene
 
@@ -69,7 +69,11 @@ def worst_case(
     """
     import pandas as pd
 
-    scene, deadline = sizing.scene, Deadline.after(budget)
+    scene = sizing.scene
+    again = Resizing(
+        sizing=sizing, seed=sizing.seed, threads=threads, deadline=Deadline.after(budget),
+        rel_error=REL_ERROR,
+    )  # fmt: skip
     tolerances = tolerances or Tolerances.of(scene)
     changes = list(ends_of(tolerances))
     if sizing.target.name != "probability":
@@ -83,14 +87,12 @@ def worst_case(
     if not combination:
         return pd.DataFrame(rows)
 
-    def sized(words: str, changed: Scene, share: float) -> dict[str, Any]:
-        return row_in_time(words, changed, sizing, sizing.seed, threads, deadline, share, REL_ERROR)
-
     with heeding_ctrl_c():
         words = f"{COMBINED}: {', '.join(change.words for change in combination)}"
-        worst = sized(words, _all(combination, scene), FIRST_SHARE)  # the others share the rest
+        worst = again.row(words, _all(combination, scene), FIRST_SHARE)  # the others share the rest
         for number, change in enumerate(changes):
-            rows.append(sized(change.words, change.applied(scene), 1.0 / (len(changes) - number)))
+            share = 1.0 / (len(changes) - number)
+            rows.append(again.row(change.words, change.applied(scene), share))
     return pd.DataFrame([*rows, worst])
 
 
@@ -107,28 +109,31 @@ def _combination(sizing: Sizing, changes: list[Change]) -> list[Change]:
     if sizing.screening is None:
         soft = {"frequency": -1.0, "damping": -1.0, "level": 1.0}
         return [change for change in linear if change.sign == soft[change.quantity]] + stiff
-    rate = sizing.screening.rice_rate(sizing.clearance.value)
+    nominal, clearance = sizing.screening, sizing.clearance.value
     groups = [list(group) for _, group in itertools.groupby(linear, lambda each: each.quantity)]
     free = sizing.scene.model_copy(update={"impact_pairs": ()})
     worst = max(
         (list(corner) for corner in itertools.product(*groups)),
-        key=lambda corner: clearance_of_rate(screen_isolator(_all(corner, free)), rate),
+        key=lambda corner: equal_clearance(screen_isolator(_all(corner, free)), nominal, clearance),
     )
     return worst + stiff
 
 
-def clearance_of_rate(linear: Screening, rate: float) -> float:
-    """Clearance at which two stops are hit at this rate (1/s) by Rice; 0 where even stops at the
-    mean are hit less often.
+def equal_clearance(linear: Screening, nominal: Screening, clearance: float) -> float:
+    """Clearance (m) at which stops are hit as often by Rice as those of `nominal` at `clearance`;
+    0 where even stops at the mean are hit less often.
 
-    >>> linear = Screening(
+    Rice's rate is s_v / s_x exp(-c^2 / (2 s_x^2)) / pi. The logarithms of the two rates are
+    compared, because the rates themselves vanish in floating point from some 38 s_x on.
+
+    >>> nominal = Screening(
     ...     displacement_std=2.0, velocity_std=3.0, acceleration_std=1.0, zero_crossing_rate=1.0,
     ...     miles=None, input_acceleration_std=None,
     ... )
-    >>> round(clearance_of_rate(linear, linear.rice_rate(5.0)), 12)
-    5.0
+    >>> equal_clearance(nominal, nominal, 200.0)
+    200.0
     """
-    most = linear.rice_rate(0.0)
-    if rate <= 0.0 or rate >= most:
-        return 0.0
-    return linear.displacement_std * math.sqrt(2.0 * math.log(most / rate))
+    faster = linear.velocity_std / linear.displacement_std
+    faster *= nominal.displacement_std / nominal.velocity_std
+    square = (clearance / nominal.displacement_std) ** 2 + 2.0 * math.log(faster)
+    return linear.displacement_std * math.sqrt(max(square, 0.0))
