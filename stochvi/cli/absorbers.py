@@ -35,10 +35,13 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option("--sine", is_flag=True, help="Instead: exact regimes under the sine of the scene.")
 @varied(200, "what is tuned, as absorber.play=1mm:9mm:50 [play or gap, and mass].", "With --sine: ")
-@click.option("--rel-error", type=float, default=0.01, show_default=True, help="Of Monte Carlo.")
+@click.option(
+    "--rel-error", type=float, default=0.01, show_default=True,
+    help="Relative standard error of mean squares and rates.",
+)  # fmt: skip
 @common("budget", "seed", "threads", "json", "out", "force", "quiet")
 def absorber(
-    options: Common, scene: str, levels: str, mass_budget: float | None, restitutions: str,
+    options: Common, scene: str, *, levels: str, mass_budget: float | None, restitutions: str,
     units: str, sine: bool, varied: Varied, rel_error: float,
 ) -> None:  # fmt: skip
     """Does a loose mass in a box help: with, without, over levels; or the best box.

@@ -65,7 +65,10 @@ def screen(options: Common, scene: str) -> None:
     "--gaps", default="1,1.5,2,2.5,3,3.5,4", show_default=True, metavar="LIST",
     help="Clearances per side, in rms displacements without stops, or with units: 1mm,2mm.",
 )  # fmt: skip
-@click.option("--rel-error", type=float, default=0.02, show_default=True, help="Of Monte Carlo.")
+@click.option(
+    "--rel-error", type=float, default=0.02, show_default=True,
+    help="Relative standard error of each simulated rate.",
+)  # fmt: skip
 @common("budget", "seed", "threads", "json", "out", "quiet")
 def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     """Hit rate against clearance, pair by pair: Rice, closure, Monte Carlo."""

@@ -415,11 +415,12 @@ def varied(
     options = [
         click.option(
             "--from", "start", type=FREQUENCY, metavar="F",
-            help=f"{condition}Lowest frequency, Hz ...",
+            help=_sentence(f"{condition}lowest frequency, Hz ..."),
         ),
         click.option("--to", "end", type=FREQUENCY, metavar="F", help="... and the highest."),
         click.option(
-            "--points", type=int, default=points, show_default=True, help="Frequencies in between."
+            "--points", type=int, default=points, show_default=True,
+            help="Number of frequencies, both ends included.",
         ),
         click.option(
             "--vary", metavar="KEY=FIRST:LAST:NUMBER", help=f"{condition or 'Instead: '}{key}",
@@ -438,6 +439,11 @@ def varied(
         return run
 
     return decorate
+
+
+def _sentence(words: str) -> str:
+    """The words with a capital at their start."""
+    return words[:1].upper() + words[1:]
 
 
 def numbers(option: str, text: str, unit: str = "") -> list[float]:

@@ -66,7 +66,9 @@ def _check_options(method: str, given: Mapping[str, Any]) -> None:
     "--exceedance", type=CHANCE, metavar="P", help="size: chance of exceeding the limit [0.01]."
 )
 @click.option("--mission", type=TIME, metavar="TIME", help="size [1h], reliability: 3600 (s), 10h.")
-@click.option("--rel-error", type=float, help="Of means [0.01] or of the risk [0.05].")
+@click.option(
+    "--rel-error", type=float, help="Relative standard error: of means [0.01], of the risk [0.05]."
+)
 @click.option("--paths", type=int, help="Instead: this many paths ...")
 @click.option("--duration", type=TIME, help="... of this many seconds each, after burn-in.")
 @click.option(

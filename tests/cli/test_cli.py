@@ -7,9 +7,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import pandas as pd
 import pytest
 
+from stochvi.cli import main
 from stochvi.methods.closed_form import exact
 from stochvi.model.model import model_of
 from stochvi.scenes.datasets import shipped_scene
@@ -85,6 +87,21 @@ def test_the_table_goes_to_stdout_without_json(stochvi: Run):
     assert (code, err) == (0, "")
     assert "hits, all stops" in out
     assert "0.2828002" in out
+
+
+def test_the_help_of_an_accuracy_names_the_error_and_that_of_a_condition_reads_on():
+    helps = [
+        (option.name, option.help or "")
+        for command in main.commands.values()
+        for option in command.params
+        if isinstance(option, click.Option)
+    ]
+    errors = [words for name, words in helps if name == "rel_error"]
+    assert len(errors) > 5
+    assert all("elative standard error" in words for words in errors)
+    conditions = [words for _, words in helps if words.startswith("With --")]
+    assert conditions
+    assert all(words.partition(": ")[2][0].islower() for words in conditions)
 
 
 def test_tables_of_eighty_columns_cut_nothing_short(stochvi: Run, monkeypatch):
