@@ -8,7 +8,6 @@ it lies outside of that basin for long enough to forget how it got there.
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -30,6 +29,7 @@ from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.intervals import binomial_interval, poisson_interval
+from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -276,11 +276,11 @@ def lifetimes(
     model = model_of(scene)
     conditions = unmet(model)
     if not model.noisy:
-        conditions.append("excitation must contain noise beside the sine, got none")
+        conditions.append("excitation must contain noise besides the sine, got none")
     if conditions:
         raise NotApplicable("lifetimes", conditions)
     plan = plan_modal_tables(model, 0.0, None) if model.tables else plan_modal(model, 0.0, None)
-    number = threads or os.cpu_count() or 1
+    number = threads or usable_cores()
     with heeding_ctrl_c():
         place = Place(scene, 3, deadline)
         known = _coexisting(place, number, deadline)
@@ -306,6 +306,7 @@ def lifetimes(
             wall_time=time.perf_counter() - began,
             paths=sum(len(group.left) for of in groups for group in of),
             steps=sum(group.steps for of in groups for group in of),
+            threads=number,
         ),
         warnings=watch.warnings(groups),
         provenance=provenance(scene.document(), seed),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -33,6 +32,7 @@ from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.machine import usable_cores
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -287,7 +287,8 @@ def basins(
         up, across = np.meshgrid(sides[1], sides[0], indexing="ij")
         starts = place.states.starts({names[0]: across.ravel(), names[1]: up.ravel()})
         phase = math.radians(phase_deg)
-        flown = Flown(known, starts, phase, periods, threads or os.cpu_count() or 1, deadline)
+        number = threads or usable_cores()
+        flown = Flown(known, starts, phase, periods, number, deadline)
         ends = flown.ends()
     order, shares = _shares(ends, len(known.found))
     renumbered = np.full(len(known.found) + 2, UNDECIDED)
@@ -305,7 +306,11 @@ def basins(
         undecided=float(np.sum(ends == UNDECIDED)) / max(int(np.sum(ends != BEYOND)), 1),
         assumptions=(*scene.assumptions(), RECOGNISED),
         warnings=noise_left_out(place.model),
-        cost=Cost(wall_time=time.perf_counter() - began, paths=int(np.sum(ends != BEYOND))),
+        cost=Cost(
+            wall_time=time.perf_counter() - began,
+            paths=int(np.sum(ends != BEYOND)),
+            threads=number,
+        ),
         provenance=provenance(scene.document()),
     )
     if deadline.passed():
