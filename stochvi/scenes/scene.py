@@ -674,7 +674,7 @@ class Scene(Checked):
             found.append("the phase of a sine is random, uniform, in each path of a simulation")
         for excitation in self.excitations:
             if isinstance(excitation, DensityNoise):
-                found += excitation.said(*self._resonance())
+                found += excitation.assumptions(*self._resonance())
         return (*found, *self._reaction())
 
     def _reaction(self) -> tuple[str, ...]:

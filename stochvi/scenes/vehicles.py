@@ -195,7 +195,7 @@ class QuarterCar(Checked):
             values = np.insert(values, places, exact[wrong])
         return Table(frequency_hz=f, density=np.exp(values))
 
-    def said(self) -> tuple[str, ...]:
+    def assumptions(self) -> tuple[str, ...]:
         """The assumptions about the vehicle, in words."""
         body, wheel = self.modes
         which = "of its own parameters" if self.preset is None else PRESETS[self.preset].source

@@ -289,7 +289,9 @@ def test_times_that_are_not_rounded_but_uneven_are_refused_with_the_place(tmp_pa
         RecordedNoise(file=path, unit="g")
     # seconds since 1970 have more digits than a thousandth of a second
     path = write_rows(tmp_path / "u.csv", [f"{t:.6f}" for t in 1.7e9 + exact], record.values)
-    assert not any("last digit" in note for note in RecordedNoise(file=path, unit="g").said())
+    assert not any(
+        "last digit" in note for note in RecordedNoise(file=path, unit="g").assumptions()
+    )
 
 
 @pytest.mark.parametrize(
@@ -318,7 +320,7 @@ def test_one_of_several_columns_is_chosen(tmp_path: Path, column: str | int) -> 
     noise = RecordedNoise(file=path, column=column)
     np.testing.assert_allclose(noise.record.values, 9.80665 * values[1], rtol=1e-12, atol=1e-9)
     assert noise.record.fs == pytest.approx(FS, rel=1e-9)
-    told = " ".join(noise.said())
+    told = " ".join(noise.assumptions())
     assert "its unit, g, is the one that line 1" in told
     for wrong, words in (
         (None, "must say which column"), ("W", "has no column with this name"),
@@ -392,7 +394,7 @@ def test_gaps_are_refused_or_split_and_never_bridged(tmp_path: Path, kind: str) 
     ]
     assert found.gaps == (pytest.approx((20.0, 2.5), rel=1e-6),)
     assert found.duration == pytest.approx(57.5)
-    assert "split at a gap (2.5 s at 20 s)" in " ".join(noise.said())
+    assert "split at a gap (2.5 s at 20 s)" in " ".join(noise.assumptions())
     whole = record.density(0.4).table.density.mean()
     apart = found.density(0.4)
     # windows of 1000 samples, half overlapping, in either segment

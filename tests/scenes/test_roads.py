@@ -70,7 +70,7 @@ def test_a_level_and_a_default_band() -> None:
     assert plain.table.frequency_hz.tolist() == pytest.approx([0.2, 200.0])
     raised = RoadNoise(road="A", speed=20.0, level_db=20.0 * math.log10(2.0))
     assert raised.table.density == pytest.approx(RoadNoise(road="B", speed=20.0).table.density)
-    assert "secondary sources" in plain.said()[0]
+    assert "secondary sources" in plain.assumptions()[0]
 
 
 @pytest.mark.parametrize(

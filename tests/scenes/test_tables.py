@@ -31,7 +31,7 @@ def assert_same(found: TabulatedNoise, factor: float = 1.0) -> None:
 def test_a_unit_is_known_in_every_spelling(tmp_path: Path, spelling: str) -> None:
     found = noise(tmp_path, "\n".join(ROWS), unit=spelling)
     assert_same(found)
-    assert found.density_unit == "g2/Hz" and found.said() == ()
+    assert found.density_unit == "g2/Hz" and found.assumptions() == ()
 
 
 @pytest.mark.parametrize(
@@ -54,7 +54,7 @@ def test_the_unit_of_the_heading_is_taken_and_explained(
 ) -> None:
     found = noise(tmp_path, "\n".join([heading, *ROWS]))
     assert_same(found, factor)
-    (told,) = found.said()
+    (told,) = found.assumptions()
     assert "its unit" in told and "table.csv" in told
     stated = found.density_unit
     assert_same(noise(tmp_path, "\n".join([heading, *ROWS]), unit=stated), factor)
@@ -169,10 +169,10 @@ def test_levels_in_the_scene(tmp_path: Path) -> None:
 def test_rows_in_descending_order_and_rows_without_density_at_the_ends(tmp_path: Path) -> None:
     turned = noise(tmp_path, "\n".join(reversed(ROWS)), unit="g2/Hz")
     assert_same(turned)
-    assert "descending order" in " ".join(turned.said())
+    assert "descending order" in " ".join(turned.assumptions())
     ends = noise(tmp_path, "\n".join(["0;1", "5;0", *ROWS, "100;0", "200;0"]), unit="g2/Hz")
     assert_same(ends)
-    assert "4 rows without density or frequency at its ends" in " ".join(ends.said())
+    assert "4 rows without density or frequency at its ends" in " ".join(ends.assumptions())
     assert_same(noise(tmp_path, "\n".join([ROWS[0], *ROWS]), unit="g2/Hz"))
 
 
@@ -209,7 +209,7 @@ def test_a_step_of_a_specification_is_two_tables_side_by_side(tmp_path: Path, tu
         for f, g in (([10.0, 40.0], [0.002, 0.04]), ([40.0, 80.0, 300.0], [0.01, 0.01, 0.001]))
     ]
     assert found.table.mean_square() == pytest.approx(sum(each.mean_square() for each in parts))
-    assert "a step at 40 Hz" in " ".join(found.said())
+    assert "a step at 40 Hz" in " ".join(found.assumptions())
     for omega in (100.0, 2.0 * np.pi * 40.0, 1000.0):
         whole, apart = (
             response_moments(tables, omega, 0.1 * omega) for tables in ([found.table], parts)

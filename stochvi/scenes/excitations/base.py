@@ -147,7 +147,7 @@ class DensityNoise(Disturbance):
     def density_unit(self) -> str | None:
         """Unit of the density as it was given."""
 
-    def said(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
+    def assumptions(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
         """Assumptions about the noise, in words, for an oscillator if its numbers are given."""
         return ()
 

@@ -162,7 +162,7 @@ class RecordedNoise(DensityNoise):
     def table_for(self, omega: float, damping_rate: float) -> Table:
         return self._within_band(self._record.resolution(omega, damping_rate))
 
-    def said(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
+    def assumptions(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
         """Length, rate and kurtosis, and how its density was estimated."""
         record = self._record
         kurtosis, doubt = record.kurtosis()

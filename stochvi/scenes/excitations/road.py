@@ -97,7 +97,7 @@ class RoadNoise(DensityNoise):
     def density_unit(self) -> str | None:
         return "(m/s2)2/Hz"
 
-    def said(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
+    def assumptions(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
         low, high = self._table.frequency_hz[[0, -1]]
         which = f"class {self.road}" if self.road else f"Gd(n0) = {self.roughness:g} m^3"
         subject = "the base follows" if self._vehicle is None else "the vehicle drives on"
@@ -105,7 +105,7 @@ class RoadNoise(DensityNoise):
         return (
             f"{subject} a road of ISO 8608, {which}, at {self.metres_per_second:.4g} m/s, "
             f"from {low:.3g} to {high:.3g} Hz{suspension}; class table from secondary sources",
-            *(() if self._vehicle is None else self._vehicle.said()),
+            *(() if self._vehicle is None else self._vehicle.assumptions()),
         )
 
     def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:

@@ -157,7 +157,7 @@ class TabulatedNoise(DensityNoise):
     def density_unit(self) -> str | None:
         return self._unit.name
 
-    def said(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
+    def assumptions(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
         """What was taken from the file besides the numbers, and what was left out."""
         name = Path(self.file or "").name
         return tuple(f"table {name}: {note}" for note in self._notes)

@@ -223,8 +223,8 @@ def reliability(
         where = where if unfound else "before its errors were small enough"
         raise jobs.deadline.fell_short(where, "", found)
     if missing:
-        told = zip(unfound, missing.values(), strict=True)
-        raise NotConverged("; ".join(f"{name}: {why}" for name, why in told), found)
+        reasons = zip(unfound, missing.values(), strict=True)
+        raise NotConverged("; ".join(f"{name}: {why}" for name, why in reasons), found)
     if jobs.cut_short:
         where = f"before the relative error of {', '.join(jobs.cut_short)} was {rel_error:g}"
         raise jobs.deadline.fell_short(where, "raise budget or rel_error", found)

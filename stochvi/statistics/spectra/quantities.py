@@ -106,7 +106,7 @@ def _meanings(scene: Scene, plan: HistoryPlan) -> dict[str, str]:
         meanings["transmissibility_ratio"] = f"{of}, root of the ratio of densities"
         meanings["coherence"] = "of what is transmitted with the excitation"
         if plan.model.tables:
-            meanings["coherence"] += "; like transmissibilities, not told at the ends of a table"
+            meanings["coherence"] += "; like transmissibilities, left out at the ends of a table"
     else:
         meanings["coherence"] = (
             "left out, as are transmissibilities: the excitation is known of one oscillator under "

@@ -412,8 +412,8 @@ def readme() -> str:
         f'Noise of kind "tabulated": {TABULATED}',
         f"Stops: {IMPACTS}",
     )
-    told = "\n\n".join(textwrap.fill(paragraph, README_WIDTH) for paragraph in paragraphs)
-    return README.format(conventions=told, paths=FEWEST_PATHS)
+    conventions = "\n\n".join(textwrap.fill(paragraph, README_WIDTH) for paragraph in paragraphs)
+    return README.format(conventions=conventions, paths=FEWEST_PATHS)
 
 
 README = """Known-answer problems for integrators of stochastic vibration with impacts

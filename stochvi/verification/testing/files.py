@@ -179,12 +179,12 @@ def judge_sheet(
     form = _recognised(sheet, problem) if format is None else format
     if form == STATISTICS:
         returned: dict[str, Any] = _statistics(sheet, problem)
-        told = f"statistics of {len(returned)} quantities"
+        content = f"statistics of {len(returned)} quantities"
     elif form == PER_PATH:
         returned = _averages(sheet, problem)
-        told = f"averages of {len(sheet.cells)} paths"
+        content = f"averages of {len(sheet.cells)} paths"
     elif form == RECORDS:
-        returned, problem, told = _records(sheet, problem)
+        returned, problem, content = _records(sheet, problem)
     else:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {form!r}")
     try:
@@ -192,7 +192,7 @@ def judge_sheet(
     except ValueError as error:
         text = str(error).replace("integrator returned", "holds")
         raise ValueError(f"{sheet.source}: {text}") from None
-    return replace(verdict, read_as=f"{sheet.source} was read as {told}")
+    return replace(verdict, read_as=f"{sheet.source} was read as {content}")
 
 
 # Reading ----------------------------------------------------------------------------------------
@@ -402,11 +402,11 @@ def _records(sheet: Sheet, problem: Problem) -> tuple[dict[str, Any], Problem, s
             f"{sheet.source}: expected records of one long path, or of at least {FEWEST_PATHS} "
             f"independent paths, got {shape[0]}"
         )
-    told = (
+    content = (
         f"records of {shape[0]} {'path' if shape[0] == 1 else 'paths'}, {duration:.6g} s in steps "
         f"of {step:.4g} s after the burn-in of {problem.burn_in:.6g} s"
     )
-    return found, replace(problem, paths=shape[0], duration=duration), told
+    return found, replace(problem, paths=shape[0], duration=duration), content
 
 
 def _record_name(sheet: Sheet, problem: Problem, name: str) -> str:
