@@ -176,8 +176,9 @@ def pair_crossings(
     True
     """
     return PairMotion(model_of(scene)).crossings(
-        lower, upper, mission, rel_error, seed, threads, executor, budget, progress
-    )
+        lower, upper, mission=mission, rel_error=rel_error, seed=seed, threads=threads,
+        executor=executor, budget=budget, progress=progress,
+    )  # fmt: skip
 
 
 class PairMotion:
@@ -228,6 +229,7 @@ class PairMotion:
         self,
         lower: ArrayLike | None,
         upper: ArrayLike | None,
+        *,
         mission: float,
         rel_error: float,
         seed: int = 0,

@@ -141,7 +141,7 @@ def test_life_times_of_a_scene_with_noise(stochvi: Run, tmp_path: Path) -> None:
     assert regime["life_time_low"] < regime["life_time"] < regime["life_time_high"]
     assert regime["destinations"][0]["regime"] == "stops lower, stops upper"
     assert (out / "lifetimes.csv").is_file() and (out / "lifetimes.png").is_file()
-    assert "noise beside the sine" in refused(stochvi("lifetimes", MOUNT))
+    assert "noise besides the sine" in refused(stochvi("lifetimes", MOUNT))
 
 
 def test_new_writes_a_hammer_that_sine_and_impacts_take(tmp_path: Path, stochvi: Run) -> None:

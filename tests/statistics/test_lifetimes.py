@@ -126,7 +126,7 @@ def test_a_regime_that_outlasts_the_budget_has_a_lower_limit() -> None:
 
 
 def test_what_has_no_life_time_is_refused_in_a_sentence() -> None:
-    with pytest.raises(NotApplicable, match="noise beside the sine"):
+    with pytest.raises(NotApplicable, match="noise besides the sine"):
         lifetimes(mount())
     pair = ImpactPair(clearance=1.0, law=Restitution(coefficient=0.5))
     wide = mount(WhiteNoise(intensity=NOISE)).model_copy(update={"impact_pairs": (pair,)})

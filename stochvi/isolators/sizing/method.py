@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -262,8 +262,10 @@ def size(
                 raise ValueError(
                     f"at is for several coordinates or pairs, got {at!r} for one oscillator"
                 )
-            job = _Job(scene, target, mission, rel_error, seed, threads, budget, progress)
-            return job.sizing()
+            return _Job(
+                scene=scene, target=target, mission=mission, rel_error=rel_error, seed=seed,
+                threads=threads, budget=budget, report=progress or (lambda done, text: None),
+            ).sizing()  # fmt: skip
     except NotApplicable as reason:
         # the user called `size`, so that the refusal has its name, whatever function it came from
         raise NotApplicable("size", reason.conditions) from reason
@@ -307,59 +309,56 @@ def risk_curve(
     return RiskCurve.of(found, mission)
 
 
+@dataclass(kw_only=True)
 class _Job:
     """One sizing: what was asked for, and what was found on the way."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        target: Target,
-        mission: float,
-        rel_error: float,
-        seed: int,
-        threads: int | None,
-        budget: float,
-        progress: Progress | None,
-    ) -> None:
-        self.scene, self.target, self.mission = scene, target, mission
-        self.rel_error, self.seed, self.threads = rel_error, seed, threads
-        self.report = progress or (lambda done, text: None)
-        self.budget = budget
-        self.warnings: list[str] = []
-        self.unfinished: dict[float, str] = {}
-        self.kept_with: Estimate | None = None
-        if target.name != "probability":
-            check_laws(scene, target)
-        compile_kernels(scene)
-        self.started, self.deadline = time.perf_counter(), Deadline.after(budget)
+    scene: Scene
+    target: Target
+    mission: float
+    rel_error: float
+    seed: int
+    threads: int | None
+    budget: float
+    report: Progress
+    warnings: list[str] = field(default_factory=list)
+    unfinished: dict[float, str] = field(default_factory=dict)
+    kept_with: Estimate | None = None
+
+    def __post_init__(self) -> None:
+        if self.target.name != "probability":
+            check_laws(self.scene, self.target)
+        compile_kernels(self.scene)
+        self.started, self.deadline = time.perf_counter(), Deadline.after(self.budget)
         self.report(0.0, "first crossings")
+        share = 1.0 - SEARCH.share_of_hits if self.scene.impact_pairs else 1.0
         self.curve = risk_curve(
-            scene,
-            target,
-            mission,
-            rel_error=rel_error,
-            seed=seed,
-            threads=threads,
-            budget=budget * (1.0 - SEARCH.share_of_hits if scene.impact_pairs else 1.0),
+            self.scene,
+            self.target,
+            self.mission,
+            rel_error=self.rel_error,
+            seed=self.seed,
+            threads=self.threads,
+            budget=self.budget * share,
         )
         self.sigma = self.curve.crossings.displacement_std
-        reached = largest_error(self.curve.crossings, mission)
+        reached = largest_error(self.curve.crossings, self.mission)
         if reached > SEARCH.most_error:
             raise self.deadline.fell_short(
                 f"at a relative error of {reached:.2g} of the chance of a hit: hardly any first "
                 "hit was seen",
                 "raise budget",
             )
-        if reached > rel_error:
+        if reached > self.rel_error:
             self.warnings.append(
                 f"the budget ended at a relative error of {reached:.2g} of the chance of a hit"
             )
         self.hits = Hits(
-            scene=scene,
+            scene=self.scene,
             curve=self.curve,
-            rel_error=rel_error,
-            seed=seed,
-            threads=threads,
+            rel_error=self.rel_error,
+            seed=self.seed,
+            threads=self.threads,
             left=lambda: self.left,
         )
 

@@ -355,8 +355,8 @@ class _PairsJob:
         """First crossings at rows of distances (levels, sides, pairs), in a share of the time that
         is left."""
         found: PairCrossings = as_far_as_it_got(
-            self.motion.crossings, rows[:, 0], rows[:, 1], self.mission, self.rel_error,
-            seed=self.seed, threads=self.threads, budget=self.deadline.part(share),
+            self.motion.crossings, rows[:, 0], rows[:, 1], mission=self.mission,
+            **self._sampling(share, self.rel_error),
         )  # fmt: skip
         return found
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +95,24 @@ as (modes squared) crossings are added up at every step; of more, each mode with
 SUMS_OF_PAIR = tuple(f"{what}_{side}" for side in ("lower", "upper") for what in ("n", "f1", "f2"))
 """Names of the sums over the impacts of a pair: their number n, the sum f1 of the impact speeds and
 the sum f2 of their squares, at either stop. There are ROWS_OF_PAIR of them."""
+
+
+class Steps(NamedTuple):
+    """How many steps paths are simulated on: those before counting starts, those that count, and
+    those from one sample of the moments to the next."""
+
+    burn_in: int
+    counted: int
+    stride: int
+
+
+class Outputs(NamedTuple):
+    """What a kernel writes besides its sums, each None where it is not wanted: the states of every
+    step, every impact, and the largest accelerations."""
+
+    record: NDArray[np.float64] | None = None
+    log: Log | None = None
+    largest: Largest | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -283,10 +301,9 @@ class ModalPlan(SteppedPlan):
         state = self.start(streams)
         sums = np.zeros((self._rows_with_controls, paths))
         stride = self._stride
-        self._advance(
-            state, streams, sums,
-            0 if record is not None else self._burn_in_steps, self.steps, stride, record, log,
-        )  # fmt: skip
+        burn_in = 0 if record is not None else self._burn_in_steps
+        outputs = Outputs(record=record, log=log)
+        self._advance(state, streams, sums, Steps(burn_in, self.steps, stride), outputs)
         return self._physical(self._averaged(sums, math.ceil(self.steps / stride)))
 
     @property
@@ -356,14 +373,14 @@ class ModalPlan(SteppedPlan):
         return np.hstack([np.diag(self.modes.squares), self.modes.damping @ decay])
 
     def _advance(
-        self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix, burn_in: int, steps: int,
-        stride: int, record: NDArray[np.float64] | None, log: Log | None,
-        tables: SmoothResponse | None = None, largest: Largest | None = None,
+        self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix, steps: Steps,
+        outputs: Outputs | None = None, tables: SmoothResponse | None = None,
     ) -> None:  # fmt: skip
-        """Simulate the paths on, and add the last `steps` to `sums`."""
+        """Simulate the paths on, and add the counted steps to `sums`."""
+        record, log, largest = outputs or Outputs()
         run_modes(
             state, streams, sums, self._kernel_constants, tables, self._contact_constants,
-            None if self._pulls is None else _table(self._pulls), burn_in, steps, stride,
+            None if self._pulls is None else _table(self._pulls), *steps,
             NO_RECORD if record is None else record, log, largest, stop_flag(),
         )  # fmt: skip
         check_flag()
@@ -380,7 +397,7 @@ class ModalPlan(SteppedPlan):
         `state` (states, paths) and `streams` (2, paths) are replaced by those at the end.
         """
         sums = np.zeros((self._rows_of_sums, state.shape[1]))
-        self._advance(state, streams, sums, 0, steps, steps, None, None)
+        self._advance(state, streams, sums, Steps(0, steps, steps))
         return self._of_pairs(sums)[
             :, [self.sums_of_pair.index("n_lower"), self.sums_of_pair.index("n_upper")]
         ]

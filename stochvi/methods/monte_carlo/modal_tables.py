@@ -36,6 +36,8 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import (
     Matrix,
     ModalPlan,
+    Outputs,
+    Steps,
     Vector,
     _second_moments,
     _squares,
@@ -190,6 +192,7 @@ class ModalTablesPlan(ModalContactsPlan):
         n = self.modes.size
         sums = np.zeros((self._rows_with_controls, paths))
         counted, stride = self._counted_of_block, self._stride
+        steps = Steps(self._burn_in_steps, counted, stride)
         largest = self._largest(accelerations)
         for number in range(self.blocks):
             free = self.free_response(seed, first_path, paths, number)
@@ -202,10 +205,8 @@ class ModalTablesPlan(ModalContactsPlan):
                 block_record = record[number * counted : (number + 1) * counted]
             if log is not None:
                 log = log._replace(start=number * counted * self.step)
-            self._advance(
-                state, streams, sums, self._burn_in_steps, counted, stride, block_record, log,
-                self._smooth(free), largest,
-            )  # fmt: skip
+            outputs = Outputs(record=block_record, log=log, largest=largest)
+            self._advance(state, streams, sums, steps, outputs, self._smooth(free))
         return self._physical(self._averaged(sums, math.ceil(counted / stride) * self.blocks))
 
     @property
@@ -296,10 +297,8 @@ class ModalTablesPlan(ModalContactsPlan):
         and `streams` (2, paths) are replaced by those at the end.
         """
         window = np.concatenate([free[first : first + steps], free[first - 1 : first]])
-        self._advance(
-            state, streams, np.zeros((self._rows_of_sums, state.shape[1])), 0, steps, steps, None,
-            None, self._smooth(window),
-        )  # fmt: skip
+        sums = np.zeros((self._rows_of_sums, state.shape[1]))
+        self._advance(state, streams, sums, Steps(0, steps, steps), tables=self._smooth(window))
         return state[: 2 * self.modes.size] + self.motion_of(free[first + steps - 1])
 
     def motion_of(self, sample: Matrix) -> Matrix:
@@ -336,10 +335,8 @@ class ModalTablesPlan(ModalContactsPlan):
         paths = free.shape[2] // 2
         state, streams = np.zeros((self.states, paths)), np.zeros((2, paths), np.uint64)
         sums, steps = np.zeros((self._rows_of_sums, paths)), len(free) - 1
-        self._advance(
-            state, streams, sums, 0, steps, steps, None, log, self._smooth(free),
-            self._largest(accelerations),
-        )  # fmt: skip
+        outputs = Outputs(log=log, largest=self._largest(accelerations))
+        self._advance(state, streams, sums, Steps(0, steps, steps), outputs, self._smooth(free))
         return self._of_pairs(sums)
 
     def _smooth(self, free: NDArray[np.float64]) -> SmoothResponse:

@@ -9,7 +9,7 @@ from concurrent.futures import Executor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -166,14 +166,13 @@ def simulate(
         rel_error=rel_error, paths=paths, duration=duration, seed=seed,
         speed_threshold=speed_threshold, slow_impacts=slow_impacts,
     )  # fmt: skip
-    _check_files(checkpoint=checkpoint, resume=resume)
+    files = Files(checkpoint=checkpoint, interval=checkpoint_interval, resume=resume)
+    files.check()
     check_executor(executor)
+    check_asked(asked, budget, threads)
     deadline = Deadline.after(budget)
     try:
-        run, asked = _begun(
-            scene, asked, budget, threads, executor, progress, checkpoint, checkpoint_interval,
-            resume, deadline,
-        )  # fmt: skip
+        run, asked = _begun(scene, asked, files, threads, executor, progress, deadline)
     except KeyboardInterrupt:
         raise Interrupted("interrupted by Ctrl-C before any path was simulated") from None
     try:
@@ -201,24 +200,43 @@ def simulate(
     return _noted(run, run.response())
 
 
+class Files(NamedTuple):
+    """The files of a run: its checkpoint, the seconds from one writing of it to the next, and the
+    checkpoint from which the run goes on."""
+
+    checkpoint: str | Path | None
+    interval: float
+    resume: str | Path | None
+
+    def check(self) -> None:
+        """ValueError for an empty name and for an interval that is not a time."""
+        for name, file in (("checkpoint", self.checkpoint), ("resume", self.resume)):
+            if file is not None and str(file) == "":
+                raise ValueError(f"{name} must name a file, got ''")
+        _check_seconds(checkpoint_interval=self.interval)
+
+    @property
+    def target(self) -> Path | None:
+        """The file to which the run writes its checkpoints."""
+        target = self.resume if self.checkpoint is None else self.checkpoint
+        return None if target is None else Path(target)
+
+    @property
+    def new(self) -> bool:
+        """Whether that file is not the one from which the run goes on."""
+        if self.target is None or self.resume is None:
+            return True
+        return self.target.resolve() != Path(self.resume).resolve()
+
+
 def _begun(
-    scene: Scene,
-    asked: Asked,
-    budget: float | None,
-    threads: int | None,
-    executor: Executor | None,
-    progress: Progress | None,
-    checkpoint: str | Path | None,
-    checkpoint_interval: float,
-    resume: str | Path | None,
-    deadline: Deadline,
-) -> tuple[Run, Asked]:
+    scene: Scene, asked: Asked, files: Files, threads: int | None, executor: Executor | None,
+    progress: Progress | None, deadline: Deadline,
+) -> tuple[Run, Asked]:  # fmt: skip
     """The run with compiled kernels and its first checkpoint, and its arguments with defaults
     filled in."""
-    before = None if resume is None else Checkpoint.read(Path(resume))
+    before = None if files.resume is None else Checkpoint.read(Path(files.resume))
     asked = asked.settled() if before is None else before.asked_again(asked)
-    check_asked(asked, budget, threads)
-    _check_seconds(checkpoint_interval=checkpoint_interval)
     if before is not None:
         before.check(scene)
     model = model_of(scene)
@@ -226,12 +244,10 @@ def _begun(
         model, asked.speed_threshold, asked.duration, asked.slow_impacts, deadline=deadline
     )
     state = State.start(plan.layout) if before is None else before.resumed(plan)
-    target = resume if checkpoint is None else checkpoint
     keeper = None
-    if target is not None:
+    if files.target is not None:
         proof = "" if before is None else before.proof  # a new one takes time to compile
-        new = resume is None or Path(target).resolve() != Path(resume).resolve()
-        keeper = Keeper(Path(target), scene, asked, state, proof, checkpoint_interval, new)
+        keeper = Keeper(files.target, scene, asked, state, proof, files.interval, files.new)
     with compiling(progress):
         compile_time, proof = _compile(plan)
     if before is not None:
@@ -523,12 +539,6 @@ def check_arguments(
     _check_seconds(duration=duration, budget=budget)
     if speed_threshold is not None and not 0.0 <= speed_threshold < math.inf:
         raise ValueError(f"speed_threshold must be at least 0, got {speed_threshold}")
-
-
-def _check_files(**files: str | Path | None) -> None:
-    for name, file in files.items():
-        if file is not None and str(file) == "":
-            raise ValueError(f"{name} must name a file, got ''")
 
 
 def _check_seconds(**times: float | None) -> None:

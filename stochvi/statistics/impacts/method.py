@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,12 +223,17 @@ def impacts(
             target = math.ceil(target / plan.block) * plan.block
     late = deadline.passed()
     pairs = {
-        pair.name: _pair(
-            scene, pair, plan, grids[pair.name], found[pair.name][0],
-            deadline if first_hits and not late else None, seed, threads, executor,
-        )
+        pair.name: _pair(scene, pair, plan, grids[pair.name], found[pair.name][0])
         for pair in model.pairs
-    }  # fmt: skip
+    }
+    if first_hits and not late:
+        sampled = {"seed": seed, "threads": threads, "executor": executor}
+        pairs = {
+            pair.name: replace(
+                pairs[pair.name], first_hit_rate=_first_hits(scene, pair, deadline, sampled)
+            )
+            for pair in model.pairs
+        }
     answer = ImpactStatistics(
         pairs=pairs,
         duration=plan.duration,
@@ -332,10 +338,9 @@ def _largest_error(tallies: list[Tally], plan: ImpactPlan) -> float:
     return max(errors, default=math.inf)
 
 
-def _pair(
-    scene: Scene, pair: Pair, plan: ImpactPlan, grid: Grid, tally: Tally,
-    first_hits: Deadline | None, seed: int, threads: int | None, executor: Executor | None,
-) -> PairStatistics:  # fmt: skip
+def _pair(scene: Scene, pair: Pair, plan: ImpactPlan, grid: Grid, tally: Tally) -> PairStatistics:
+    """Statistics of the impacts of a pair from what its paths add up; the rate of first hits needs
+    other simulations."""
     numbers = tally.numbers.sum(axis=1)
     hits = float(numbers.sum())
     how = f"{len(numbers)} paths of {plan.duration:.4g} s"
@@ -363,9 +368,7 @@ def _pair(
         striking_energy=_ratio(blow, how),
         rice_rates=None if gap is None else rice_rates(gap, pair),
         clump_rate=None if gap is None else vanmarcke_rate(gap, pair),
-        first_hit_rate=_first_hits(scene, pair, gap.mean, first_hits, seed, threads, executor)
-        if first_hits is not None and gap is not None
-        else None,
+        first_hit_rate=None,
         energy_unit="J/kg" if scene.expanded.structure.mass is None else "J",
     )
 
@@ -420,18 +423,20 @@ def _fitted(fits: NDArray[np.float64], grid: Grid, shift: float | None) -> Estim
 
 
 def _first_hits(
-    scene: Scene, pair: Pair, mean: float, deadline: Deadline, seed: int, threads: int | None,
-    executor: Executor | None,
-) -> Estimate | None:  # fmt: skip
+    scene: Scene, pair: Pair, deadline: Deadline, sampled: Mapping[str, Any]
+) -> Estimate | None:
     """Limiting rate of first crossings of the stops without them, as far as it is known by the
-    deadline; None where it does not apply."""
-    lower = None if pair.lower is None else mean - pair.lower.position
-    upper = None if pair.upper is None else pair.upper.position - mean
+    deadline; None where it does not apply. `sampled` has the other arguments of
+    `first_crossings`."""
+    gap = linear_gap(model_of(scene), pair)
+    if gap is None:
+        return None
+    lower = None if pair.lower is None else gap.mean - pair.lower.position
+    upper = None if pair.upper is None else pair.upper.position - gap.mean
     try:
         found = as_far_as_it_got(
-            first_crossings, scene, lower=lower, upper=upper, seed=seed, threads=threads,
-            executor=executor, budget=deadline.rest,
-        )  # fmt: skip
+            first_crossings, scene, lower=lower, upper=upper, budget=deadline.rest, **sampled
+        )
     except (NotApplicable, ValueError):  # a scene, or stops, that it does not cover
         return None
     chance = found.probability(found.horizon)[0]

@@ -72,6 +72,9 @@ CONTACT_SAMPLES = 8.0
 FEWEST_PATHS = 64
 """Smallest number of paths from which a standard error can be trusted."""
 
+SINE_IS_A_LINE = "a sine is a line: its height here is that of its power over a bin"
+"""Warning of every spectrum whose scene has a sine."""
+
 REL_ERROR = 0.05
 """Median relative standard error to reach, where neither an error nor a number of paths is asked
 for."""
@@ -201,17 +204,30 @@ def spectrum(
     elif error > asked and paths is None:
         short = f"at a median relative standard error of {error:.2g}, asked for {asked:g}"
         remedy = "raise budget or rel_error"
-    answer = _answer(
-        scene, plan, layout, moments, method, bandwidth,
-        ["the accuracy asked for was not reached"] if short else [],
-        Cost(
+    curves, meanings = _curves(scene, plan, layout, moments, method)
+    motion = next(iter(curves.values()))["displacement"]
+    answer = ResponseSpectrum(
+        frequency_hz=layout.frequency_hz[_inside(layout, method)],
+        curves=curves,
+        method=method,
+        segment=layout.tapers.shape[1] * layout.step,
+        step=layout.step,
+        bandwidth=bandwidth,
+        degrees_of_freedom=float(2.0 * np.median((motion.value / motion.standard_error) ** 2)),
+        meanings=meanings,
+        assumptions=scene.assumptions(),
+        warnings=(
+            *(["the accuracy asked for was not reached"] if short else []),
+            *([SINE_IS_A_LINE] if plan.model.sines else []),
+        ),
+        cost=Cost(
             wall_time=time.perf_counter() - started,
             steps=moments.count * (plan.samples + plan.plan.settling),
             paths=moments.count,
             threads=crew.workers,
         ),
-        seed,
-    )  # fmt: skip
+        provenance=provenance(scene.document(), seed),
+    )
     if short:
         raise deadline.fell_short(short, remedy, answer)
     return answer
@@ -302,14 +318,19 @@ def _median_error(moments: PathMoments) -> float:
     return float(np.median(error / moments.mean[0]))
 
 
-def _answer(
-    scene: Scene, plan: HistoryPlan, layout: Layout, moments: PathMoments, method: str,
-    bandwidth: float, warnings: list[str], cost: Cost, seed: int,
-) -> ResponseSpectrum:  # fmt: skip
-    beside = 2 * KERNEL_BINS[method]
-    f = layout.frequency_hz
-    inside = np.zeros(len(f), bool)
-    inside[beside:-beside] = True
+def _inside(layout: Layout, method: str) -> NDArray[np.bool_]:
+    """Which frequencies have on both sides all that smears the spectrum at them."""
+    edge = 2 * KERNEL_BINS[method]
+    found = np.zeros(len(layout.frequency_hz), bool)
+    found[edge:-edge] = True
+    return found
+
+
+def _curves(
+    scene: Scene, plan: HistoryPlan, layout: Layout, moments: PathMoments, method: str
+) -> tuple[dict[str, dict[str, Curve]], dict[str, str]]:
+    """Curves by owner and quantity, with their errors, and the meaning of each quantity."""
+    f, inside = layout.frequency_hz, _inside(layout, method)
     once = np.apply_along_axis(np.convolve, 1, moments.mean, layout.kernel, "same")
     twice = np.apply_along_axis(np.convolve, 1, once, layout.kernel, "same")
     omega = 2.0 * math.pi * f
@@ -332,35 +353,18 @@ def _answer(
         relative = np.divide(error, value, out=np.zeros_like(error), where=value > 0.0)
         with np.errstate(over="ignore"):  # a density that is rounding error has no finite band
             spread = np.exp(quantile * relative)
-        told = inside
+        known = inside
         if UNITS[name] == "1":
             into = quantities[owner, "excitation"](moments.mean)
-            told = inside & (into > EXCITED * np.max(into[inside]))
+            known = inside & (into > EXCITED * np.max(into[inside]))
             for jump in _jumps(plan.model):
-                told &= np.abs(f - jump) > KERNEL_BINS[method] * (f[1] - f[0])
+                known &= np.abs(f - jump) > KERNEL_BINS[method] * (f[1] - f[0])
         curves.setdefault(owner, {})[name] = Curve(
-            frequency_hz=f[told],
-            value=value[told],
-            standard_error=error[told],
-            bias=bias[told],
-            lower=np.maximum(value / spread - bias, 0.0)[told],
-            upper=(value * spread + bias)[told],
+            frequency_hz=f[known],
+            value=value[known],
+            standard_error=error[known],
+            bias=bias[known],
+            lower=np.maximum(value / spread - bias, 0.0)[known],
+            upper=(value * spread + bias)[known],
         )
-    if plan.model.sines:
-        warnings.append("a sine is a line: its height here is that of its power over a bin")
-    first = next(iter(curves.values()))["displacement"]
-    freedom = 2.0 * np.median((first.value / first.standard_error) ** 2)
-    return ResponseSpectrum(
-        frequency_hz=f[inside],
-        curves=curves,
-        method=method,
-        segment=layout.tapers.shape[1] * layout.step,
-        step=layout.step,
-        bandwidth=bandwidth,
-        degrees_of_freedom=float(freedom),
-        meanings=meanings,
-        assumptions=scene.assumptions(),
-        warnings=tuple(warnings),
-        cost=cost,
-        provenance=provenance(scene.document(), seed),
-    )
+    return curves, meanings
