@@ -94,6 +94,15 @@ def without_noise(model: Model, *, with_sines: bool = False) -> list[str]:
     return [f"excitation must contain {wanted}, got {got} alone"]
 
 
+def without_free_response(model: Model) -> list[str]:
+    """The sentences that one oscillator has no stationary motion without stops."""
+    return [
+        f"structure.{key} must be positive, as the motion without stops is to be stationary, got 0"
+        for key, rate in (("stiffness", model.omega), ("damping", model.damping_rate))
+        if rate == 0.0
+    ]
+
+
 def not_white(model: Model) -> list[str]:
     """The conditions of a method for white noise that a model does not meet."""
     if model.tables:

@@ -38,7 +38,7 @@ from stochvi.methods.monte_carlo.tabulated import (
     TabulatedPlan,
     plan_tabulated,
 )
-from stochvi.model.coverage import beyond_one_oscillator, without_noise
+from stochvi.model.coverage import beyond_one_oscillator, without_free_response, without_noise
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.progress import Progress, shown_in_notebooks
@@ -174,7 +174,11 @@ def crossing_plan(scene: Scene, horizons: float = 1.0) -> TabulatedPlan:
     narrow for any block.
     """
     model = model_of(scene)
-    unmet = beyond_one_oscillator(model, with_filters=True) or without_noise(model)
+    unmet = (
+        beyond_one_oscillator(model, with_filters=True)
+        or without_noise(model)
+        or without_free_response(model)
+    )
     if unmet:
         raise NotApplicable("first_crossings", unmet)
     plan = plan_tabulated(model, None, None)

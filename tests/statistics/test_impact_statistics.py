@@ -16,7 +16,7 @@ from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import ratio_and_error
-from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
+from stochvi.scenes.excitations import ConstantLoad, Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution, Viscoelastic
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
@@ -242,6 +242,21 @@ def test_exponents_of_very_lossy_stops_take_shorter_steps_near_them(monkeypatch)
     # without refined steps nothing is known of what they leave
     plain = impacts(scene(0.3, None, 0.0), paths=64, seed=2, threads=1).pairs["stops"]
     assert all(each.fitted.bias is None for each in plain.exponents.values())
+
+
+def test_a_mass_that_a_load_alone_presses_on_a_stop() -> None:
+    pressed = Scene(
+        structure=Oscillator(mass=1.0, damping=0.4, stiffness=0.0),
+        impact_pairs=[ImpactPair(upper=1.0, law=Restitution(coefficient=1.0))],
+        excitations=[WhiteNoise(intensity=0.2), ConstantLoad(force=0.5)],
+    )
+    found = impacts(pressed, paths=256, seed=2, threads=1).pairs["stops"].rates["both"].estimate
+    rate = replace(found, bias=0.0)  # steps leave the law of elastic stops as it is
+    # the displacement has the law (g / s^2) exp(-g (1 - x) / s^2), where impacts are s / sqrt(2 pi)
+    truth = 0.5 / 0.5 / math.sqrt(2.0 * math.pi)
+    assert_agrees(rate, truth)
+    with pytest.raises(AssertionError):
+        assert_agrees(rate, 1.1 * truth)
 
 
 def test_intervals_histogram_is_that_of_the_times() -> None:

@@ -229,6 +229,8 @@ def test_what_does_not_apply_is_said() -> None:
     filtered = BOX.model_copy(
         update={"excitations": (FilteredNoise(intensity=0.2, frequency_hz=0.2, zeta=0.5),)}
     )
+    with pytest.raises(NotApplicable, match="stiffness must be positive"):
+        reliability(oscillator(-1.0, 1.0, omega=0.0), mission=10.0)
     with pytest.raises(NotApplicable, match="start = 'rest' needs white noise"):
         reliability(filtered, mission=10.0, start="rest")
     with pytest.raises(NotApplicable, match="needs white noise; leave way out"):

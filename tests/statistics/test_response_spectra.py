@@ -16,7 +16,7 @@ from stochvi.methods.monte_carlo.histories import plan_histories
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
 from stochvi.results.intervals import CONFIDENCE
-from stochvi.scenes.excitations import FilteredNoise, Sine, TabulatedNoise, WhiteNoise
+from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
@@ -288,6 +288,25 @@ def test_linearised_spectrum_is_close_for_rare_weak_impacts() -> None:
 
     rare, often = error(3.5), error(1.0)
     assert rare < 0.15 < 0.5 < often
+
+
+def test_a_mass_that_a_load_alone_presses_on_a_stop() -> None:
+    pressed = Scene(
+        structure=Oscillator(mass=1.0, damping=B, stiffness=0.0),
+        impact_pairs=[ImpactPair(upper=1.0, law=Restitution(coefficient=1.0))],
+        excitations=[WhiteNoise(intensity=S0), ConstantLoad(force=1.0)],
+    )
+    found = spectrum(pressed, paths=64, seed=2, threads=1)
+    curve, df = found.curves["x"]["velocity"], 1.0 / found.segment
+    # kicks and jumps by 2 w have the density 2 (S0 + 4 F2) / (2 pi f)^2 above the band, F2 = E w^2
+    # impacts per second, of the law (g / s^2) exp(-g (1 - x) / s^2) with s = g = 1
+    above = 2.0 * (S0 + 8.0 / math.sqrt(2.0 * math.pi)) / (2.0 * math.pi) ** 2
+    area = float(curve.value.sum() * df + above / curve.frequency_hz[-1])
+    truth = S0 / (2.0 * B)
+    # errors of bins add up in quadrature; neighbours share 4/9 of theirs, on either side
+    error = df * math.sqrt(1.0 + 8.0 / 9.0) * float(np.linalg.norm(curve.standard_error))
+    assert abs(area - truth) < 4.5 * error + df * float(curve.bias.sum())
+    assert abs(1.05 * area - truth) > 4.5 * error + df * float(curve.bias.sum())
 
 
 def test_area_is_the_variance_with_stops() -> None:

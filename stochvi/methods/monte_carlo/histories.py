@@ -27,8 +27,8 @@ MOST_PATHS = 256
 class HistoryPlan:
     """The plan by which records of a scene are made.
 
-    `fastest` is the largest frequency of a mode, a signal or the flight between two stops, rad/s;
-    `speed` the largest rms speed of a gap, m/s.
+    `fastest` is the largest frequency of a mode, a signal, the flight between two stops or the fall
+    of a mass without a spring back to its stop, rad/s; `speed` the largest rms speed of a gap, m/s.
     """
 
     plan: Plan
@@ -98,10 +98,13 @@ def histories_of(plan: Plan) -> HistoryPlan:
         for pair in model.pairs
         if pair.lower is not None and pair.upper is not None
     ]
+    frequencies = [model.modal.fastest, *(math.pi * speed / gap for gap in gaps)]
+    if model.single and model.omega == 0.0 and speed > 0.0:
+        frequencies.append(math.pi * abs(model.load) / speed)  # back after 2 speed / load
     return HistoryPlan(
         plan=plan,
         duration=plan.duration,
         slowest=plan.relaxation,
-        fastest=max([model.modal.fastest, *(math.pi * speed / gap for gap in gaps)]),
+        fastest=max(frequencies),
         speed=speed,
     )

@@ -459,8 +459,6 @@ def _outside(model: Model, ends: Ends) -> str:
     """A sentence, if the position where spring and load balance does not lie between the stops or
     barriers; else an empty one. A mass may rest on a stop, but a barrier at its place is passed
     before the start."""
-    if model.omega == 0.0:  # nothing holds the mass anywhere
-        return ""
     rest = model.rest
     lower, upper = ends
     below = -math.inf if lower is None else lower
@@ -479,6 +477,14 @@ def _is_coloured(scene: Scene, model: Model, start: str, way: str | None) -> boo
         raise NotApplicable("reliability", unmet)
     if unmet := without_noise(model):
         raise NotApplicable("reliability", unmet)
+    if model.omega == 0.0:
+        raise NotApplicable(
+            "reliability",
+            [
+                "structure.stiffness must be positive, since missions start at rest on the spring "
+                "or in the motion without stops, got 0"
+            ],
+        )
     kinds = {excitation.kind for excitation in scene.excitations}
     coloured = not kinds <= {"white", "constant"}
     if coloured and start == "rest":
