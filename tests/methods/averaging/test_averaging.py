@@ -126,6 +126,16 @@ def test_a_mass_pressed_hard_against_a_lossy_stop(damping, restitution, stop, va
     assert spread == pytest.approx(known, rel=40.0 * spread / -stop)
 
 
+@pytest.mark.parametrize("pressed", [{"upper": -2.0}, {"upper": 0.0, "omega": 0.0, "load": 1.0}])
+def test_a_mass_pressed_against_a_plastic_stop_is_the_limit_of_lossy_ones(pressed):
+    """Its energy starts at zero in every cycle, and cycles lose 1 - R^2 of theirs."""
+    plastic, lossy = (average(oscillator(restitution=r, **pressed)) for r in (0.0, 1e-3))
+    assert abs(plastic.identities["energy"].value) < 1e-8
+    for name in ("displacement_std", "velocity_std"):
+        known = lossy.coordinates["x"][name].value
+        assert plastic.coordinates["x"][name].value == pytest.approx(known, rel=2e-6)
+
+
 def off(scene: Scene, variant: str, names) -> dict[str, float]:
     """Relative errors against the Fokker-Planck equation."""
     known, found = values(fokker_planck(scene, speed_threshold=0.0)), None
