@@ -1,6 +1,7 @@
 """Spectra from records against exact ones, and against scipy on the same records."""
 
 import math
+import warnings
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -17,7 +18,7 @@ from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
 from stochvi.results.intervals import CONFIDENCE
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine, TabulatedNoise, WhiteNoise
-from stochvi.scenes.impact_laws import Elastic, Restitution
+from stochvi.scenes.impact_laws import Elastic, Hertz, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
 from stochvi.statistics.spectra import Curve, method, spectrum
@@ -195,6 +196,14 @@ def test_mount_on_a_truck() -> None:
     held = acceleration.holds(np.append(np.zeros((~whole).sum()), table(f) * square))[whole]
     assert held[inside].mean() > CONFIDENCE - 0.05
     assert curves["coherence"].value[inside].min() > 0.99
+
+
+def test_what_lies_outside_the_band_of_a_table_raises_no_warning_of_numpy() -> None:
+    stops = ImpactPair(clearance=3e-3, law=Hertz(coefficient=1e8))
+    mount = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        spectrum(truck().replace(structure=mount, impact_pairs=[stops]), paths=16, threads=1)
 
 
 @quick_cases("sine", [False, True], keep=(0,))

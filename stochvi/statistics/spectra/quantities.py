@@ -76,7 +76,10 @@ def quantities_of(
         out, cross, into = _density(carried[0]), _cross(shaken, carried[0]), _density(shaken)
         found[owner, "excitation"] = into
         found[owner, "transmissibility_h1"] = lambda m: np.abs(cross(m)) / into(m)
-        found[owner, "transmissibility_ratio"] = lambda m: np.sqrt(out(m) / into(m))
+        # outside the band of the excitation the delta method may step to a density below zero
+        found[owner, "transmissibility_ratio"] = lambda m: np.sqrt(
+            np.maximum(out(m) / into(m), 0.0)
+        )
         found[owner, "coherence"] = lambda m: np.abs(cross(m)) ** 2 / (into(m) * out(m))
     return found, meanings
 
