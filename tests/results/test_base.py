@@ -180,6 +180,13 @@ def test_a_page_shows_what_was_found_and_drops_no_warning(answer: Result) -> Non
     assert answer.summary().split("<")[0] in page
 
 
+def test_a_document_drops_no_warning(answer: Result) -> None:
+    # notes, hints or the documents of responses hold what a reader of these must know
+    elsewhere = {"Check", "Explanation", "Judgement", "Screening", "StructureScreening"}
+    document = json.dumps(replace(answer, warnings=("the bias is not known",)).to_dict())
+    assert ("the bias is not known" in document) == (type(answer).__name__ not in elsewhere)
+
+
 def test_an_answer_says_where_it_comes_from(answer: Result) -> None:
     several = {"Checks", "Judgement"}  # of several scenes
     if type(answer).__name__ not in several:

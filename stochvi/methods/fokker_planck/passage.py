@@ -100,8 +100,6 @@ class FirstPassage(Result):
     stochvi.first_passage : What makes it.
     """
 
-    not_in_document = ("warnings",)
-
     times: tuple[float, ...]
     probability: tuple[Estimate, ...]
     mean_time: Estimate

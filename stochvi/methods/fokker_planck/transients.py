@@ -100,7 +100,7 @@ class Transient(Result):
     stochvi.transient : What makes it.
     """
 
-    not_in_document = ("warnings", "_states")
+    not_in_document = ("_states",)
 
     times: tuple[float, ...]
     values: Moments
