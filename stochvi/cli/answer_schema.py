@@ -75,7 +75,7 @@ class Change(NamedTuple):
 
 METHOD = {"method": str}
 JUDGED = {"method": str, "passed": bool, "family_alarm_rate": float}
-COMMON_LEFT_OUT = dict.fromkeys(COMMON)
+WARNINGS_ALONE = dict.fromkeys(name for name in COMMON if name != "warnings")
 RECORD = {"record": RecordVerdict}
 
 CHANGES = {
@@ -86,7 +86,7 @@ CHANGES = {
     "Check": Change(JUDGED),
     "Checks": Change(
         JUDGED | {"summary": str, "alarms": ROWS, "scenes": Mapping[str, dict[str, Any]]},
-        renamed=COMMON_LEFT_OUT | dict.fromkeys(("checks", "seeds")),
+        renamed=WARNINGS_ALONE | dict.fromkeys(("checks", "seeds")),
     ),
     "Chance": Change({"crude_seconds": float | None}),
     "Design": Change(METHOD),
@@ -112,7 +112,7 @@ CHANGES = {
             "paths": int, "energy_boundary": float | None, "harmonic_boundary": float | None,
             "free_amplitude": float | None, "jolts": ROWS, "escape_rate": Mapping[str, float],
         },
-        renamed=COMMON_LEFT_OUT | dict.fromkeys(
+        renamed=WARNINGS_ALONE | dict.fromkeys(
             ("speeds", "captured", "resonant", "left", "watched", "resonance")
         ),
     ),
@@ -148,7 +148,7 @@ CHANGES = {
             "summary": str, "simulated_by": str, "free_of_bias": bool, "targets": list[float],
             "predictions": Mapping[str, list[Prediction]], "cost": PART,
         },
-        renamed={"elastic": None, "warnings": None, "interrupted": None},
+        renamed={"elastic": None, "interrupted": None},
     ),
 }  # fmt: skip
 """How the JSON documents of answers differ from their fields, by the names of their classes."""

@@ -127,6 +127,7 @@ class Jolts(Result):
             "free_amplitude": None if known is None else known.free_amplitude,
             "jolts": self.to_frame(),
             "escape_rate": {"value": rate, "lower": low, "upper": high},
+            "warnings": self.warnings,
         }
 
     def summary(self) -> str:

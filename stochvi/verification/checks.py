@@ -168,6 +168,7 @@ class Checks(Result):
                 }
                 for name, verdict in self.checks.items()
             },
+            "warnings": self.warnings,
         }
 
 

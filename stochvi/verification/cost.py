@@ -289,6 +289,7 @@ class WorkPrecision(Result):
             "models": self.models,
             "predictions": predictions,
             "left_out": self.left_out,
+            "warnings": self.warnings,
             "cost": {name: getattr(self.cost, name) for name in ("wall_time", "paths", "threads")},
             "provenance": self.provenance,
         }
