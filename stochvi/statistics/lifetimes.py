@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
+from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.methods.periodic.attractors import PERIODIC, Attractors
 from stochvi.methods.periodic.basins import Flown, Place
 from stochvi.methods.periodic.family import unmet
@@ -348,10 +348,7 @@ class Watch:
     def __init__(self, place: Place, known: Attractors, plan: ModalPlan) -> None:
         self.place, self.known = place, known
         period = place.period
-        if isinstance(plan, ModalTablesPlan):
-            self.plan: ModalPlan = plan.at_whole_periods(period)
-        else:
-            self.plan = plan.with_step(period / math.ceil(period / plan.step))
+        self.plan = plan.at_whole_periods(period)
         self.steps = round(BETWEEN_LOOKS * period / self.plan.step)
         slowest = max(
             (
@@ -494,14 +491,13 @@ class Group:
     def __init__(self, watch: Watch, regime: int, number: int, seed: int) -> None:
         self.watch, self.regime = watch, regime
         self.number, self.seed = number, seed
-        self.streams = np.empty((2, GROUP), np.uint64)
-        seed_streams(np.uint64(seed), number * GROUP, self.streams)
-        self.state = watch.plan.start(self.streams)
-        watch.set_sines(self.state)
-        self.motion = watch.start(regime, self.streams)
-        self.state[: len(self.motion)] = self.motion
-        self.looks, self.steps, self.blocks, self.first = 0, 0, 0, 0
-        self.free: NDArray[np.float64] | None = None
+        streams = np.empty((2, GROUP), np.uint64)
+        seed_streams(np.uint64(seed), number * GROUP, streams)
+        state = watch.plan.start(streams)
+        watch.set_sines(state)
+        motion = watch.start(regime, streams)
+        self.flight = watch.plan.flight(state, streams, motion, seed, number * GROUP)
+        self.looks, self.steps = 0, 0
         self.since = np.zeros(GROUP, np.int64)
         self.ends = np.full(GROUP, regime)
         self.left = np.zeros(GROUP, bool)
@@ -513,10 +509,11 @@ class Group:
         for _ in range(LOOKS):
             if np.all(self.left) or self.watch.place.finder.deadline.passed():
                 return
-            self._fly()
+            motion = self.flight.on(self.watch.steps)
+            self.steps += self.watch.steps * GROUP
             self.looks += 1
             here = np.flatnonzero(~self.left)
-            ends = self.watch.regimes(self.motion[:, here])
+            ends = self.watch.regimes(motion[:, here])
             if self.watch.place.finder.deadline.passed():
                 # the last states may not have been followed to a regime
                 self.looks -= 1
@@ -541,19 +538,3 @@ class Group:
         """Seconds in the regime, all paths together."""
         looks = np.where(self.left, self.left_at - 0.5, self.looks)
         return float(looks.sum()) * BETWEEN_LOOKS * self.watch.place.period
-
-    def _fly(self) -> None:
-        plan, steps = self.watch.plan, self.watch.steps
-        self.steps += steps * GROUP
-        if not isinstance(plan, ModalTablesPlan):
-            plan.counts(self.state, self.streams, steps)
-            self.motion = self.state[: len(self.motion)]
-            return
-        n2 = len(self.motion)
-        if self.free is None or self.first + steps > plan.samples:
-            # the next block of noise; the motion passes into it without a jump
-            self.free = plan.free_response(self.seed, self.number * GROUP, GROUP, self.blocks)
-            self.blocks, self.first = self.blocks + 1, 1
-            self.state[:n2] = self.motion - plan.motion_of(self.free[0])
-        self.motion = plan.fly_on(self.state, self.streams, self.free, self.first, steps)
-        self.first += steps

@@ -402,6 +402,17 @@ class ModalPlan(SteppedPlan):
             :, [self.sums_of_pair.index("n_lower"), self.sums_of_pair.index("n_upper")]
         ]
 
+    def at_whole_periods(self, period: float) -> Self:
+        """The plan with a whole number of steps in a period, s, at about the same step."""
+        return self.with_step(period / math.ceil(period / self.step))
+
+    def flight(
+        self, state: Matrix, streams: NDArray[np.uint64], motion: Matrix, seed: int, first_path: int
+    ) -> Flight:
+        """Paths first_path, first_path + 1, ... under way: from a motion (2 modes, paths), with the
+        states of their signals in `state` (states, paths)."""
+        return Flight(self, state, streams, motion)
+
     def _of_pairs(self, sums: Matrix) -> NDArray[np.float64]:
         """The sums of a kernel that belong to pairs, (pairs, sums_of_pair, paths)."""
         hits = sums[self._rows_of_pairs]
@@ -791,6 +802,22 @@ def _mean_squares(
     rows[1::3] = _squares(shapes, displacements)
     rows[2::3] = _squares(shapes, velocities)
     return rows
+
+
+class Flight:
+    """Paths that are simulated on from a motion of their own, piece by piece."""
+
+    def __init__(
+        self, plan: ModalPlan, state: Matrix, streams: NDArray[np.uint64], motion: Matrix
+    ) -> None:
+        self.plan, self.state, self.streams, self.motion = plan, state, streams, motion
+        state[: len(motion)] = motion
+
+    def on(self, steps: int) -> Matrix:
+        """Displacements and velocities of the modes (2 modes, paths) after so many more steps."""
+        self.plan.counts(self.state, self.streams, steps)
+        self.motion = self.state[: len(self.motion)]
+        return self.motion
 
 
 def _second_moments(sums: Matrix, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -34,6 +34,7 @@ from stochvi.methods.monte_carlo.kernels.modes import (
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import (
+    Flight,
     Matrix,
     ModalPlan,
     Outputs,
@@ -305,7 +306,13 @@ class ModalTablesPlan(ModalContactsPlan):
         """Displacements and velocities (2 modes, paths) of one sample of a free response."""
         return np.vstack([sample[:, 0::2], self.scale * sample[:, 1::2]])
 
-    def at_whole_periods(self, period: float) -> ModalTablesPlan:
+    def flight(
+        self, state: Matrix, streams: NDArray[np.uint64], motion: Matrix, seed: int, first_path: int
+    ) -> Flight:
+        """Paths first_path, first_path + 1, ... under way, each in blocks of its own noise."""
+        return SynthesisedFlight(self, state, streams, motion, seed, first_path)
+
+    def at_whole_periods(self, period: float) -> Self:
         """The plan with blocks of whole periods, s, of a whole number of samples each, at about the
         same sampling interval."""
         samples = next_fast_len(math.ceil(period / self.step))
@@ -433,6 +440,37 @@ class ModalTablesPlan(ModalContactsPlan):
         free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
         response: NDArray[np.float64] = free.view(np.float64)
         return response
+
+
+class SynthesisedFlight(Flight):
+    """Paths under way whose motion without stops is synthesised, a block after the other."""
+
+    plan: ModalTablesPlan
+
+    def __init__(
+        self, plan: ModalTablesPlan, state: Matrix, streams: NDArray[np.uint64], motion: Matrix,
+        seed: int, first_path: int,
+    ) -> None:  # fmt: skip
+        super().__init__(plan, state, streams, motion)
+        self.seed, self.first_path = seed, first_path
+        self.blocks, self.sample = 0, 1
+        self.free = self._next_block()
+
+    def on(self, steps: int) -> Matrix:
+        """Displacements and velocities of the modes (2 modes, paths) after so many more steps."""
+        if self.sample + steps > self.plan.samples:
+            self.free, self.sample = self._next_block(), 1
+        self.motion = self.plan.fly_on(self.state, self.streams, self.free, self.sample, steps)
+        self.sample += steps
+        return self.motion
+
+    def _next_block(self) -> NDArray[np.float64]:
+        """The motion without stops in the next block, into which the paths pass without a jump."""
+        paths = self.state.shape[1]
+        free = self.plan.free_response(self.seed, self.first_path, paths, self.blocks)
+        self.blocks += 1
+        self.state[: len(self.motion)] = self.motion - self.plan.motion_of(free[0])
+        return free
 
 
 def _has_moments(pair: Pair | None) -> bool:
