@@ -318,6 +318,15 @@ def test_a_mass_that_a_load_alone_presses_on_a_stop() -> None:
     assert abs(1.05 * area - truth) > 4.5 * error + df * float(curve.bias.sum())
 
 
+def test_nothing_is_transmitted_without_spring_and_damper() -> None:
+    box = oscillator(0.0, 1.0, 0.5).replace(
+        structure=Oscillator(mass=1.0, damping=0.0, stiffness=0.0)
+    )
+    found = spectrum(box, paths=16, threads=1)
+    assert found.curves["x"].keys() == {"displacement", "velocity", "excitation"}
+    assert "left out" in found.meanings["coherence"]
+
+
 def test_area_is_the_variance_with_stops() -> None:
     scene = oscillator(1.0, 1.0)
     found = spectrum(scene, seed=1, threads=1)

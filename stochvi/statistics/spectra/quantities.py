@@ -75,6 +75,10 @@ def quantities_of(
         shaken[-1] = 1.0
         out, cross, into = _density(carried[0]), _cross(shaken, carried[0]), _density(shaken)
         found[owner, "excitation"] = into
+        if not np.any(carried[0]):  # neither spring, damper nor a stop that gives way
+            for name in ("coherence", "transmissibility_h1", "transmissibility_ratio"):
+                meanings[name] = "left out: nothing but impacts acts on the mass"
+            return found, meanings
         found[owner, "transmissibility_h1"] = lambda m: np.abs(cross(m)) / into(m)
         # outside the band of the excitation the delta method may step to a density below zero
         found[owner, "transmissibility_ratio"] = lambda m: np.sqrt(
