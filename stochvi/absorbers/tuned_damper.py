@@ -25,6 +25,10 @@ TOLERANCE = 1e-4
 """Relative accuracy of the frequency and the damping ratio of the best damper, and of the rms
 displacement that it leaves."""
 
+OTHER_FREQUENCY = 0.2
+"""Logarithm of the frequency of the motion over that of Warburton's tuning from which the search
+for the best damper begins at both."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class TunedDamper:
@@ -44,7 +48,8 @@ class TunedDamper:
     stroke_std
         rms displacement of the damper's mass relative to the carrier, m: the room it needs.
     tuning
-        What it is tuned for: "least rms displacement" or "Den Hartog".
+        What it is tuned for: "least rms displacement" or "Den Hartog". It names the number of
+        trials where the search did not end.
 
     See Also
     --------
@@ -114,7 +119,8 @@ def tuned_damper(structure: Scene, carrier: str, mass: float) -> TunedDamper | N
     """The tuned damper of a mass on a structure without stops, under what shakes it.
 
     Under noise the damper with the least rms displacement of the carrier is found by search, which
-    begins at Warburton's tuning for white noise; the rms values are exact. A sine alone would be
+    begins at Warburton's tuning for white noise, and also at the frequency of the motion where this
+    is another, as under a narrow band; the rms values are exact. A sine alone would be
     cancelled by a damper without losses, which would fit no other frequency: under a sine the
     damper is therefore that of Den Hartog, for a structure of one coordinate.
 
@@ -173,12 +179,25 @@ def tuned_damper(structure: Scene, carrier: str, mass: float) -> TunedDamper | N
 
         def left_over(logs: Vector) -> float:
             frequency, zeta = np.exp(logs).tolist()
-            return math.log(_motion(damped(frequency, zeta), row)[0] / rms)
+            try:
+                return math.log(_motion(damped(frequency, zeta), row)[0] / rms)
+            except NotApplicable:  # a damper that loses next to nothing has no stationary motion
+                return math.inf
 
-        found = minimize(
-            left_over, np.log(np.array(start)), method="Nelder-Mead",
-            options={"xatol": TOLERANCE, "fatol": TOLERANCE},
-        )  # fmt: skip
+        starts = [start]
+        shaken = speed / rms / omega  # of a narrow band, its frequency over that of the carrier
+        if abs(math.log(shaken / start[0])) > OTHER_FREQUENCY:
+            starts.append((shaken, start[1]))
+        searches = [
+            minimize(
+                left_over, np.log(np.array(each)), method="Nelder-Mead",
+                options={"xatol": TOLERANCE, "fatol": TOLERANCE},
+            )
+            for each in starts
+        ]  # fmt: skip
+        found = min(searches, key=lambda search: float(search.fun))
+        if not found.success:
+            tuning = f"least rms displacement of {found.nfev} trials"
         frequency, zeta = np.exp(found.x).tolist()
     left, _, stroke = _motion(damped(frequency, zeta), row)
     stiffness = mass * (frequency * omega) ** 2

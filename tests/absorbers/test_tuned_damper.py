@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
-from stochvi import Isolator, Oscillator, Scene, Sine, TabulatedNoise, WhiteNoise
+from stochvi import (
+    FilteredNoise,
+    Isolator,
+    Matrices,
+    Oscillator,
+    Scene,
+    Sine,
+    TabulatedNoise,
+    WhiteNoise,
+    exact,
+)
 from stochvi.absorbers.tuned_damper import den_hartog_tuning, tuned_damper, white_noise_tuning
 
 
@@ -72,6 +82,33 @@ def test_an_environment_tunes_the_damper_to_itself() -> None:
     assert 0.5 < found.ratio < 1.0 and found.tuning == "least rms displacement"
     louder = tuned_damper(scene.at_level(6.0), "x", 0.23)
     assert louder.ratio == pytest.approx(found.ratio, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("band", "damping", "mass"), [(0.05, 0.5, 0.5), (0.5, 0.5, 0.5), (0.05, 3.0, 0.01)]
+)
+def test_no_damper_of_a_grid_is_better_under_a_narrow_band(
+    band: float, damping: float, mass: float
+) -> None:
+    noise = FilteredNoise(intensity=0.04, frequency_hz=band, zeta=0.01, on="x")
+    carrier = Oscillator(mass=1.0, damping=damping, stiffness=1.0)
+    found = tuned_damper(Scene(structure=carrier, excitations=[noise]), "x", mass)
+
+    def left(frequency_hz: float, zeta: float) -> float:
+        k = mass * (2.0 * math.pi * frequency_hz) ** 2
+        c = 2.0 * zeta * math.sqrt(k * mass)
+        both = Matrices(
+            coordinates=("x", "d"), mass=[[1.0, 0.0], [0.0, mass]],
+            damping=[[damping + c, -c], [-c, c]], stiffness=[[1.0 + k, -k], [-k, k]],
+        )  # fmt: skip
+        answer = exact(Scene(structure=both, excitations=[noise]))
+        return float(answer.coordinates["x"]["displacement_std"].value)
+
+    assert left(found.frequency_hz, found.zeta) == pytest.approx(found.displacement_std, rel=1e-6)
+    grid = [(f, zeta) for f in band * np.geomspace(0.5, 2.0, 9) for zeta in (1e-3, 0.01, 0.1, 1.0)]
+    # the search ends where the rms displacement changes by less than 1e-4 of itself
+    assert found.displacement_std < min(left(*each) for each in grid) * (1.0 + 1e-4)
+    assert found.ratio < 1.0
 
 
 def test_a_sine_takes_den_hartogs_tuning() -> None:
