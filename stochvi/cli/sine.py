@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from stochvi.cli.options import Common, Varied, common, shown, varied
 from stochvi.cli.program import main
+
+if TYPE_CHECKING:
+    from stochvi.statistics import LifeTimes
 
 
 @main.command()
@@ -169,8 +172,15 @@ def lifetimes(options: Common, scene: str, regimes: tuple[str, ...], rel_error: 
     from stochvi.views.basins import plot_lifetimes, print_lifetimes
 
     loaded = load_scene(scene)
+
+    def solve() -> LifeTimes:
+        with options.progress("lifetimes") as report:
+            return times_of(
+                loaded, regimes or None, rel_error=rel_error, progress=report, **options.sampling
+            )
+
     shown(
-        lambda: times_of(loaded, regimes or None, rel_error=rel_error, **options.sampling),
+        solve,
         lambda found: _show(options, found, print_lifetimes, plot_lifetimes, "lifetimes"),
     )
 

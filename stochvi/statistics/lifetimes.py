@@ -30,6 +30,7 @@ from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.intervals import binomial_interval, poisson_interval
 from stochvi.results.machine import usable_cores
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -210,6 +211,7 @@ def _sentence(each: LifeTime) -> str:
     )
 
 
+@shown_in_notebooks
 def lifetimes(
     scene: Scene,
     regimes: Sequence[str] | None = None,
@@ -218,6 +220,7 @@ def lifetimes(
     seed: int = 0,
     threads: int | None = None,
     budget: float = 60.0,
+    progress: Progress | None = None,
 ) -> LifeTimes:
     """How long each regime under a sine lasts in the noise of the scene, and where paths then go.
 
@@ -240,6 +243,8 @@ def lifetimes(
         Number of threads, by default that of the cores.
     budget
         Seconds of wall time, without that in which kernels are compiled.
+    progress
+        Called now and then with the fraction done and a sentence.
 
     Returns
     -------
@@ -291,6 +296,9 @@ def lifetimes(
         with ThreadPoolExecutor(number) as pool:
             while not deadline.passed():
                 behind = [of for of in groups if _left(of) < wanted]
+                if progress and behind:
+                    least = min(map(_left, behind))
+                    progress(least / wanted, f"{least} of {wanted} paths have left each regime")
                 waiting = [group for of in behind for group in of if not np.all(group.left)]
                 if not waiting:
                     break

@@ -92,10 +92,15 @@ def test_tabulated_noise_of_one_level_is_white() -> None:
     table = TabulatedNoise(
         density=[2.0 * NOISE] * 2, frequency_hz=[0.5, 400.0], unit="N^2/Hz", on="x"
     )
+    done: list[float] = []
     one, other = (
-        lifetimes(mount(noise), [REST], rel_error=0.2, threads=1).regimes[0]
+        lifetimes(
+            mount(noise), [REST], rel_error=0.2, threads=1,
+            progress=lambda share, _: done.append(share),
+        ).regimes[0]
         for noise in (WhiteNoise(intensity=NOISE), table)
-    )
+    )  # fmt: skip
+    assert 0.0 in done and 0.0 < max(done) < 1.0
     error = math.sqrt(1.0 / one.left + 1.0 / other.left)
     assert one.life_time is not None and other.life_time is not None
     assert abs(math.log(one.life_time / other.life_time)) < 4.0 * error
