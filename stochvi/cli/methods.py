@@ -184,7 +184,8 @@ def average(options: Common, scene: str, variant: str) -> None:
 @click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster, as tcp://host:8786.")
 @click.option(
     "--budget", type=TIME, metavar="TIME",
-    help=f"Give up (exit 1) after this [{BUDGET:g}; none with --paths, --checkpoint, --resume].",
+    help=f"Give up (exit 1) after this time [{BUDGET:g}; none with --paths, --checkpoint, "
+    "--resume].",
 )  # fmt: skip
 @click.option("--seed", type=int, help="Seed: same seed, same digits [0].")
 @common("threads", "json", "out", "quiet")

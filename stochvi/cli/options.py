@@ -278,7 +278,7 @@ OPTIONS = {
     ),
     "open budget": click.option(
         "--budget", type=TIME, metavar="TIME",
-        help=f"Give up (exit 1) after this [{BUDGET:g}; none with --paths].",
+        help=f"Give up (exit 1) after this time [{BUDGET:g}; none with --paths].",
     ),
     "force": click.option(
         "--force", is_flag=True, help="Replace the report of another scene or question in --out."

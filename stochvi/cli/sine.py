@@ -61,7 +61,7 @@ def sine(
 @click.argument("scene")
 @click.option(
     "--start", "sides", multiple=True, metavar="NAME=FIRST:LAST:NUMBER",
-    help="Twice: the starts, as displacement.x=-1mm:1mm:300 and velocity.x=-0.5:0.5:300.",
+    help="Starts along one axis of the map, as displacement.x=-1mm:1mm:300; give it for both axes.",
 )  # fmt: skip
 @click.option(
     "--phase", type=float, default=0.0, show_default=True,
