@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,12 @@ from stochvi.methods.monte_carlo.kernels.impact_log import NO_RECORD, Log
 from stochvi.methods.monte_carlo.kernels.modal_contacts import Contacts
 from stochvi.methods.monte_carlo.kernels.modal_stops import MOST_SWEEPS, Resets
 from stochvi.methods.monte_carlo.kernels.modes import (
-    Largest,
+    ModalPaths,
     ModalSteps,
+    Outputs,
     Passes,
     SmoothResponse,
+    Steps,
     Table,
     run_modes,
 )
@@ -97,22 +99,8 @@ SUMS_OF_PAIR = tuple(f"{what}_{side}" for side in ("lower", "upper") for what in
 the sum f2 of their squares, at either stop. There are ROWS_OF_PAIR of them."""
 
 
-class Steps(NamedTuple):
-    """How many steps paths are simulated on: those before counting starts, those that count, and
-    those from one sample of the moments to the next."""
-
-    burn_in: int
-    counted: int
-    stride: int
-
-
-class Outputs(NamedTuple):
-    """What a kernel writes besides its sums, each None where it is not wanted: the states of every
-    step, every impact, and the largest accelerations."""
-
-    record: NDArray[np.float64] | None = None
-    log: Log | None = None
-    largest: Largest | None = None
+NO_OUTPUTS = Outputs()
+"""The outputs of a kernel that adds up alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -302,7 +290,7 @@ class ModalPlan(SteppedPlan):
         sums = np.zeros((self._rows_with_controls, paths))
         stride = self._stride
         burn_in = 0 if record is not None else self._burn_in_steps
-        outputs = Outputs(record=record, log=log)
+        outputs = Outputs(NO_RECORD if record is None else record, log)
         self._advance(state, streams, sums, Steps(burn_in, self.steps, stride), outputs)
         return self._physical(self._averaged(sums, math.ceil(self.steps / stride)))
 
@@ -374,15 +362,12 @@ class ModalPlan(SteppedPlan):
 
     def _advance(
         self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix, steps: Steps,
-        outputs: Outputs | None = None, tables: SmoothResponse | None = None,
+        outputs: Outputs = NO_OUTPUTS, tables: SmoothResponse | None = None,
     ) -> None:  # fmt: skip
         """Simulate the paths on, and add the counted steps to `sums`."""
-        record, log, largest = outputs or Outputs()
-        run_modes(
-            state, streams, sums, self._kernel_constants, tables, self._contact_constants,
-            None if self._pulls is None else _table(self._pulls), *steps,
-            NO_RECORD if record is None else record, log, largest, stop_flag(),
-        )  # fmt: skip
+        paths = ModalPaths(state, streams, sums)
+        constants = self._kernel_constants, tables, self._contact_constants
+        run_modes(paths, *constants, steps, outputs, stop_flag())
         check_flag()
 
     @property
@@ -581,6 +566,7 @@ class ModalPlan(SteppedPlan):
             bends=_table(curvature),
             impact=_table(impact),
             kicks=_table(speed_drawn if modes.kicked else speed_drawn[:0]),
+            pulls=_table(np.zeros((0, 2 * n)) if self._pulls is None else self._pulls),
         )
         return ModalSteps(
             step=h,

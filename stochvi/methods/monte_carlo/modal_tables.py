@@ -26,10 +26,12 @@ from stochvi.mathematics.frequency_response import (
     covariance,
     eigenvalues,
 )
-from stochvi.methods.monte_carlo.kernels.impact_log import Log
+from stochvi.methods.monte_carlo.kernels.impact_log import NO_RECORD, Log
 from stochvi.methods.monte_carlo.kernels.modes import (
     Largest,
+    Outputs,
     SmoothResponse,
+    Steps,
     fill_modal_spectrum,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
@@ -37,8 +39,6 @@ from stochvi.methods.monte_carlo.modal import (
     Flight,
     Matrix,
     ModalPlan,
-    Outputs,
-    Steps,
     Vector,
     _second_moments,
     _squares,
@@ -201,12 +201,12 @@ class ModalTablesPlan(ModalContactsPlan):
             state[:n] += before
             state = self.between_stops(state)
             state[:n] -= before
-            block_record = None
+            block_record = NO_RECORD
             if record is not None:
                 block_record = record[number * counted : (number + 1) * counted]
             if log is not None:
                 log = log._replace(start=number * counted * self.step)
-            outputs = Outputs(record=block_record, log=log, largest=largest)
+            outputs = Outputs(block_record, log, largest)
             self._advance(state, streams, sums, steps, outputs, self._smooth(free))
         return self._physical(self._averaged(sums, math.ceil(counted / stride) * self.blocks))
 

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from stochvi.methods.monte_carlo.kernels.compliant_response import stop_force
 from stochvi.methods.monte_carlo.kernels.contact import RIGID
 from stochvi.methods.monte_carlo.kernels.fused import fma
-from stochvi.methods.monte_carlo.kernels.impact_log import page_of
+from stochvi.methods.monte_carlo.kernels.impact_log import NO_RECORD, Log, page_of
 from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass
 from stochvi.methods.monte_carlo.kernels.modal_contacts import Accelerations, make_workspace
 from stochvi.methods.monte_carlo.kernels.modal_stops import (
@@ -67,6 +67,8 @@ class Passes(NamedTuple):
         the time left.
     kicks : what the noise of a kick adds to the modal velocities, from normals; no rows where there
         are no kicks.
+    pulls : modal forces alpha of springs and dampers, from q and p; no rows where nobody asks for
+        accelerations.
     """
 
     states: Table
@@ -81,6 +83,7 @@ class Passes(NamedTuple):
     bends: Table
     impact: Table
     kicks: Table
+    pulls: Table
 
 
 class ModalSteps(NamedTuple):
@@ -126,6 +129,39 @@ class SmoothResponse(NamedTuple):
     half_kick: Table
 
 
+class ModalPaths(NamedTuple):
+    """State of the paths that a kernel advances, and the sums that it adds to.
+
+    Parameters
+    ----------
+    state : (states, paths), q, p and signals at the start, replaced by those at the end.
+    streams : (2, paths), random streams, advanced.
+    sums : (rows, paths), added to: q; q q' and p p' by rows of the upper triangle; then the rows of
+        each pair, ROWS_OF_CONTACT_PAIR where stops give way, else ROWS_OF_PAIR; with `Passes.pulls`
+        alpha and the upper triangle of alpha alpha', contact forces included. Where there are more
+        rows, they are added to from: `add_noise`, if there are kicks; moments of Y, and its
+        passages (`add_passages`), if there are tables.
+    """
+
+    state: NDArray[np.float64]
+    streams: NDArray[np.uint64]
+    sums: NDArray[np.float64]
+
+
+class Steps(NamedTuple):
+    """How many steps paths are advanced by.
+
+    Parameters
+    ----------
+    burn_in, counted : numbers of steps: first those that are not counted, then those that are.
+    stride : number of steps from one sample of the moments to the next; samples precede the kick.
+    """
+
+    burn_in: int
+    counted: int
+    stride: int
+
+
 class Largest(NamedTuple):
     """Largest absolute accelerations in the contacts of the counted part of paths.
 
@@ -137,6 +173,22 @@ class Largest(NamedTuple):
 
     rows: NDArray[np.float64]
     table: NDArray[np.float64]
+
+
+class Outputs(NamedTuple):
+    """What a kernel writes besides its sums; by default nothing.
+
+    Parameters
+    ----------
+    record : zeros (steps, paths, 2 modes + pairs), which get q, p and the signed impact speeds of
+        every counted step; without samples there is no record.
+    log : None, or a `Log`, which gets the impacts in the counted steps.
+    largest : None, or `Largest`, where there are tables and no kicks, and `Passes.pulls`.
+    """
+
+    record: NDArray[np.float64] = NO_RECORD
+    log: Log | None = None
+    largest: Largest | None = None
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
@@ -322,6 +374,14 @@ def add_contact_pulls(pulled, y, v, stops, contacts):
 
 
 @numba.njit(cache=True, error_model="numpy")
+def number_of(largest):
+    """Number of accelerations of which the largest is wanted."""
+    if largest is None:
+        return 0
+    return largest.rows.shape[0]
+
+
+@numba.njit(cache=True, error_model="numpy")
 def accelerations_of(largest, path, counted, spare, ends, before, after, lane):
     """The part of `largest` for one path in one step; `spare` gets those that are not counted.
 
@@ -337,39 +397,28 @@ def accelerations_of(largest, path, counted, spare, ends, before, after, lane):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def run_modes(
-    state, streams, sums, structure, tables, contacts, pulls, burn_in, steps, stride, record, log,
-    largest, flag,
-):  # fmt: skip
-    """Advance every path by burn_in + steps steps, and add up the last `steps`.
+def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
+    """Advance every path, and add up the counted steps.
 
     Parameters
     ----------
-    state : (states, paths) q, p and signals at the start, replaced by those at the end.
-    streams : (2, paths) random streams, advanced.
-    sums : (rows, paths), added to: q; q q' and p p' by rows of the upper triangle; then the rows of
-        each pair; then those of `pulls`. Moments are taken every `stride` steps, before the kick.
-        Where there are more rows, they are added to from: `add_noise`, if there are kicks; moments
-        of Y, and its passages (`add_passages`), if there are tables.
+    paths : `ModalPaths`.
     structure : `ModalSteps`.
     tables : None, or `SmoothResponse`.
-    contacts : None, or `modal_contacts.Contacts`; pairs then have ROWS_OF_CONTACT_PAIR rows, else
-        ROWS_OF_PAIR.
-    pulls : None, or the table of a matrix pass from q and p to the modal forces alpha of springs
-        and dampers; alpha and the upper triangle of alpha alpha', contact forces included, are
-        then added up, modes + modes (modes + 1) / 2 rows.
-    record : zeros (steps, paths, 2 modes + pairs), which get q, p and the signed impact speeds of
-        every counted step. Without samples there is no record.
-    log : None, or an `impact_log.Log`, which gets the impacts in the counted steps.
-    largest : None, or `Largest`, where there are tables and no kicks, and `pulls`.
+    contacts : None, or `modal_contacts.Contacts`.
+    steps : `Steps`.
+    outputs : `Outputs`.
     flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
         result.
     """
+    state, streams, sums = paths
+    burn_in, counted_steps, stride = steps
+    record, log, largest = outputs
     step, modes, passes = structure.step, structure.modes, structure.passes
     stops, margins, resets = structure.stops, structure.margins, structure.resets
     origins, normals = structure.origins, passes.normals
-    states, paths = state.shape
-    width = min(LANES, paths)
+    states, count_of_paths = state.shape
+    width = min(LANES, count_of_paths)
     pairs = stops.shape[0]
     moments = modes + modes * (modes + 1)
     rows = ROWS_OF_PAIR if contacts is None else ROWS_OF_CONTACT_PAIR
@@ -382,7 +431,8 @@ def run_modes(
     a0, a1 = np.zeros((pairs, width)), np.zeros((pairs, width))
     marks, index = np.zeros(width), np.zeros(width + 1, np.int64)
     first_pull = moments + rows * pairs
-    first_noise = first_pull + (0 if pulls is None else modes + modes * (modes + 1) // 2)
+    pulling = passes.pulls[0].shape[0] > 1
+    first_noise = first_pull + (modes + modes * (modes + 1) // 2 if pulling else 0)
     controlled = sums.shape[0] > first_noise
     kicked = np.zeros((passes.kicks[0].shape[0] - 1, width))
     crossings = structure.crossed.shape[0] if kicked.shape[0] > 0 else 0
@@ -391,9 +441,8 @@ def run_modes(
     local = np.zeros((sums.shape[0], width))
     pulled, pushing = np.zeros((modes, width)), np.zeros((pairs, width))
     pull_0, pull_1 = np.zeros((modes, width)), np.zeros((modes, width))
-    ends, spare = np.zeros((2, modes)), np.zeros(0)
-    if largest is not None:
-        spare = np.zeros(largest.rows.shape[0])
+    ends, spare = np.zeros((2, modes)), np.zeros(number_of(largest))
+    following = spare.shape[0] > 0
     hits, gaps, work = np.zeros((pairs, rows)), np.zeros((pairs, 6)), make_workspace(pairs, modes)
     peaks = np.zeros((width, pairs, 2))
     c = np.zeros((10, width))
@@ -406,8 +455,8 @@ def run_modes(
     smooth, total = np.zeros((2 * modes, width)), np.zeros((2 * modes, width))
     s0, s1 = np.zeros((pairs, width)), np.zeros((pairs, width))
     r0, r1 = np.zeros((pairs, width)), np.zeros((pairs, width))
-    for start in range(0, paths, LANES):
-        lanes = min(LANES, paths - start)
+    for start in range(0, count_of_paths, LANES):
+        lanes = min(LANES, count_of_paths - start)
         local[:] = 0.0
         peaks[:] = 0.0
         for i in range(lanes):
@@ -422,10 +471,10 @@ def run_modes(
             matrix_pass(s0, 0.0, smooth, passes.gaps, width)
             matrix_pass(r0, 0.0, smooth, passes.speeds, width)
             add_to(y0, s0)
-        if largest is not None:
+        if following:
             add_up(total, old, smooth)
-            matrix_pass(pull_0, 0.0, total, pulls, width)
-        for number in range(-burn_in, steps):
+            matrix_pass(pull_0, 0.0, total, passes.pulls, width)
+        for number in range(-burn_in, counted_steps):
             if flag[0] != 0:
                 break
             counted = number >= 0
@@ -458,9 +507,9 @@ def run_modes(
                     lower, upper = stops[j, 0, 0] + margins[j], stops[j, 1, 0] - margins[j]
                     mark_near_stops(y0, v0, y1, v1, j, third, lower, upper, marks)
                 count = gather_marked(marks, lanes, index)
-                if largest is not None:
+                if following:
                     add_up(total, new, smooth)
-                    matrix_pass(pull_1, 0.0, total, pulls, width)
+                    matrix_pass(pull_1, 0.0, total, passes.pulls, width)
                 if count > 0:
                     matrix_pass(a0, 0.0, old, passes.bends_kicked, width)
                     matrix_pass(a1, 0.0, new, passes.bends, width)
@@ -499,9 +548,9 @@ def run_modes(
                 s0, s1 = s1, s0
                 r0, r1 = r1, r0
             old, new = new, old
-            if largest is not None:
+            if following:
                 add_up(total, old, smooth)
-                matrix_pass(pull_0, 0.0, total, pulls, width)
+                matrix_pass(pull_0, 0.0, total, passes.pulls, width)
             if counted:
                 if number % stride == 0:
                     if tables is None:
@@ -514,11 +563,11 @@ def run_modes(
                         add_moments(local, modes, total, origins)
                         if controlled:
                             add_moments(local[first_free:], modes, smooth, rest)
-                    if pulls is not None:
+                    if pulling:
                         if tables is None:
-                            matrix_pass(pulled, 0.0, old, pulls, width)
+                            matrix_pass(pulled, 0.0, old, passes.pulls, width)
                         else:
-                            matrix_pass(pulled, 0.0, total, pulls, width)
+                            matrix_pass(pulled, 0.0, total, passes.pulls, width)
                         if contacts is not None:  # noqa: SIM102 - left out when compiled
                             if pairs > 0:
                                 matrix_pass(pushing, 0.0, old, passes.speeds, width)
