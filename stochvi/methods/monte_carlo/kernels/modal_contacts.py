@@ -109,6 +109,35 @@ class Workspace(NamedTuple):
     quintics: NDArray[np.float64]
 
 
+class PathEnd(NamedTuple):
+    """The end of a step of one path, which impacts and contacts change.
+
+    Parameters
+    ----------
+    state : (states, paths), whose column `lane` is the end of the step.
+    lane : number of the path.
+    gaps : (pairs, 6), value, slope and curvature of every gap at both ends of what is left of the
+        step.
+    """
+
+    state: NDArray[np.float64]
+    lane: int
+    gaps: NDArray[np.float64]
+
+
+class Tally(NamedTuple):
+    """What the impacts and contacts of one path add up to.
+
+    Parameters
+    ----------
+    peaks : (pairs, 2), the largest forces so far of contacts that last from step to step.
+    sums : (pairs, ROWS_OF_PAIR), with contacts (pairs, ROWS_OF_CONTACT_PAIR), added to.
+    """
+
+    peaks: NDArray[np.float64]
+    sums: NDArray[np.float64]
+
+
 class Accelerations(NamedTuple):
     """Largest absolute accelerations of a path in a step with contacts.
 
@@ -362,9 +391,11 @@ def shorter_for_hertz(h, gap, inside, stops, contacts):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def add_contacts(h, gap, at_stop, inside, stops, contacts, peaks, sums):
+def add_contacts(h, work, stops, contacts, tally):
     """Add impulse, dissipated energy, duration and peak force of a sub-step of all contacts."""
+    gap, at_stop, inside = work.gap, work.at_stop, work.inside
     kinds, data = contacts.kinds, contacts.data
+    peaks, sums = tally
     for j in range(stops.shape[0]):
         for which in range(2):
             if inside[j, which] == 0:
@@ -413,8 +444,9 @@ def move_forces(found, share):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def apply_event(work, elapsed, step, pair, upper, stops, contacts, peaks, sums, page):
+def apply_event(work, elapsed, step, pair, upper, stops, contacts, tally, page):
     """Begin or end a contact, or apply an impact on a rigid stop, `elapsed` s into the step."""
+    peaks, sums = tally
     modal, gap, inside = work.modal, work.gap, work.inside
     kinds = contacts.kinds
     rows, shares = contacts.gaps, contacts.shares
@@ -464,7 +496,7 @@ def start_next_sub_step(modal, gap, at_stop):
 
 @numba.njit(cache=True, error_model="numpy")
 def integrate_contacts(
-    gaps, span, start, step, work, stops, contacts, peaks, accelerations, sums, page
+    gaps, span, start, step, work, stops, contacts, accelerations, tally, page
 ):  # fmt: skip
     """Contacts until all have ended or the span is over; returns the time that this took, s.
 
@@ -499,14 +531,14 @@ def integrate_contacts(
                     break
                 h = following
             ends = False
-        add_contacts(h, gap, at_stop, inside, stops, contacts, peaks, sums)
+        add_contacts(h, work, stops, contacts, tally)
         t = span if ends else t + h
         if accelerations is not None:
             update_accelerations(accelerations, t / span, modal, A_4)
         start_next_sub_step(modal, gap, at_stop)
         if s > 1.0:
             continue
-        apply_event(work, start + t, step, pair, upper, stops, contacts, peaks, sums, page)
+        apply_event(work, start + t, step, pair, upper, stops, contacts, tally, page)
         events += 1
         if events >= MOST_BOUNCES and contacts.kinds[pair, upper] == RIGID:
             resting[pair, upper] = 1.0
@@ -525,8 +557,9 @@ def integrate_contacts(
 
 
 @numba.njit(cache=True, error_model="numpy")
-def decay_freely(state, lane, gaps, t, span, work, terms, contacts, accelerations):
+def decay_freely(end, t, span, work, terms, contacts, accelerations):
     """Start the gaps at t, where contacts ended; add the free decay of d and r to all ends."""
+    state, lane, gaps = end
     modal, gap, q = work.modal, work.gap, work.quintics
     squares, damping, rows = contacts.squares, contacts.damping, contacts.gaps
     count = squares.shape[0]

@@ -236,8 +236,9 @@ def move_start(gaps, j, t, span):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def apply_reset(state, lane, gaps, pair, change, span, resets):
+def apply_reset(end, pair, change, span, resets):
     """Change the speed of a pair by `change`, m/s, `span` seconds before the end of the step."""
+    state, lane, gaps = end
     series, at_once, later = resets.states, resets.at_once, resets.later
     terms = series.shape[2]
     for row in range(series.shape[1]):
@@ -256,7 +257,7 @@ def apply_reset(state, lane, gaps, pair, change, span, resets):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def put_on_stop(state, lane, gaps, pair, stop, side, resets):
+def put_on_stop(end, pair, stop, side, resets):
     """Move a gap that ends beyond a stop onto it; returns the speed taken away, m/s, or 0.
 
     A force that holds y on the stop over the rest r of a step changes the speed by -a r and the
@@ -264,6 +265,7 @@ def put_on_stop(state, lane, gaps, pair, stop, side, resets):
     taken away in that direction; where damping is part of the flow, the speed that it took from the
     motion beyond the stop is given back.
     """
+    state, lane, gaps = end
     series, at_once = resets.states, resets.at_once
     beyond = side * (gaps[pair, 3] - stop)
     if beyond < 0.0:
@@ -282,24 +284,21 @@ def put_on_stop(state, lane, gaps, pair, stop, side, resets):
 
 
 @numba.njit(cache=True, error_model="numpy")
-def step_with_stops(
-    state, lane, gaps, step, stops, resets, contacts, peaks, accelerations, work, sums, page=None
-):  # fmt: skip
+def step_with_stops(end, step, stops, resets, contacts, accelerations, work, tally, page=None):
     """One step of one path with any number of contacts and impacts on any pair.
 
     Parameters
     ----------
-    state : (states, paths), whose column `lane` is the end of the step, which is changed.
-    gaps : (pairs, 6), value, slope and curvature of every gap at both ends of the step.
+    end : `modal_contacts.PathEnd`, changed.
     stops : (pairs, 2, 3), position (infinite for none), restitution and speed threshold of the
         lower and the upper stop of each pair.
     contacts : None where all stops are rigid, else their `modal_contacts.Contacts`.
-    peaks : (pairs, 2), the largest forces so far of contacts that last from step to step.
     accelerations : None, or `modal_contacts.Accelerations`, which see contacts alone.
     work : `modal_contacts.Workspace`, overwritten.
-    sums : (pairs, ROWS_OF_PAIR), with contacts (pairs, ROWS_OF_CONTACT_PAIR), added to.
+    tally : `modal_contacts.Tally`, added to.
     page : None, or part of a log.
     """
+    gaps, sums = end.gaps, tally.sums
     pairs = gaps.shape[0]
     span = step
     work.resting[:] = 0.0
@@ -311,13 +310,10 @@ def step_with_stops(
             if touching:
                 start = step - span
                 t = integrate_contacts(
-                    gaps, span, start, step, work, stops, contacts, peaks, accelerations, sums,
-                    page,
-                )  # fmt: skip
-                decay_freely(
-                    state, lane, gaps, t, span, work, resets.states.shape[2], contacts,
-                    accelerations,
-                )  # fmt: skip
+                    gaps, span, start, step, work, stops, contacts, accelerations, tally, page
+                )
+                terms = resets.states.shape[2]
+                decay_freely(end, t, span, work, terms, contacts, accelerations)
                 span -= t
                 touching = False
                 if span <= 0.0:
@@ -353,30 +349,31 @@ def step_with_stops(
                 work.inside[pair, upper] = 1
                 touching = True
                 continue
-        apply_reset(state, lane, gaps, pair, -side * (1.0 + restitution) * w, span, resets)
+        apply_reset(end, pair, -side * (1.0 + restitution) * w, span, resets)
         gaps[pair, 1] = -side * restitution * w
         pressing = side * gaps[pair, 2]
         rests = (pressing > 0.0) & (restitution * w <= RESTING * pressing * step)
         if rests or bounces >= MOST_BOUNCES - 2 * pairs:
             work.resting[pair, upper] = 1.0
-            taken = put_on_stop(state, lane, gaps, pair, stop, side, resets)
+            taken = put_on_stop(end, pair, stop, side, resets)
             sums[pair, 3 * upper + 1] += taken / (1.0 + restitution)
-    keep_between_stops(state, lane, gaps, stops, resets, contacts, sums)
+    keep_between_stops(end, stops, resets, contacts, sums)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def keep_between_stops(state, lane, gaps, stops, resets, contacts, sums):
+def keep_between_stops(end, stops, resets, contacts, sums):
     """Move the gaps that end beyond rigid stops onto them.
 
     A mass that is moved onto one stop may come to lie beyond another, hence several passes.
     """
+    gaps = end.gaps
     for _ in range(MOST_SWEEPS):
         moved = False
         for j in range(gaps.shape[0]):
             for which in range(2):
                 side, stop = 2.0 * which - 1.0, stops[j, which, 0]
                 if is_rigid(contacts, j, which) and side * (gaps[j, 3] - stop) > 0.0:
-                    taken = put_on_stop(state, lane, gaps, j, stop, side, resets)
+                    taken = put_on_stop(end, j, stop, side, resets)
                     sums[j, 3 * which + 1] += taken / (1.0 + stops[j, which, 1])
                     gaps[j, 3] = stop
                     moved = True

@@ -33,7 +33,12 @@ from stochvi.methods.monte_carlo.kernels.contact import RIGID
 from stochvi.methods.monte_carlo.kernels.fused import fma
 from stochvi.methods.monte_carlo.kernels.impact_log import NO_RECORD, Log, page_of
 from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass
-from stochvi.methods.monte_carlo.kernels.modal_contacts import Accelerations, make_workspace
+from stochvi.methods.monte_carlo.kernels.modal_contacts import (
+    Accelerations,
+    PathEnd,
+    Tally,
+    make_workspace,
+)
 from stochvi.methods.monte_carlo.kernels.modal_stops import (
     LaneArrays,
     Resets,
@@ -527,12 +532,13 @@ def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
                         gaps[j, 0], gaps[j, 1], gaps[j, 2] = y0[j, i], v0[j, i], a0[j, i]
                         gaps[j, 3], gaps[j, 4], gaps[j, 5] = y1[j, i], v1[j, i], a1[j, i]
                     hits[:] = 0.0
+                    own = accelerations_of(
+                        largest, start + i, counted, spare, ends, pull_0, pull_1, i
+                    )
+                    page = page_of(log, start + i, number, step)
                     step_with_stops(
-                        new, i, gaps, step, stops, resets, contacts, peaks[i],
-                        accelerations_of(
-                            largest, start + i, counted, spare, ends, pull_0, pull_1, i
-                        ),
-                        work, hits, page_of(log, start + i, number, step),
+                        PathEnd(new, i, gaps), step, stops, resets, contacts, own, work,
+                        Tally(peaks[i], hits), page,
                     )  # fmt: skip
                     for j in range(pairs):
                         y1[j, i] = gaps[j, 3]
