@@ -13,10 +13,10 @@ In a test suite of one's own pytest knows the fixture `stochvi_judge`:
 """
 
 from stochvi.verification.testing.agreement import assert_agrees
-from stochvi.verification.testing.answers import known_answers
 from stochvi.verification.testing.documents import read_problem
 from stochvi.verification.testing.files import judge_file
 from stochvi.verification.testing.judging import Finding, Judgement, as_response, judge
+from stochvi.verification.testing.known_answers import known_answers
 from stochvi.verification.testing.problems import Problem, problem_of
 
 __all__ = [

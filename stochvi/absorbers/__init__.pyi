@@ -1,7 +1,7 @@
 from .design import Design, design_absorber
-from .harmonic import SymmetricRegime, residual_vibration, symmetric_regimes, tuned_force
 from .performance import AbsorberReport, absorber
 from .sine import AbsorberSine, ResidualCurve, absorber_sine
+from .sine_formulas import SymmetricRegime, residual_vibration, symmetric_regimes, tuned_force
 from .tuned_damper import TunedDamper, tuned_damper
 
 __all__ = [

@@ -15,7 +15,7 @@ import pandas as pd
 
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
-from stochvi.isolators.sizing.chances import Gap
+from stochvi.isolators.sizing.chance_at_stops import Gap
 from stochvi.methods.periodic.answer import Jump
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.methods.replay.answer import CoordinateReplay, PairReplay

@@ -52,7 +52,7 @@ def checked_targets(options: Common, given: Mapping[str, Any]) -> Iterator[None]
 
     Within the `with` block no answer replaces a file that the command reads.
     """
-    from stochvi.cli.targets import (
+    from stochvi.cli.writable_targets import (
         check_apart,
         check_file_target,
         check_folder_target,
@@ -122,9 +122,9 @@ class Common:
     def origin(self, scene: str, provenance: Mapping[str, Any]) -> Origin:
         """The origin that a report states: this command, its scene file and the files it names."""
         from stochvi.cli.program import COMMAND_LINE
-        from stochvi.cli.targets import inputs_of
+        from stochvi.cli.writable_targets import inputs_of
         from stochvi.results.origin import digests, origin_of
-        from stochvi.scenes.text import read_text
+        from stochvi.scenes.text_tables import read_text
 
         return replace(
             origin_of(provenance),

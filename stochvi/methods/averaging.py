@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from stochvi.model.build_response import StationaryMoments
 from stochvi.model.coverage import beyond_one_oscillator, not_white, without_dissipation
 from stochvi.model.energy_law import (
     CONTINUOUS,
@@ -18,7 +19,6 @@ from stochvi.model.energy_law import (
 )
 from stochvi.model.gap import Gap
 from stochvi.model.model import Model, model_of
-from stochvi.model.responses import StationaryMoments
 from stochvi.results.errors import NotApplicable
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene

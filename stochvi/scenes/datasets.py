@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from stochvi.results.errors import SceneError
-from stochvi.scenes.text import read_table
+from stochvi.scenes.text_tables import read_table
 
 
 @dataclass(frozen=True, kw_only=True)

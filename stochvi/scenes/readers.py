@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.units import UNITS, Unit, listed_units, unit
 from stochvi.results.errors import SceneError
-from stochvi.scenes.text import TextTable, check_file, read_text_table
+from stochvi.scenes.text_tables import TextTable, check_file, read_text_table
 
 Vector = NDArray[np.float64]
 

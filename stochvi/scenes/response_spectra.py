@@ -11,7 +11,7 @@ import numpy as np
 from stochvi.mathematics.units import unit
 from stochvi.results.errors import SceneError
 from stochvi.scenes.readers import LARGEST_DATA_FILE, Columns
-from stochvi.scenes.text import decoded
+from stochvi.scenes.text_tables import decoded
 
 HEADING = ("of", "quantity", "frequency_hz", "value", "standard_error", "unit")
 """Names of the columns of a `spectrum.csv` that are read; the file has more columns."""

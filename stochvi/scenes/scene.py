@@ -33,7 +33,7 @@ from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelas
 from stochvi.scenes.impact_laws.rubber_data import AS_WRITTEN
 from stochvi.scenes.rigid_body import AXES, RigidBody, Triple
 from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
-from stochvi.scenes.text import read_text
+from stochvi.scenes.text_tables import read_text
 from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, given
 from stochvi.scenes.vehicles import QuarterCar
 

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import qmc
 
-from stochvi.methods.linearisation import boxes
+from stochvi.methods.linearisation import loose_mass
 from stochvi.model.model import model_of
 
 POINTS, HELD_OUT = 64, 32
@@ -37,7 +37,7 @@ def cells(number: int, seed: int) -> list[dict]:
     found = []
     for point in qmc.Sobol(4, rng=np.random.default_rng(seed)).random(number).tolist():
         cell = dict(cases.BASIC)
-        for place, (name, (low, high)) in zip(point, boxes.RANGES.items(), strict=False):
+        for place, (name, (low, high)) in zip(point, loose_mass.RANGES.items(), strict=False):
             cell[name] = round(math.exp(math.log(low) + place * math.log(high / low)), 6)
         found.append(cell | {"restitution": round(point[3], 4)})
     return found
@@ -60,12 +60,15 @@ def simulated(part: str, cell: dict) -> dict:
 def compared(row: dict) -> dict:
     """Errors of the linearisation, enlarged by those of the simulation."""
     cell = {name: row[name] for name in cases.BASIC}
-    box = boxes.box_of(model_of(cases.boxed(cell)))
+    box = loose_mass.box_of(model_of(cases.boxed(cell)))
     if box is None:
         return {}
-    own = boxes.moments(box)
+    own = loose_mass.moments(box)
     found = {name: row[name] for name in ("part", "mass_ratio", "play_in_sigma", "zeta")}
-    found |= {"restitution": row["restitution"], "gain": round(boxes.gain(box, own["velocity"]), 4)}
+    found |= {
+        "restitution": row["restitution"],
+        "gain": round(loose_mass.gain(box, own["velocity"]), 4),
+    }
     for name in QUANTITIES:
         value = own[name] if name in ("f1", "f2") else math.sqrt(own[name])
         unsure = SURE * row[f"{name}_error"] + row[f"{name}_bias"]
@@ -78,9 +81,9 @@ def covered(errors: pd.DataFrame) -> pd.DataFrame:
     held_out = errors[errors["part"] == "held out"]
     rows = []
     for _, row in held_out.iterrows():
-        cell = cases.BASIC | {name: row[name] for name in (*boxes.RANGES, "restitution")}
-        box = boxes.box_of(model_of(cases.boxed(cell)))
-        bounds = boxes.errors(box, boxes.moments(box)["velocity"])
+        cell = cases.BASIC | {name: row[name] for name in (*loose_mass.RANGES, "restitution")}
+        box = loose_mass.box_of(model_of(cases.boxed(cell)))
+        bounds = loose_mass.errors(box, loose_mass.moments(box)["velocity"])
         rows.append({name: (row[f"{name}_off"], bounds[name]) for name in QUANTITIES})
     return pd.DataFrame(
         {name: {"covered": np.mean([row[name][0] <= row[name][1] for row in rows]),

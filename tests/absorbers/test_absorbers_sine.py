@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from stochvi.absorbers import residual_vibration, symmetric_regimes, tuned_force
-from stochvi.absorbers.harmonic import SymmetricRegime
+from stochvi.absorbers.sine_formulas import SymmetricRegime
 
 SCENE = {
     "mass": 1.0, "damping": 0.02, "stiffness": 1.0, "absorber_mass": 0.05, "play": 2.0,

@@ -8,7 +8,7 @@ import pytest
 from stochvi import ConstantLoad, Elastic, Isolator, NotApplicable, Restitution, Viscoelastic
 from stochvi.isolators.screening import screen
 from stochvi.isolators.sizing.clatter import clatter
-from stochvi.isolators.sizing.hits import at_clearance
+from stochvi.isolators.sizing.hits_at_clearance import at_clearance
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of

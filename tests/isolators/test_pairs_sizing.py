@@ -25,7 +25,7 @@ from stochvi import (
 )
 from stochvi.isolators.sizing import pairs
 from stochvi.isolators.sizing.changes import Change, Tolerances
-from stochvi.isolators.sizing.hits import at_distances
+from stochvi.isolators.sizing.hits_at_clearance import at_distances
 from stochvi.isolators.sizing.pair_tolerances import tolerance_table
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.model.model import model_of

@@ -12,7 +12,7 @@ from stochvi import Isolator, RoadNoise, WhiteNoise, screen
 from stochvi.isolators.contact import contact_on_mount
 from stochvi.isolators.environment import frequencies, input_density, transmissibility
 from stochvi.isolators.sizing.answer import Sizing
-from stochvi.isolators.sizing.chances import probability_at, probability_of_stops
+from stochvi.isolators.sizing.chance_at_stops import probability_at, probability_of_stops
 from stochvi.isolators.sizing.sensitivity import variations
 from stochvi.model.model import Model, model_of
 from stochvi.scenes.impact_laws import ForceTable, Law, Viscoelastic

@@ -392,10 +392,10 @@ def test_a_chance_is_told_where_hits_are_not_known(monkeypatch: pytest.MonkeyPat
     def pauseless(*_: object, **__: object) -> None:
         raise NotApplicable("bursts", ["stops as near as these are hit without a pause"])
 
-    monkeypatch.setattr("stochvi.isolators.sizing.hits.bursts", pauseless)
+    monkeypatch.setattr("stochvi.isolators.sizing.hits_at_clearance.bursts", pauseless)
     simulated = size(scene, probability=0.01, rel_error=0.2, seed=1, budget=5.0)
     assert bursts_only == {"by": "bursts"} != {"by": simulated.simulated["by"].iloc[-1]}
-    monkeypatch.setattr("stochvi.isolators.sizing.hits.simulate", refuse)
+    monkeypatch.setattr("stochvi.isolators.sizing.hits_at_clearance.simulate", refuse)
     found = size(scene, probability=0.01, rel_error=0.2, seed=1)
     assert found.clearance == known.clearance
     assert found.three_sigma.hits is None and found.simulated.empty

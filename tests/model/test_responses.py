@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from stochvi.mathematics.impact_rates import StopStatistics
-from stochvi.model.responses import StationaryMoments
+from stochvi.model.build_response import StationaryMoments
 from support.known import oscillator, values
 
 SCENE = oscillator(-1.0, 0.5, 0.7)

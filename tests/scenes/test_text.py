@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from stochvi import SceneError, TabulatedNoise
-from stochvi.scenes.headings import unit_in
-from stochvi.scenes.text import read_table, read_text, read_text_table
+from stochvi.scenes.text_headings import unit_in
+from stochvi.scenes.text_tables import read_table, read_text, read_text_table
 
 WANTED = [[10.0, 20.5, 40.0], [0.002, 0.01, 0.04]]
 """Columns that each of `LAYOUTS` holds."""
@@ -269,7 +269,7 @@ def test_a_table_of_whole_numbers_is_read_however_it_is_parted(tmp_path: Path, t
 
 
 def test_a_file_of_the_largest_size_is_read_and_one_byte_more_is_not(tmp_path: Path, monkeypatch):
-    monkeypatch.setattr("stochvi.scenes.text.LARGEST_TEXT_FILE", 8)
+    monkeypatch.setattr("stochvi.scenes.text_tables.LARGEST_TEXT_FILE", 8)
     (tmp_path / "fits").write_text("12345678", encoding="utf-8")
     (tmp_path / "does not").write_text("123456789", encoding="utf-8")
     assert read_text(tmp_path / "fits") == "12345678"
@@ -316,7 +316,7 @@ def test_a_large_table_that_is_read_at_once_holds_the_same_numbers(
     rows = [f"{1.1 * n!r}, {10.0**-n!r}" for n in range(40)]
     file.write_text("\n".join(["frequency,density", *rows]), encoding="utf-8")
     slow = read_text_table(file, ("frequency", "density")).columns(0, 1)
-    monkeypatch.setattr("stochvi.scenes.text.MANY_ROWS", 1)
+    monkeypatch.setattr("stochvi.scenes.text_tables.MANY_ROWS", 1)
     table = read_text_table(file, ("frequency", "density"))
     assert table._plain_columns(2) is not None
     for own, other in zip(table.columns(0, 1), slow, strict=True):

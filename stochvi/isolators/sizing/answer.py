@@ -11,7 +11,7 @@ import numpy as np
 
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
-from stochvi.isolators.sizing.chances import Gap, gap_of
+from stochvi.isolators.sizing.chance_at_stops import Gap, gap_of
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.isolators.sizing.hits import at_clearance
+from stochvi.isolators.sizing.hits_at_clearance import at_clearance
 from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.isolators.sizing.clatter import plan_windows
-from stochvi.isolators.sizing.hits import at_clearance
+from stochvi.isolators.sizing.hits_at_clearance import at_clearance
 from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.kernels.rows import Extremes
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan

@@ -26,7 +26,7 @@ from stochvi.isolators.sizing.answer import (
     spoken_percent,
 )
 from stochvi.isolators.sizing.changes import Tolerances
-from stochvi.isolators.sizing.hits import Hits, Tried, at_clearance, compile_kernels
+from stochvi.isolators.sizing.hits_at_clearance import Hits, Tried, at_clearance, compile_kernels
 from stochvi.isolators.sizing.pairs import size_pairs
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.risk_curve import RiskCurve

@@ -18,7 +18,7 @@ from stochvi.isolators.environment import (
     noise_on_base_alone,
     transmissibility,
 )
-from stochvi.isolators.sizing.hits import at_clearance
+from stochvi.isolators.sizing.hits_at_clearance import at_clearance
 from stochvi.mathematics.spectra import welch
 from stochvi.methods.monte_carlo import record_path
 from stochvi.model.model import model_of

@@ -24,7 +24,7 @@ from scipy.optimize import brentq
 from stochvi.isolators.sizing.answer import Clearance, Target
 from stochvi.isolators.sizing.box_overview import box_overview
 from stochvi.isolators.sizing.changes import Tolerances
-from stochvi.isolators.sizing.hits import at_distances
+from stochvi.isolators.sizing.hits_at_clearance import at_distances
 from stochvi.isolators.sizing.pair_tolerances import tolerance_table
 from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve

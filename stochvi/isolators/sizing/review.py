@@ -12,7 +12,7 @@ import numpy as np
 from stochvi.isolators.environment import Environment, environment
 from stochvi.isolators.screening import Screening, predicted_rates
 from stochvi.isolators.sizing.answer import Rounded, Sizing
-from stochvi.isolators.sizing.chances import probability_at, two_sided
+from stochvi.isolators.sizing.chance_at_stops import probability_at, two_sided
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.clatter import clatter
 from stochvi.isolators.sizing.exceedances import exceedances

@@ -8,7 +8,7 @@ import math
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.screening import Screening, screen_isolator
-from stochvi.isolators.sizing.chances import probability_at
+from stochvi.isolators.sizing.chance_at_stops import probability_at
 from stochvi.isolators.sizing.changes import COMBINED, Change, Tolerances, ends_of, ends_of_stops
 from stochvi.isolators.sizing.sensitivity import Resizing, row_of
 from stochvi.results.deadline import Deadline, heeding_ctrl_c

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.methods.closed_form import one
+from stochvi.methods.closed_form import one_coordinate
 from stochvi.methods.closed_form.method import exact, one_oscillator, unmet
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.model import model_of
@@ -199,7 +199,7 @@ def displacement_density(scene: Scene, x: ArrayLike) -> Vector:
 def _law(scene: Scene, response: Response) -> GibbsLaw:
     """Law of the displacement; for filtered noise the Gaussian law with its moments."""
     if one_oscillator(model_of(scene)):
-        return one.displacement_law(scene)
+        return one_coordinate.displacement_law(scene)
     (found,) = response.coordinates.values()
     values = {name: item.value for name, item in found.items() if item is not None}
     omega = values["velocity_std"] / values["displacement_std"]

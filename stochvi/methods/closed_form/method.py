@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 
-from stochvi.methods.closed_form import many, one
+from stochvi.methods.closed_form import one_coordinate, several_coordinates
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NoExactSolution
@@ -68,8 +68,8 @@ def exact(scene: Scene) -> Response:
     if conditions:
         raise NoExactSolution(conditions)
     if one_oscillator(model):
-        return one.response(scene, started)
-    return many.response(scene, started)
+        return one_coordinate.response(scene, started)
+    return several_coordinates.response(scene, started)
 
 
 def unmet(model: Model) -> list[str]:
@@ -99,7 +99,9 @@ def unmet(model: Model) -> list[str]:
     >>> len(unmet(model))  # both stops take energy
     2
     """
-    return one.unmet(model) if one_oscillator(model) else many.unmet(model)
+    return (
+        one_coordinate.unmet(model) if one_oscillator(model) else several_coordinates.unmet(model)
+    )
 
 
 def one_oscillator(model: Model) -> bool:

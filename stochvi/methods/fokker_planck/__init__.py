@@ -1,6 +1,6 @@
 """Numerical solution of the Fokker-Planck equation: stationary, in time, until a first passage."""
 
-from stochvi.methods.fokker_planck.coverage import (
+from stochvi.methods.fokker_planck.conditions import (
     unmet,
     unmet_by_first_passage,
     unmet_by_transient,

@@ -16,7 +16,7 @@ from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.methods.fokker_planck.basis import EXTRA_NODES, Array, Indices, VelocityCells, legendre
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion
-from stochvi.methods.fokker_planck.strips import Solved, Strip
+from stochvi.methods.fokker_planck.strip_solver import Solved, Strip
 from stochvi.model.model import Stop
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response

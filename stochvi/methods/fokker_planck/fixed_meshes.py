@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.methods.fokker_planck.basis import Array, Mesh
+from stochvi.methods.fokker_planck.box_solver import BoxMoments, box_moments
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins
-from stochvi.methods.fokker_planck.half_range import BoxMoments, box_moments
 from stochvi.methods.fokker_planck.linear_boxes import FARTHEST_STOP, Boxes, boxes_of
 from stochvi.model.oscillator_arrays import Booleans, OscillatorArrays
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, ContactStatistics, StopStatistics
 from stochvi.methods.fokker_planck.basis import Array
-from stochvi.methods.fokker_planck.coverage import unmet
+from stochvi.methods.fokker_planck.conditions import unmet
 from stochvi.methods.fokker_planck.density import Averages, StationaryDensity
 from stochvi.methods.fokker_planck.fixed_meshes import (
     LEVELS,
@@ -31,10 +31,10 @@ from stochvi.methods.fokker_planck.refinement import (
     refine,
     worst_relative_error,
 )
+from stochvi.model.build_response import StationaryMoments
 from stochvi.model.coverage import functions
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
-from stochvi.model.responses import StationaryMoments
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate

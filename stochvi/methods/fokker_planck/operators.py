@@ -1,7 +1,7 @@
 """The Fokker-Planck equation of one box as sparse matrices: in time, with walls that may absorb.
 
 Symbols: xi in [-1, 1] displacement and u velocity in the units of the box (`LinearBox`), as in
-`half_range`: the density is p = M q with M = exp(-u^2 / 2 - energy(xi)), N_i are the functions that
+`box_solver`: the density is p = M q with M = exp(-u^2 / 2 - energy(xi)), N_i are the functions that
 both q and the tests are made of. Then
 
     mass dq/dt = -matrix q,    mass_ij = int M N_i N_j,

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.fokker_planck.basis import Array
-from stochvi.methods.fokker_planck.coverage import barriers, unmet_by_first_passage
+from stochvi.methods.fokker_planck.conditions import barriers, unmet_by_first_passage
 from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.evolution import (
@@ -38,7 +38,7 @@ from stochvi.methods.fokker_planck.evolution import (
     time_groups,
 )
 from stochvi.methods.fokker_planck.initial_states import Point, Start, StartChoice, start_of
-from stochvi.methods.fokker_planck.layout import (
+from stochvi.methods.fokker_planck.meshes_in_time import (
     LEVELS,
     MOST_UNKNOWNS,
     Layout,

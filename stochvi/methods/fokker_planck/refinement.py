@@ -21,7 +21,7 @@ from stochvi.methods.fokker_planck.strip_mesh import (
     graded,
     refined,
 )
-from stochvi.methods.fokker_planck.strips import Strip, solve_strips
+from stochvi.methods.fokker_planck.strip_solver import Strip, solve_strips
 from stochvi.model.model import Stop
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotConverged

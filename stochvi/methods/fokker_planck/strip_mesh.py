@@ -19,7 +19,7 @@ import numpy as np
 
 from stochvi.methods.fokker_planck.basis import Array, VelocityCells
 from stochvi.methods.fokker_planck.scaled_motion import Corner, ScaledMotion
-from stochvi.methods.fokker_planck.strips import Solved, Strip
+from stochvi.methods.fokker_planck.strip_solver import Solved, Strip
 from stochvi.results.errors import NotConverged
 
 

@@ -19,11 +19,12 @@ from numpy.typing import ArrayLike
 
 from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck.basis import Array
-from stochvi.methods.fokker_planck.coverage import unmet_by_transient
+from stochvi.methods.fokker_planck.conditions import unmet_by_transient
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.evolution import projections, time_groups
 from stochvi.methods.fokker_planck.initial_states import Gaussian, Start, StartChoice, start_of
-from stochvi.methods.fokker_planck.layout import (
+from stochvi.methods.fokker_planck.linear_boxes import boxes_of, speed_scale
+from stochvi.methods.fokker_planck.meshes_in_time import (
     LEVELS,
     MOST_UNKNOWNS,
     Layout,
@@ -31,7 +32,6 @@ from stochvi.methods.fokker_planck.layout import (
     mesh,
     stops_layout,
 )
-from stochvi.methods.fokker_planck.linear_boxes import boxes_of, speed_scale
 from stochvi.methods.fokker_planck.method import SLOW_IMPACTS
 from stochvi.methods.fokker_planck.operators import Factors, Operator, Walls
 from stochvi.model.model import Model, model_of

@@ -20,10 +20,16 @@ forms of that last step:
 `linearise_many` is the closure for arrays; `atlas` holds the errors that `linearise` states.
 """
 
-from stochvi.methods.linearisation.many import Linearised, linearise_many
+from stochvi.methods.linearisation.array_closure import Linearised, linearise_many
+from stochvi.methods.linearisation.linearised_oscillator import (
+    LinearisedOscillator,
+    linearised_oscillators,
+)
+from stochvi.methods.linearisation.linearised_structure import (
+    LinearisedStructure,
+    linearised_structures,
+)
 from stochvi.methods.linearisation.method import FORMS, VARIANTS, linearise, linearise_all
-from stochvi.methods.linearisation.spectrum import LinearisedOscillator, linearised_oscillators
-from stochvi.methods.linearisation.structure import LinearisedStructure, linearised_structures
 
 __all__ = [
     "FORMS",

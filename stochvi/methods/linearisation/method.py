@@ -11,12 +11,13 @@ import numpy as np
 
 from stochvi.methods.linearisation.atlas import with_bounds
 from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate
-from stochvi.methods.linearisation.closures import form_of
 from stochvi.methods.linearisation.clumps import clumped
+from stochvi.methods.linearisation.forms import form_of
 from stochvi.methods.linearisation.outputs import answer_of
 from stochvi.methods.linearisation.scales import gibbs_law, linear_moments
-from stochvi.methods.linearisation.several import closure
 from stochvi.methods.linearisation.solver import solve
+from stochvi.methods.linearisation.structure_closure import closure
+from stochvi.model.build_response import linear_acceleration
 from stochvi.model.coverage import (
     beyond_one_oscillator,
     functions,
@@ -26,7 +27,6 @@ from stochvi.model.coverage import (
 )
 from stochvi.model.gap import Gap
 from stochvi.model.model import Model, Stop, model_of
-from stochvi.model.responses import linear_acceleration
 from stochvi.results.errors import NotApplicable
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Viscoelastic

@@ -7,10 +7,10 @@ import math
 from stochvi.mathematics.impact_rates import ContactStatistics
 from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate
 from stochvi.methods.linearisation.scales import gibbs_law
+from stochvi.model.build_response import StationaryMoments
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.model import Stop
-from stochvi.model.responses import StationaryMoments
 from stochvi.scenes.impact_laws import Elastic, Viscoelastic
 
 

@@ -45,8 +45,8 @@ from stochvi.mathematics.impact_rates import (
 )
 from stochvi.mathematics.kelvin_voigt import half_contact
 from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
-from stochvi.methods.linearisation.closure import curvature_floor
 from stochvi.methods.linearisation.layers import Layer, Vector, layer
+from stochvi.methods.linearisation.rigid_closure import curvature_floor
 from stochvi.model.gap import Gap
 from stochvi.model.model import Stop
 from stochvi.scenes.impact_laws import CompliantLaw, Viscoelastic

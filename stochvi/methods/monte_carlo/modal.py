@@ -51,8 +51,8 @@ from stochvi.methods.monte_carlo.stop_flag import check_flag, stop_flag
 from stochvi.model.coverage import without_noise
 from stochvi.model.modal import LinearLaw, ModalForm
 from stochvi.model.model import UPPER, Model, Pair
+from stochvi.model.no_stationary_state import not_stationary
 from stochvi.model.scales import PairScale, scales_of
-from stochvi.model.stationary import not_stationary
 from stochvi.results.errors import NotApplicable
 
 Vector = NDArray[np.float64]

@@ -38,9 +38,9 @@ from stochvi.methods.monte_carlo.quantities import (
 )
 from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics, StepPairs
 from stochvi.model.balances import residuals
+from stochvi.model.build_response import build_response
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Pair
-from stochvi.model.responses import build_response
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Cost, Estimate

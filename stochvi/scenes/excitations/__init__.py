@@ -9,7 +9,7 @@ from typing import get_args
 
 from stochvi.scenes.excitations.base import BASE, DensityNoise, Disturbance, check_unit
 from stochvi.scenes.excitations.constant import ConstantLoad
-from stochvi.scenes.excitations.record import RecordedNoise
+from stochvi.scenes.excitations.recorded import RecordedNoise
 from stochvi.scenes.excitations.road import RoadNoise
 from stochvi.scenes.excitations.sine import Sine
 from stochvi.scenes.excitations.tabulated import TabulatedNoise

@@ -18,7 +18,7 @@ from stochvi.mathematics.kelvin_voigt import Impact
 from stochvi.mathematics.units import listed_units, unit
 from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws.base import CompliantLaw, Form, inside
-from stochvi.scenes.text import TextTable, all_columns, read_text_table
+from stochvi.scenes.text_tables import TextTable, all_columns, read_text_table
 from stochvi.scenes.validation import NonNegatives
 
 Vector = NDArray[np.float64]

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
-from stochvi.verification.testing.answers import known_answers
 from stochvi.verification.testing.documents import read_problem
 from stochvi.verification.testing.judging import Judgement, judge_returned
+from stochvi.verification.testing.known_answers import known_answers
 from stochvi.verification.testing.problems import Problem
 from stochvi.verification.testing.samples import (
     AVERAGES,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
-from stochvi.isolators.sizing.chances import two_sided
+from stochvi.isolators.sizing.chance_at_stops import two_sided
 from stochvi.results.origin import Origin, origin_of
 from stochvi.results.response import Response
 from stochvi.views.axes import PAGE, axes_or_new

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
-from stochvi.isolators.sizing.chances import two_sided
+from stochvi.isolators.sizing.chance_at_stops import two_sided
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.views.report.pages import Grid, Picture, Section, shown
 from stochvi.views.sizing import (

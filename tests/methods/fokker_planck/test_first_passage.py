@@ -28,7 +28,7 @@ from stochvi import (
 from stochvi.cli import main
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.mathematics.state_space import step_covariance, transition
-from stochvi.methods.fokker_planck import FirstPassage, Gaussian, evolution, layout, passage
+from stochvi.methods.fokker_planck import FirstPassage, Gaussian, evolution, meshes_in_time, passage
 from stochvi.methods.fokker_planck.evolution import time_groups
 from stochvi.model.model import model_of
 from stochvi.scenes.datasets import shipped_scene
@@ -187,7 +187,7 @@ def test_a_time_that_the_projection_fails_at_is_alone_in_its_doubt(monkeypatch, 
     """Without the bound and with few sizes of the space, the early times are lost: they alone."""
     scene, barrier, start = RARE
     monkeypatch.setattr(passage, "passages_at_most", lambda *problem: np.ones(len(problem[-1])))
-    monkeypatch.setattr(passage, "LEVELS", layout.LEVELS[:2])
+    monkeypatch.setattr(passage, "LEVELS", meshes_in_time.LEVELS[:2])
     monkeypatch.setattr(evolution, "SIZES", (16, 24, 34, 46))
     with pytest.raises(NotConverged, match="relative error") as reason:
         first_passage(scene, None, barrier, times=[6.28, 20.0, 1e5], start=start, rtol=2e-3)
@@ -502,7 +502,7 @@ def test_a_covariance_that_is_none_is_refused(covariance) -> None:
 
 
 def test_an_accuracy_out_of_reach_is_not_claimed(monkeypatch) -> None:
-    monkeypatch.setattr(passage, "LEVELS", layout.LEVELS[:2])
+    monkeypatch.setattr(passage, "LEVELS", meshes_in_time.LEVELS[:2])
     with pytest.raises(NotConverged, match="reached a relative error of") as reason:
         first_passage(lightly_damped(0.002), -2.0, 2.0, rtol=1e-7)
     reached = reason.value.response
@@ -513,8 +513,8 @@ def test_an_accuracy_out_of_reach_is_not_claimed(monkeypatch) -> None:
 
 def test_the_lowest_place_is_that_of_the_potential() -> None:
     falling = model_of(oscillator(omega=0.0, damping=0.0, intensity=2.0, load=1.0))
-    assert layout.lowest(falling, -1.0, 2.0) == 2.0
-    assert layout.rise(falling, -1.0, 2.0) == 3.0
+    assert meshes_in_time.lowest(falling, -1.0, 2.0) == 2.0
+    assert meshes_in_time.rise(falling, -1.0, 2.0) == 3.0
 
 
 # The command --------------------------------------------------------------------------------
@@ -581,7 +581,7 @@ def test_an_option_out_of_range_is_one_sentence(stochvi, options, sentence) -> N
 def test_an_accuracy_that_was_not_reached_exits_with_1_and_tells_what_was(
     stochvi, monkeypatch
 ) -> None:
-    monkeypatch.setattr(passage, "LEVELS", layout.LEVELS[:2])
+    monkeypatch.setattr(passage, "LEVELS", meshes_in_time.LEVELS[:2])
     code, out, err = stochvi("--times", "20", "--rtol", "1e-9", "--json", "-", "--quiet")
     assert code == 1
     assert err.startswith("stochvi: first-passage reached a relative error of")

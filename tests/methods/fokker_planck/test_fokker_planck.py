@@ -26,7 +26,7 @@ from stochvi import (
     fokker_planck,
     simulate,
 )
-from stochvi.methods.fokker_planck import fokker_planck_many, half_range
+from stochvi.methods.fokker_planck import box_solver, fokker_planck_many
 from stochvi.methods.fokker_planck.basis import Mesh, VelocityBasis
 from stochvi.methods.fokker_planck.fixed_meshes import (
     LEVELS,
@@ -223,12 +223,12 @@ def test_probability_is_conserved_by_the_discrete_equations() -> None:
     scenes = one_scene(lower=-1.0, upper=0.5, restitution_lower=0.3, restitution_upper=0.8)
     scaled = boxes_of(scenes, speed_scale(scenes), mesh.reach)
     element = mesh.displacement[0]
-    whole = half_range._with_walls(
+    whole = box_solver._with_walls(
         scaled,
         element,
         mesh.velocity,
-        half_range._stop(scaled, mesh, -1),
-        half_range._stop(scaled, mesh, 1),
+        box_solver._stop(scaled, mesh, -1),
+        box_solver._stop(scaled, mesh, 1),
     )[0]
     velocity = mesh.velocity
     one = np.zeros((element.size, velocity.size))

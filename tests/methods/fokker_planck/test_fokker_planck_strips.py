@@ -40,12 +40,12 @@ from stochvi.methods.fokker_planck import (
     StationaryDensity,
     fokker_planck_density,
     refinement,
-    strips,
+    strip_solver,
 )
 from stochvi.methods.fokker_planck.basis import VelocityCells, returned_flux, transmitted_flux
 from stochvi.methods.fokker_planck.refinement import _field
 from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion
-from stochvi.methods.fokker_planck.strips import Strip
+from stochvi.methods.fokker_planck.strip_solver import Strip
 from stochvi.scenes.impact_laws import Law
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
@@ -102,7 +102,7 @@ def test_a_restitution_off_by_a_millionth_is_caught(monkeypatch: pytest.MonkeyPa
     def wrong(cells: VelocityCells, leaving: Callable[..., Any], side: int) -> Any:
         return returned_flux(cells, lambda w: leaving(w) * (1.0 - 1e-6 * (side > 0)), side)
 
-    monkeypatch.setattr(strips, "returned_flux", wrong)
+    monkeypatch.setattr(strip_solver, "returned_flux", wrong)
     with pytest.raises(AssertionError, match="differs from"):
         assert_six_digits(LOSSY_ROWS[-1])
 
@@ -255,7 +255,7 @@ def test_scenes_of_functions_tell_their_balances(monkeypatch: pytest.MonkeyPatch
     for residual in found.values():
         assert_agrees(residual, 0.0)
     monkeypatch.setattr(
-        strips,
+        strip_solver,
         "returned_flux",
         lambda cells, leaving, side: returned_flux(cells, lambda w: 0.9 * w, side),
     )
@@ -409,7 +409,7 @@ def test_what_cannot_be_reached_is_refused_with_what_was(
 
 def test_equations_without_a_finite_solution_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     def lost(*arguments: Any) -> Any:
-        found = strips.solve_strips(*arguments)
+        found = strip_solver.solve_strips(*arguments)
         return found._replace(q=(found.q[0] * math.nan, *found.q[1:]))
 
     monkeypatch.setattr(refinement, "solve_strips", lost)

@@ -12,7 +12,7 @@ import pytest
 from stochvi import Estimate, NotApplicable, NotConverged, Scene, fokker_planck, transient
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.mathematics.state_space import step_covariance, transition
-from stochvi.methods.fokker_planck import Gaussian, Transient, layout, transients
+from stochvi.methods.fokker_planck import Gaussian, Transient, meshes_in_time, transients
 from stochvi.methods.fokker_planck.basis import VelocityBasis
 from stochvi.methods.fokker_planck.transients import Moments
 from stochvi.testing import assert_agrees
@@ -277,7 +277,7 @@ def test_a_scene_without_a_stationary_state_is_refused() -> None:
 
 
 def test_an_accuracy_out_of_reach_is_not_claimed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(transients, "LEVELS", layout.LEVELS[:2])
+    monkeypatch.setattr(transients, "LEVELS", meshes_in_time.LEVELS[:2])
     with pytest.raises(NotConverged, match="reached a relative error of") as reason:
         transient(oscillator(-1.0, 1.0, 0.8), [2.0], rtol=1e-9)
     assert isinstance(reason.value.response, Transient)

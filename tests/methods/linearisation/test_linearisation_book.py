@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.linearisation.closures import form_of
+from stochvi.methods.linearisation.forms import form_of
 from stochvi.model.gap import Gap
 from stochvi.model.model import model_of
 from support.linearised import make_scene, summary, value

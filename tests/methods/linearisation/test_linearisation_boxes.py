@@ -19,7 +19,7 @@ from stochvi import (
     linearise,
     simulate,
 )
-from stochvi.methods.linearisation import boxes
+from stochvi.methods.linearisation import loose_mass
 from stochvi.model.model import model_of
 from stochvi.scenes.datasets import data_folder
 from stochvi.verification.testing.agreement import Z
@@ -52,7 +52,7 @@ def test_the_table_holds_the_exact_regime_of_two_impacts_a_period(
     roots = np.roots([math.pi**2 / 4.0 + slow**2, -math.pi * play / 2.0, play**2 / 4.0 - 1.0])
     speed = float(np.max(roots.real))
     impact = 2.0 * speed / (1.0 + restitution)
-    found = boxes.shaken_box(restitution, np.array([play]))
+    found = loose_mass.shaken_box(restitution, np.array([play]))
     exact = {
         "speed_rate": impact / math.pi,
         "speed_square_rate": impact**2 / math.pi,
@@ -67,7 +67,7 @@ def test_the_table_holds_the_exact_regime_of_two_impacts_a_period(
 
 def test_a_mass_in_a_tight_box_that_takes_all_is_carried() -> None:
     """Its walls give it the momentum of cos t twice a period: (1 + R) F1 = 4 / (2 pi)."""
-    rate = boxes.shaken_box(0.0, np.array([0.08]))["speed_rate"][0]
+    rate = loose_mass.shaken_box(0.0, np.array([0.08]))["speed_rate"][0]
     # the table has five digits
     assert rate == pytest.approx(2.0 / math.pi, rel=1e-4)
 
@@ -75,7 +75,7 @@ def test_a_mass_in_a_tight_box_that_takes_all_is_carried() -> None:
 def test_energy_balances_and_the_answer_has_no_unit() -> None:
     small, large = (linearise(scene(**CELL, size=size)) for size in (1.0, 1000.0))
     # the integral over amplitudes: trapezia of a fixed number
-    spacing = math.log(boxes.LARGEST / boxes.SMALLEST) / boxes.AMPLITUDES
+    spacing = math.log(loose_mass.LARGEST / loose_mass.SMALLEST) / loose_mass.AMPLITUDES
     assert abs(small.identities["energy"].value) < spacing**2
     for owner in ("structure", "absorber"):
         a, b = (each.coordinates[owner]["displacement_std"] for each in (small, large))
@@ -85,7 +85,7 @@ def test_energy_balances_and_the_answer_has_no_unit() -> None:
 def test_a_simulation_lies_within_the_stated_bounds() -> None:
     """Of a scene that is not in the atlas; not so within a tenth of them."""
     linear, simulated = linearise(scene(**CELL)), simulate(scene(**CELL), paths=64, duration=8e3)
-    assert boxes.NOT_IN_ATLAS not in linear.warnings
+    assert loose_mass.NOT_IN_ATLAS not in linear.warnings
     tight = 0
     for owner, name in (
         ("structure", "displacement_std"), ("structure", "velocity_mean_square"),
@@ -102,18 +102,18 @@ def test_a_simulation_lies_within_the_stated_bounds() -> None:
 
 
 def test_most_scenes_held_out_lie_within_the_bounds_of_their_neighbours() -> None:
-    with (data_folder() / "absorber_box" / boxes.ATLAS).open(newline="") as file:
+    with (data_folder() / "absorber_box" / loose_mass.ATLAS).open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["part"] == "held out"]
     assert len(rows) > 20
     inside = 0
     for row in rows:
         place = {name: float(row[name]) for name in ("restitution", "zeta")}
         cell = scene(float(row["mass_ratio"]), float(row["play_in_sigma"]), **place)
-        box = boxes.box_of(model_of(cell))
-        bounds = boxes.errors(box, boxes.moments(box)["velocity"])
+        box = loose_mass.box_of(model_of(cell))
+        bounds = loose_mass.errors(box, loose_mass.moments(box)["velocity"])
         inside += float(row["displacement_off"]) <= bounds["displacement"]
     # the largest of n draws covers the next one with probability n / (n + 1)
-    expected = boxes.NEIGHBOURS / (boxes.NEIGHBOURS + 1.0)
+    expected = loose_mass.NEIGHBOURS / (loose_mass.NEIGHBOURS + 1.0)
     spread = math.sqrt(expected * (1.0 - expected) / len(rows))
     assert inside / len(rows) >= expected - 2.0 * spread
 

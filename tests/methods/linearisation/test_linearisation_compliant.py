@@ -18,8 +18,8 @@ from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.linearisation.candidate import Candidate
-from stochvi.methods.linearisation.closures import form_of
-from stochvi.methods.linearisation.force import inverse
+from stochvi.methods.linearisation.force_form import inverse
+from stochvi.methods.linearisation.forms import form_of
 from stochvi.model.gap import Gap
 from stochvi.model.model import UPPER, model_of
 from stochvi.results.estimates import Estimate

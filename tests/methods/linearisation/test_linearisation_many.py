@@ -10,8 +10,8 @@ import pytest
 from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.methods.closed_form import exact
 from stochvi.methods.linearisation import linearise, linearise_many
-from stochvi.methods.linearisation.cut_laws import cut_laws
-from stochvi.methods.linearisation.many import Linearised
+from stochvi.methods.linearisation.array_closure import Linearised
+from stochvi.methods.linearisation.cut_normal_arrays import cut_laws
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response

@@ -27,8 +27,8 @@ from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.interpolate import RegularGridInterpolator
 
 from stochvi.model.balances import residuals
+from stochvi.model.build_response import build_response
 from stochvi.model.model import Model, Pair
-from stochvi.model.responses import build_response
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.datasets import data_folder

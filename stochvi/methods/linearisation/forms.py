@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from stochvi.methods.linearisation.candidate import Form
-from stochvi.methods.linearisation.closure import rigid_closure
-from stochvi.methods.linearisation.force import force_form
-from stochvi.methods.linearisation.motion import motion_form
+from stochvi.methods.linearisation.force_form import force_form
+from stochvi.methods.linearisation.motion_form import motion_form
+from stochvi.methods.linearisation.rigid_closure import rigid_closure
 from stochvi.methods.linearisation.soft_closure import soft_closure
 from stochvi.model.gap import Gap
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.frequency_response import Force, gains
 from stochvi.mathematics.spectra import Filter
-from stochvi.methods.linearisation.several import solutions
+from stochvi.methods.linearisation.structure_closure import solutions
 from stochvi.model.coverage import functions
 from stochvi.model.modal import Matrix, Substitute, Vector
 from stochvi.model.model import Model, model_of

@@ -14,7 +14,7 @@ from stochvi.results.origin import named_files
 
 def inputs_of(scenes: Sequence[Path]) -> list[Path]:
     """The scene files, and the files that they name. Unreadable scenes are refused elsewhere."""
-    from stochvi.scenes.text import read_text
+    from stochvi.scenes.text_tables import read_text
 
     found = []
     for scene in scenes:

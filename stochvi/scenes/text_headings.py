@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from stochvi.mathematics.units import DIMENSIONS, Unit, unit
-from stochvi.scenes.cells import DELIMITERS, is_number, split_cells
+from stochvi.scenes.text_cells import DELIMITERS, is_number, split_cells
 
 LAST_HEADINGS = 3
 """Number of lines above the numbers that may name the columns and their units."""

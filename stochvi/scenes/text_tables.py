@@ -1,6 +1,6 @@
 """Tables of numbers in text as instruments, spreadsheets and people write them: which lines are
-rows, and the numbers in them. `headings.py` reads the names and units of columns, `cells.py` splits
-a line."""
+rows, and the numbers in them. `text_headings.py` reads the names and units of columns,
+`text_cells.py` splits a line."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.units import DENSITIES, Unit
 from stochvi.results.errors import SceneError
-from stochvi.scenes.cells import (
+from stochvi.scenes.text_cells import (
     CLOCK,
     DELIMITERS,
     MISSING,
@@ -29,7 +29,7 @@ from stochvi.scenes.cells import (
     is_number,
     split_cells,
 )
-from stochvi.scenes.headings import Heading, headings_above, stated_density
+from stochvi.scenes.text_headings import Heading, headings_above, stated_density
 
 Vector = NDArray[np.float64]
 

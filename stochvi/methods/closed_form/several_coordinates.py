@@ -20,15 +20,15 @@ from scipy.linalg import null_space
 from scipy.sparse.csgraph import connected_components
 
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics, gaussian_stop
-from stochvi.methods.closed_form.coupled import MOST_PAIRS, CoupledLaw, Intractable
-from stochvi.methods.closed_form.one import lossy
+from stochvi.methods.closed_form.coupled_pairs import MOST_PAIRS, CoupledLaw, Intractable
+from stochvi.methods.closed_form.one_coordinate import lossy
 from stochvi.model.balances import residuals
+from stochvi.model.build_response import build_response
 from stochvi.model.coverage import functions, without_noise
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.modal import absolute_accelerations, linear_law
 from stochvi.model.model import Model, Pair, model_of
-from stochvi.model.responses import build_response
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene

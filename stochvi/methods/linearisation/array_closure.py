@@ -20,7 +20,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stochvi.methods.linearisation.cut_laws import ROUGH, Booleans, CutLaws, Vector, cut_laws
+from stochvi.methods.linearisation.cut_normal_arrays import (
+    ROUGH,
+    Booleans,
+    CutLaws,
+    Vector,
+    cut_laws,
+)
 from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.results.errors import NotApplicable
 

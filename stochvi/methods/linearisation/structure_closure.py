@@ -18,14 +18,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.linearisation import boxes
+from stochvi.methods.linearisation import loose_mass
 from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
-from stochvi.methods.linearisation.closures import form_of
+from stochvi.methods.linearisation.forms import form_of
 from stochvi.methods.linearisation.outputs import answer_of
 from stochvi.methods.linearisation.scales import Frame
 from stochvi.methods.linearisation.soft_closure import soft_closure
 from stochvi.methods.linearisation.solver import NOWHERE, SAME, START_SPEEDS, root
 from stochvi.model.balances import residuals
+from stochvi.model.build_response import BETWEEN_IMPACTS, StationaryMoments, build_response
 from stochvi.model.coverage import unknown_dampers, without_noise
 from stochvi.model.gap import Gap
 from stochvi.model.modal import (
@@ -36,7 +37,6 @@ from stochvi.model.modal import (
     linear_law,
 )
 from stochvi.model.model import Model, Pair, model_of
-from stochvi.model.responses import BETWEEN_IMPACTS, StationaryMoments, build_response
 from stochvi.model.scales import UNSHAKEN, PairScale, scales_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate
@@ -93,7 +93,7 @@ def closure(scene: Scene) -> tuple[Response, ...]:
 
     White, filtered and tabulated noise, sines and loads; stops of any law. Exact without stops,
     and for one pair that loses nothing where noise matches damping. One loose mass in a box on one
-    mode under white noise is linearised at every amplitude instead, see `boxes`.
+    mode under white noise is linearised at every amplitude instead, see `loose_mass`.
 
     White noise has one response. In coloured noise and under sines all are returned that are found
     from starts at several speeds, the one next to the response without stops first.
@@ -108,9 +108,9 @@ def closure(scene: Scene) -> tuple[Response, ...]:
     model = model_of(scene)
     if conditions := [*without_noise(model, with_sines=True), *unknown_dampers(model)]:
         raise NotApplicable("linearise", conditions)
-    box = boxes.box_of(model)
+    box = loose_mass.box_of(model)
     if box is not None:
-        return (boxes.response(scene, model, box, METHOD),)
+        return (loose_mass.response(scene, model, box, METHOD),)
     found = solutions(model)
     elastic = len(model.pairs) == 1 and model.elastic
     exact = not model.pairs or (elastic and model.temperature is not None)
@@ -324,7 +324,7 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
         warnings=[
             *warned,
             *_warnings(one.gaps, one.candidates),
-            *([boxes.NOT_IN_ATLAS] if unknown else []),
+            *([loose_mass.NOT_IN_ATLAS] if unknown else []),
         ],
         identities={
             name: Estimate(value=float(value), how=outline.how) for name, value in balances.items()

@@ -12,11 +12,11 @@ import numpy as np
 
 from stochvi.mathematics.impact_rates import gaussian_stop
 from stochvi.mathematics.spectra import LinearMoments, response_moments
+from stochvi.model.build_response import StationaryMoments, linear_acceleration
 from stochvi.model.coverage import without_noise
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw, Spring
 from stochvi.model.model import Model, model_of
-from stochvi.model.responses import StationaryMoments, linear_acceleration
 from stochvi.results.errors import SceneError
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Law
