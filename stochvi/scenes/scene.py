@@ -23,12 +23,11 @@ from stochvi.scenes.excitations import (
     ConstantLoad,
     DensityNoise,
     Excitation,
-    FilteredNoise,
     RoadNoise,
     Sine,
-    WhiteNoise,
     check_unit,
 )
+from stochvi.scenes.excitations.base import Density, StrengthNoise
 from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelastic
 from stochvi.scenes.impact_laws.rubber_data import AS_WRITTEN
 from stochvi.scenes.rigid_body import AXES, RigidBody, Triple
@@ -468,7 +467,7 @@ class Scene(Checked):
             if self.place(excitation) != BASE and isinstance(structure, Oscillator):
                 mass = structure.mass or 1.0
             match excitation:
-                case WhiteNoise() | FilteredNoise():
+                case StrengthNoise():
                     intensity = excitation.si_intensity
                     if _fits(intensity):  # otherwise the same problem would be reported twice
                         intensity /= mass**2
@@ -692,6 +691,10 @@ class Scene(Checked):
         omega, damping_rate = self._resonance()
         return excitation.table_for(omega, damping_rate)
 
+    def density_of(self, excitation: Excitation) -> Density | None:
+        """The density of an excitation as this structure needs it; None of what is not noise."""
+        return excitation.density_for(*self._resonance())
+
     def _resonance(self) -> tuple[float, float]:
         """omega (rad/s) and b (1/s) of a single linear oscillator, zeros of anything else."""
         if not isinstance(self.structure, Oscillator):
@@ -724,7 +727,7 @@ LARGEST_NUMBER = 1e50
 
 def _misfit_unit(excitation: Excitation, where: str) -> str:
     """What is wrong with the unit of a density at a place; empty if nothing is."""
-    if isinstance(excitation, ConstantLoad | Sine) or excitation.density_unit is None:
+    if excitation.density_unit is None:
         return ""
     try:
         check_unit(excitation.density_unit, where)

@@ -3,28 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar
 
-from stochvi.mathematics.spectra import Filter, squared_gain
+from stochvi.mathematics.spectra import squared_gain
 from stochvi.methods.linearisation.candidate import Candidate
 from stochvi.methods.linearisation.method import linear_oscillators
-from stochvi.scenes.excitations import (
-    BASE,
-    ConstantLoad,
-    DensityNoise,
-    Excitation,
-    FilteredNoise,
-    WhiteNoise,
-)
+from stochvi.scenes.excitations.base import BASE, Density
 from stochvi.scenes.scene import Scene
 
 Vector = NDArray[np.float64]
-Density = Callable[[ArrayLike], Vector]
 
 PLACES = 2001
 """Number of frequencies at which a spectrum is evaluated in the search for its peak, before
@@ -160,6 +151,7 @@ def linearised_oscillators(
 
     Examples
     --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
     >>> from stochvi.scenes.impact_laws import Restitution
     >>> from stochvi.scenes.scene import ImpactPair
     >>> from stochvi.scenes.structures import Oscillator
@@ -178,29 +170,21 @@ def linearised_oscillators(
     forces: list[Density] = []
     base: list[Density] = []
     for excitation in scene.excitations:
-        if isinstance(excitation, ConstantLoad):
+        density = scene.density_of(excitation)
+        if density is None:
             continue
-        on_base = scene.place(excitation) == BASE
-        scale = 1.0 if on_base else model.unit_mass**-2
-        (base if on_base else forces).append(_density(scene, excitation, scale))
+        if scene.place(excitation) == BASE:
+            base.append(density)
+        else:
+            forces.append(_per_unit_mass(density, model.unit_mass))
     return tuple(
         _oscillator(each, model.omega**2, model.damping_rate, tuple(forces), tuple(base))
         for each in candidates
     )
 
 
-def _density(scene: Scene, excitation: Excitation, scale: float) -> Density:
-    """One-sided density of an excitation, per unit mass squared where it is a force."""
-    match excitation:
-        case WhiteNoise():
-            level = 2.0 * excitation.si_intensity * scale
-            return lambda frequency_hz: np.full(np.shape(frequency_hz), level)
-        case FilteredNoise():
-            rate = 2.0 * excitation.zeta * excitation.omega
-            return Filter(excitation.omega, rate, excitation.si_intensity * scale).__call__
-        case DensityNoise():
-            return scene.table_of(excitation).scaled(scale)
-    raise AssertionError(f"no density of {excitation.kind}")
+def _per_unit_mass(density: Density, mass: float) -> Density:
+    return lambda frequency_hz: density(frequency_hz) / mass**2
 
 
 def _oscillator(

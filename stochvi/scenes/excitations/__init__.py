@@ -9,11 +9,12 @@ from typing import get_args
 
 from stochvi.scenes.excitations.base import BASE, DensityNoise, Disturbance, check_unit
 from stochvi.scenes.excitations.constant import ConstantLoad
+from stochvi.scenes.excitations.filtered import FilteredNoise
 from stochvi.scenes.excitations.recorded import RecordedNoise
 from stochvi.scenes.excitations.road import RoadNoise
 from stochvi.scenes.excitations.sine import Sine
 from stochvi.scenes.excitations.tabulated import TabulatedNoise
-from stochvi.scenes.excitations.white import FilteredNoise, WhiteNoise
+from stochvi.scenes.excitations.white import WhiteNoise
 
 Excitation = (
     WhiteNoise | FilteredNoise | TabulatedNoise | RoadNoise | RecordedNoise | Sine | ConstantLoad

@@ -1,23 +1,37 @@
-"""The base classes of all excitations and of noise with a density, and checks of their units."""
+"""The base classes of all excitations, of noise made from white noise and of noise with a density,
+and checks of their units."""
 
 from __future__ import annotations
 
 import contextlib
 import re
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, ClassVar, Literal, Self
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, PrivateAttr, field_validator, model_validator
 
 from stochvi.mathematics.spectra import Table
-from stochvi.mathematics.units import DENSITIES, UNITS, Unit, listed_units, unit
+from stochvi.mathematics.units import (
+    DENSITIES,
+    UNITS,
+    Unit,
+    intensity_from_density,
+    listed_units,
+    power_ratio,
+    unit,
+)
 from stochvi.results.errors import SceneError
 from stochvi.scenes.readers import Columns
-from stochvi.scenes.validation import Checked, Number
+from stochvi.scenes.validation import Checked, Number, Positive, given
 
 BASE = "base"
 """The place of an excitation that moves the base; every other place is a coordinate."""
+
+Density = Callable[[ArrayLike], NDArray[np.float64]]
+"""A one-sided density per hertz, in SI units, as a function of the frequency in hertz."""
 
 
 def unit_name(spelling: str, *quantities: str, decibels: bool = False) -> str:
@@ -91,9 +105,19 @@ class Disturbance(Checked):
     def _two_names(cls, names: object) -> object:
         return tuple(names) if isinstance(names, list) else names
 
+    @property
+    def density_unit(self) -> str | None:
+        """Unit of the density as it was given; None where none was given."""
+        return None
+
     @abstractmethod
     def louder(self, level_db: float) -> Self:
         """The excitation raised by a level in dB; a constant load stays as it is."""
+
+    def density_for(self, omega: float, damping_rate: float) -> Density | None:
+        """The density that shakes an oscillator with omega (rad/s) and damping rate b (1/s); None
+        of what is not noise."""
+        return None
 
     def numbers(self) -> dict[str, float]:
         """Numbers, in SI units, that a report states and that are not in the scene file."""
@@ -110,6 +134,75 @@ class Disturbance(Checked):
         numbers
             Numbers that the method `numbers` returned.
         """
+
+
+class StrengthNoise(Disturbance):
+    """Base of noise that is made from white noise, whose strength is given by `intensity` S0, or by
+    a one-sided `density` with its `unit`.
+
+    Parameters
+    ----------
+    intensity
+        S0, two-sided, N^2 s on a mass, (m/s^2)^2 s on the base.
+    density
+        Instead of the intensity: the one-sided density per hertz, 2 S0, in `unit`.
+    unit
+        Unit of the density: "g2/Hz" or "(m/s2)2/Hz" on the base, "N2/Hz" on a mass, in any
+        spelling.
+    """
+
+    on: str | None = None
+    intensity: Positive | None = None
+    density: Positive | None = None
+    unit: DensityUnit | None = None
+
+    @property
+    def density_unit(self) -> str | None:
+        """Unit of the density; None for an intensity, which is in SI units."""
+        return self.unit
+
+    @model_validator(mode="after")
+    def _one_strength(self) -> Self:
+        if (self.intensity is None) == (self.density is None):
+            raise ValueError(
+                "needs exactly one of intensity and density, "
+                f"got {given(self, 'intensity', 'density')}"
+            )
+        if (self.density is None) != (self.unit is None):
+            raise ValueError(
+                "needs density and unit together (intensity is in SI units), "
+                f"got {given(self, 'intensity', 'density', 'unit')}"
+            )
+        return self
+
+    @property
+    def si_intensity(self) -> float:
+        """S0 in N^2 s or (m/s^2)^2 s."""
+        if self.intensity is not None:
+            return self.intensity
+        assert self.density is not None and self.unit is not None
+        return intensity_from_density(self.density * unit(self.unit).factor)
+
+    def louder(self, level_db: float) -> Self:
+        power = power_ratio(level_db)
+        return self.model_copy(
+            update={
+                name: power * strength
+                for name, strength in (("intensity", self.intensity), ("density", self.density))
+                if strength is not None
+            }
+        )
+
+    def numbers(self) -> dict[str, float]:
+        return {"density": 2.0 * self.si_intensity}
+
+    def facts(self, where: str, numbers: Mapping[str, float]) -> list[tuple[str, ...]]:
+        unit = "(m/s²)²/Hz" if where == BASE else "N²/Hz"
+        name = f"{self.effect_word.capitalize()} on {where}"
+        return [(name, f"{numbers['density']:.4g} {unit}", self._remark())]
+
+    def _remark(self) -> str:
+        return "one-sided; intensity S0 is half of it"
 
 
 class DensityNoise(Disturbance):
@@ -141,6 +234,9 @@ class DensityNoise(Disturbance):
     def table_for(self, omega: float, damping_rate: float) -> Table:
         """The table that excites an oscillator with omega (rad/s) and damping rate b (1/s)."""
         return self._table
+
+    def density_for(self, omega: float, damping_rate: float) -> Density:
+        return self.table_for(omega, damping_rate)
 
     @property
     @abstractmethod
