@@ -12,19 +12,20 @@ from stochvi.scenes.impact_laws import SpeedRestitution, Viscoelastic
 
 def functions(model: Model) -> list[str]:
     """A sentence for each function in a model, for methods that take numbers only."""
-    found = []
-    if model.restoring is not None:
-        found.append(
-            "structure.kind must not be 'nonlinear' (a restoring force that is a function)"
-        )
-    found += [
+    return nonlinear(model) + [
         "law.coefficient must be a number, got a function of speed "
         f"at the {stop.name} stop of {pair.name}"
         for pair in model.pairs
         for stop in pair.stops
         if isinstance(stop.law, SpeedRestitution)
     ]
-    return found
+
+
+def nonlinear(model: Model) -> list[str]:
+    """The sentence that a model must be linear between its stops, if it is not."""
+    if model.restoring is None:
+        return []
+    return ["structure.kind must not be 'nonlinear' (a restoring force that is a function)"]
 
 
 def without_form(model: Model) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from stochvi.methods.fokker_planck.motion import Motion
-from stochvi.model.coverage import beyond_one_oscillator, not_white, without_dissipation
+from stochvi.model.coverage import beyond_one_oscillator, nonlinear, not_white, without_dissipation
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
 
@@ -111,7 +111,8 @@ def unmet_by_first_passage(model: Model, lower: float | None, upper: float | Non
     >>> unmet_by_first_passage(model, None, None)
     []
     """
-    found = beyond_one_oscillator(model)
+    # no stop acts before the first passage: their laws, also functions, do not matter
+    found = nonlinear(model) or beyond_one_oscillator(model, with_functions=True)
     if found:
         return found
     found = not_white(model)

@@ -17,12 +17,15 @@ from stochvi import (
     Elastic,
     Estimate,
     ImpactPair,
+    NonlinearOscillator,
     NotApplicable,
     NotConverged,
     Oscillator,
     Restitution,
     Scene,
+    SpeedRestitution,
     TabulatedNoise,
+    WhiteNoise,
     first_passage,
 )
 from stochvi.cli import main
@@ -265,7 +268,12 @@ def test_a_barrier_far_beyond_the_other_is_as_good_as_none() -> None:
 
 def test_the_stops_are_the_barriers_whatever_their_law() -> None:
     bare = first_passage(lightly_damped(), -1.5, 2.0, times=[30.0], rtol=3e-3)
-    for law in (Restitution(coefficient=0.3), Elastic(stiffness=50.0)):
+    laws = (
+        Restitution(coefficient=0.3),
+        Elastic(stiffness=50.0),
+        SpeedRestitution(coefficient=lambda speed: 0.8 / (1.0 + speed)),
+    )
+    for law in laws:
         pair = ImpactPair(lower=-1.5, upper=2.0, law=law)
         scene = lightly_damped().model_copy(update={"impact_pairs": (pair,)})
         found = first_passage(scene, times=[30.0], rtol=3e-3)
@@ -459,6 +467,13 @@ STOPPED = oscillator(-1.0, 1.0, 0.5)
 def test_what_does_not_apply_is_said_in_a_sentence(scene, ends, sentence) -> None:
     with pytest.raises(NotApplicable, match=sentence):
         first_passage(scene, *ends)
+
+
+def test_a_spring_that_is_a_function_is_refused() -> None:
+    hardening = NonlinearOscillator(mass=1.0, damping=0.1, restoring_force=lambda x: x + x**3)
+    scene = Scene(structure=hardening, excitations=[WhiteNoise(intensity=0.2)])
+    with pytest.raises(NotApplicable, match="must not be 'nonlinear'"):
+        first_passage(scene, -1.0, 1.0)
 
 
 def test_only_white_noise_is_covered() -> None:
