@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 
 from stochvi.absorbers.sine import tuned_key
-from stochvi.views.axes import COLOURS, add_grid, plain_ticks
+from stochvi.views.axes import add_grid, plain_ticks
+from stochvi.views.colours import COLOURS
 from stochvi.views.tables import print_frame
 from stochvi.views.words import MM
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from stochvi.views.axes import COLOURS, axes_or_new, length_unit
+from stochvi.views.axes import axes_or_new, length_unit
+from stochvi.views.colours import COLOURS
 from stochvi.views.tables import print_frame
 from stochvi.views.words import MM, G, millimetres, with_error
 

@@ -1,5 +1,4 @@
-"""Parts that all pictures share: axes, colours, units of length, the stops, the grid and the
-legend.
+"""Parts that all pictures share: axes, units of length, the stops, the grid and the legend.
 
 matplotlib is imported where the first picture is drawn: a report may have none.
 """
@@ -13,6 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.views.colours import COLOURS, GRID_COLOUR
+
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
@@ -22,26 +23,6 @@ if TYPE_CHECKING:
     from stochvi.scenes.scene import ImpactPair, Scene
 
 Vector = NDArray[np.float64]
-
-COLOURS = {
-    "exact": "#1b1b1b",
-    "simulate": "#0b6fb8",
-    "linearise:closure": "#d1495b",
-    "linearise:motion": "#e0a030",
-    "linearise:force": "#3a8f5c",
-    "fokker-planck": "#7a4fa3",
-    "stop": "#8a8f98",
-}
-"""One colour per method, the same in every picture."""
-
-OWNERS = ("#0b6fb8", "#d1495b", "#3a8f5c", "#e0a030", "#7a4fa3", "#1b1b1b")
-"""Colours of coordinates and impact pairs, in their order."""
-
-BAND_ALPHA = 0.3
-"""Opacity of a band of errors."""
-
-GRID_COLOUR = "#dddddd"
-"""Colour of the lines of a grid."""
 
 LENGTH_UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"))
 """Units of length that axes may have: length of the unit in metres, and its name."""
@@ -75,17 +56,6 @@ neighbours."""
 
 LEGEND_COLUMNS = 2
 """Number of columns of a legend: more do not fit above a picture of half a page."""
-
-
-def owner_colours(number: int) -> list[str]:
-    """Colours of `number` coordinates or pairs: those of `OWNERS`, or shades where there are more
-    of them."""
-    if number <= len(OWNERS):
-        return list(OWNERS[:number])
-    from matplotlib import colormaps
-    from matplotlib.colors import to_hex
-
-    return [to_hex(colormaps["turbo"](share)) for share in np.linspace(0.03, 0.97, number)]
 
 
 def axes_or_new(ax: Axes | None, size: tuple[float, float] = SCREEN) -> Axes:

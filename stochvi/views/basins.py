@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
-from stochvi.views.axes import COLOURS, add_grid, axes_or_new, length_unit
+from stochvi.views.axes import add_grid, axes_or_new, length_unit
+from stochvi.views.colours import BASINS, BEYOND, CHAOTIC, COLOURS, UNDECIDED
 from stochvi.views.tables import print_frame
 
 if TYPE_CHECKING:
@@ -22,14 +23,6 @@ if TYPE_CHECKING:
 
 MAP_SIZE, DIAGRAM_SIZE = (7.0, 5.2), (7.0, 6.0)
 """Sizes of a map of basins and of a diagram of two panels, inches."""
-
-SHADES = (
-    "#9ecae8", "#f2a7a0", "#a9d8a5", "#f5d08a", "#c7b3e0", "#8fd3cf", "#e8b4d4", "#cfc29a",
-)  # fmt: skip
-"""Colours of basins, light enough for the marks of their regimes."""
-
-CHAOTIC, UNDECIDED, BEYOND = "#4d4d4d", "#d0d0d0", "#ffffff"
-"""Colours of starts that end in chaos, of those that are undecided, and of those beyond a stop."""
 
 REGIME_COLUMNS = {
     "share": "share of starts",
@@ -118,7 +111,7 @@ def plot_basins(found: Basins, ax: Axes | None = None) -> Axes:
         if regime.kind == "chaotic":
             shade = CHAOTIC
         else:
-            shade, number = SHADES[number % len(SHADES)], number + 1
+            shade, number = BASINS[number % len(BASINS)], number + 1
         shades.append(shade)
         label = f"{regime.name}: {100.0 * regime.share:.3g} %"
         handles.append(Patch(color=shade, label=label))

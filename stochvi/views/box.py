@@ -9,7 +9,7 @@ import numpy as np
 
 from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.scenes.rigid_body import AXES, RigidBody
-from stochvi.views.axes import COLOURS
+from stochvi.views.colours import COLOURS
 from stochvi.views.words import MM, four_digits
 
 if TYPE_CHECKING:

@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from stochvi.views.axes import COLOURS, add_grid, add_title, axes_or_new, length_unit, owner_colours
+from stochvi.views.axes import add_grid, add_title, axes_or_new, length_unit
+from stochvi.views.colours import COLOURS, owner_colours
 
 SIGMA_LABEL = "clearance per side / rms displacement without stops"
 

@@ -19,7 +19,8 @@ from stochvi.mathematics.impact_rates import corner_exponent
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Restitution
-from stochvi.views.axes import COLOURS, axes_or_new, draw_stops, length_unit
+from stochvi.views.axes import axes_or_new, draw_stops, length_unit
+from stochvi.views.colours import COLOURS
 
 if TYPE_CHECKING:
     from stochvi.scenes.scene import Scene

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 
-from stochvi.views.axes import COLOURS, add_grid, axes_or_new
+from stochvi.views.axes import add_grid, axes_or_new
+from stochvi.views.colours import COLOURS
 
 if TYPE_CHECKING:
     from stochvi.methods.fokker_planck import FirstPassage

@@ -16,15 +16,8 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.response import ROTATIONS
-from stochvi.views.axes import (
-    COLOURS,
-    OWNERS,
-    add_grid,
-    as_written,
-    draw_walls,
-    length_unit,
-    thinned,
-)
+from stochvi.views.axes import add_grid, as_written, draw_walls, length_unit, thinned
+from stochvi.views.colours import COLOURS, OWNERS
 from stochvi.views.files import write_bytes
 from stochvi.views.tables import print_frame
 

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from stochvi.views.axes import OWNERS, owner_colours
+from stochvi.views.colours import OWNERS, owner_colours
 
 if TYPE_CHECKING:
     from stochvi.statistics.impacts import ImpactStatistics

@@ -9,7 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from stochvi.mathematics.cut_normal import normal_density
-from stochvi.views.axes import COLOURS, axes_or_new, draw_stops, length_unit
+from stochvi.views.axes import axes_or_new, draw_stops, length_unit
+from stochvi.views.colours import COLOURS
 
 if TYPE_CHECKING:
     import pandas as pd

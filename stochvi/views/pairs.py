@@ -7,14 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
-from stochvi.views.axes import (
-    COLOURS,
-    add_grid,
-    add_title,
-    axes_or_new,
-    length_unit,
-    owner_colours,
-)
+from stochvi.views.axes import add_grid, add_title, axes_or_new, length_unit
+from stochvi.views.colours import COLOURS, owner_colours
 from stochvi.views.words import MM, four_digits
 
 if TYPE_CHECKING:

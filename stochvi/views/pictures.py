@@ -11,16 +11,9 @@ from matplotlib.axes import Axes
 from stochvi.results.response import ROTATIONS
 from stochvi.views.absorber_sine import plot_absorber_sine
 from stochvi.views.absorbers import draw_design, draw_levels
-from stochvi.views.axes import (
-    COLOURS,
-    OWNERS,
-    SCREEN,
-    add_grid,
-    axes_or_new,
-    length_unit,
-    thinned,
-)
+from stochvi.views.axes import SCREEN, add_grid, axes_or_new, length_unit, thinned
 from stochvi.views.basins import draw_bifurcation, plot_basins, plot_lifetimes
+from stochvi.views.colours import COLOURS, GRID_COLOUR, OWNERS
 from stochvi.views.first_passage import plot_first_passage
 from stochvi.views.impacts import draw_impacts, plot_histogram
 from stochvi.views.pairs import plot_pairs_risk, plot_structure_screening
@@ -333,5 +326,5 @@ def _list(ax: Axes | None, rows: int) -> Axes:
 def _label_rows(ax: Axes, names: Sequence[str]) -> None:
     ax.set_yticks(range(len(names)), names, fontsize="small")
     ax.set_ylim(len(names) - 0.5, -0.5)
-    ax.grid(axis="x", color="#dddddd", linewidth=0.6)
+    ax.grid(axis="x", color=GRID_COLOUR, linewidth=0.6)
     ax.set_axisbelow(True)

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.views.axes import COLOURS, OWNERS, add_grid, axes_or_new, length_unit, thinned
+from stochvi.views.axes import add_grid, axes_or_new, length_unit, thinned
+from stochvi.views.colours import COLOURS, OWNERS
 from stochvi.views.tables import new_table, print_frame, print_line, print_table
 from stochvi.views.words import MM, UNKNOWN, G, four_digits
 

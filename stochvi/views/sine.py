@@ -11,7 +11,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from stochvi.views.axes import COLOURS, add_grid, length_unit
+from stochvi.views.axes import add_grid, length_unit
+from stochvi.views.colours import COLOURS
 from stochvi.views.tables import print_frame
 from stochvi.views.words import MM
 

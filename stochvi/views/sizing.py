@@ -15,8 +15,6 @@ from stochvi.mathematics.cut_normal import normal_density
 from stochvi.mathematics.units import STANDARD_GRAVITY, power_ratio
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.views.axes import (
-    COLOURS,
-    OWNERS,
     PAGE,
     add_grid,
     add_title,
@@ -25,6 +23,7 @@ from stochvi.views.axes import (
     label_for_page,
     length_unit,
 )
+from stochvi.views.colours import CLEARANCES, COLOURS, OWNERS
 from stochvi.views.words import count_of, name_of_answer
 
 if TYPE_CHECKING:
@@ -51,23 +50,17 @@ LABEL_WIDTH = 30
 
 GRAVITY_SQUARED = STANDARD_GRAVITY**2
 
-MARKS = {"three_sigma": "#e0a030", "recommended": "#3a8f5c"}
-"""Colours of the two clearances that every picture may mark."""
-
-OWN_COLOUR = "#c0392b"
-"""Colour of the clearance that a record itself needs, where it contradicts the sizing."""
-
 
 def _marks(sizing: Sizing) -> list[tuple[str, str, float]]:
     """Colour, name and place (m) of the clearances that a picture marks: 3 sigma and the answer,
     and what a record itself needs where it contradicts the noise of the answer."""
-    found = [(MARKS["three_sigma"], "3 sigma", sizing.three_sigma.clearance)]
+    found = [(CLEARANCES["three_sigma"], "3 sigma", sizing.three_sigma.clearance)]
     if sizing.doubtful is None:
-        return [*found, (MARKS["recommended"], name_of_answer(sizing), sizing.clearance.value)]
+        return [*found, (CLEARANCES["recommended"], name_of_answer(sizing), sizing.clearance.value)]
     return [
         *found,
         (COLOURS["stop"], name_of_answer(sizing), sizing.clearance.value),
-        (OWN_COLOUR, "the record itself", sizing.doubtful.clearance),
+        (CLEARANCES["record"], "the record itself", sizing.doubtful.clearance),
     ]
 
 
@@ -112,7 +105,10 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
         place = sizing.doubtful.clearance / unit
         end = max(end, 1.05 * place)
         ax.axvline(
-            place, color=OWN_COLOUR, linewidth=1.6, label=f"the record itself: {place:.4g} {name}"
+            place,
+            color=CLEARANCES["record"],
+            linewidth=1.6,
+            label=f"the record itself: {place:.4g} {name}",
         )
     ax.set_xlim(float(x.iloc[0]), end)
     ax.set_ylim(lowest, 1.3)
@@ -175,7 +171,7 @@ def plot_transmissibility(review: Review, ax: Axes | None = None) -> Axes:
     apparent = None if review.motion is None else review.motion.transmissibility
     if apparent is not None:
         ax.loglog(apparent["frequency_hz"], apparent["transmissibility"],
-                  color=MARKS["three_sigma"], linewidth=1.2,
+                  color=CLEARANCES["three_sigma"], linewidth=1.2,
                   label="apparent, stops at 3 sigma")  # fmt: skip
     ax.loglog(spectra["frequency_hz"], spectra["transmissibility"], color=COLOURS["exact"],
               linewidth=1.6, label="no stops")  # fmt: skip
@@ -263,7 +259,7 @@ def plot_impact_speeds(review: Review, ax: Axes | None = None) -> Axes:
     w = np.linspace(0.0, 1.15 * max(speeds.max(), 2.5 * deviation), 301)
     ax.semilogy(w, rice * np.exp(-0.5 * (w / deviation) ** 2), color=COLOURS["exact"],
                 linestyle="--", linewidth=1.3, label="Rice, no impacts")  # fmt: skip
-    ax.semilogy(speeds, faster, color=MARKS["three_sigma"], linewidth=1.6,
+    ax.semilogy(speeds, faster, color=CLEARANCES["three_sigma"], linewidth=1.6,
                 drawstyle="steps-post",
                 label=f"{count_of(motion.hits)} hits at 3 sigma")  # fmt: skip
     ax.set_ylim(0.5 / motion.duration, 3.0 * max(faster.max(), rice))

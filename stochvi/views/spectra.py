@@ -8,7 +8,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from stochvi.views.axes import BAND_ALPHA, COLOURS, OWNERS, limit_decades
+from stochvi.views.axes import limit_decades
+from stochvi.views.colours import BAND_ALPHA, COLOURS, OWNERS, TRANSFERS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,14 +26,11 @@ DENSITIES = {
 """Labels of the panels of densities, by quantity; the label of an acceleration is completed by the
 kind of acceleration."""
 
-TRANSFERS = {
-    "transmissibility_h1": ("H1, the linear part", "#0b6fb8"),
-    "transmissibility_ratio": ("root of the ratio of densities", "#d1495b"),
+TRANSFER_NAMES = {
+    "transmissibility_h1": "H1, the linear part",
+    "transmissibility_ratio": "root of the ratio of densities",
 }
-"""Names and colours of the transmissibilities in the panel that compares with the excitation."""
-
-COHERENCE = "#3a8f5c"
-"""Colour of the coherence, which has an axis of its own."""
+"""Names of the transmissibilities in the panel that compares with the excitation."""
 
 TITLE = "spectra, one-sided per hertz, with 95 % bands"
 
@@ -85,18 +83,20 @@ def draw_spectrum(
 
 def _draw_transfer(transfer: Mapping[str, Curve], ax: Axes) -> None:
     """Transmissibilities, and the coherence on a linear axis at the right."""
-    for name, (label, colour) in TRANSFERS.items():
-        plot_curve(transfer[name], ax, colour=colour, label=label)
-    values = np.concatenate([transfer[name].value for name in TRANSFERS])
+    for name, label in TRANSFER_NAMES.items():
+        plot_curve(transfer[name], ax, colour=TRANSFERS[name], label=label)
+    values = np.concatenate([transfer[name].value for name in TRANSFER_NAMES])
     ax.set_ylim(0.5 * max(values.min(), 1e-3 * values.max()), 4.0 * values.max())
     ax.set_ylabel("transmissibility")
     ax.grid(alpha=0.25)
     right = ax.twinx()
-    plot_curve(transfer["coherence"], right, colour=COHERENCE, label="coherence, right axis")
+    plot_curve(
+        transfer["coherence"], right, colour=TRANSFERS["coherence"], label="coherence, right axis"
+    )
     right.set_yscale("linear")
     right.set_ylim(0.0, 1.25)  # the legend stands above 1
     right.set_yticks(np.linspace(0.0, 1.0, 6))
-    right.set_ylabel("coherence", color=COHERENCE)
-    right.tick_params(axis="y", colors=COHERENCE)
+    right.set_ylabel("coherence", color=TRANSFERS["coherence"])
+    right.tick_params(axis="y", colors=TRANSFERS["coherence"])
     lines = [*ax.get_lines(), *right.get_lines()]
     ax.legend(handles=lines, frameon=False, fontsize="small", ncols=3, loc="upper left")

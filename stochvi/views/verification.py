@@ -11,7 +11,8 @@ from scipy.special import ndtri
 
 from stochvi.verification.check import AGREES, DISAGREES
 from stochvi.verification.cost import NOISE
-from stochvi.views.axes import COLOURS, add_grid, axes_or_new
+from stochvi.views.axes import add_grid, axes_or_new
+from stochvi.views.colours import COLOURS
 
 if TYPE_CHECKING:
     from stochvi.verification.checks import Checks

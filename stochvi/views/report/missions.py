@@ -11,7 +11,8 @@ import numpy as np
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.results.base import plain
 from stochvi.results.origin import Origin, origin_of
-from stochvi.views.axes import COLOURS, PAGE, axes_or_new, label_for_page
+from stochvi.views.axes import PAGE, axes_or_new, label_for_page
+from stochvi.views.colours import COLOURS
 from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history
 from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
 from stochvi.views.statistics_tables import NEAR_ONE, SURELY
