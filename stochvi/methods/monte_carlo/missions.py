@@ -30,6 +30,7 @@ from stochvi.methods.monte_carlo.rigid_white import (
     kick_over,
     plan_white,
 )
+from stochvi.methods.monte_carlo.stop_flag import check_flag, stop_flag
 from stochvi.model.model import LOWER, UPPER, Model
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
@@ -178,15 +179,15 @@ class MissionPlan:
 
     def advance(self, fleet: Fleet, level: float, event: Event | None = None) -> int:
         """Simulate the paths that have steps left, in place, until their event, the level or their
-        end; returns the number of steps made."""
+        end; returns the number of steps made. `GivenUp` if the flag of this thread is set."""
         event = event or self.event
-        return int(
-            run_missions(
-                fleet, kick_over(self.base.model, self.step), _flow(self.base.model, self.step),
-                self.lower, self.upper, event.kind, event.limit, self.base.threshold,
-                float(self.counted), level,
-            )
+        steps = run_missions(
+            fleet, kick_over(self.base.model, self.step), _flow(self.base.model, self.step),
+            self.lower, self.upper, event.kind, event.limit, self.base.threshold,
+            float(self.counted), level, stop_flag(),
         )  # fmt: skip
+        check_flag()
+        return int(steps)
 
 
 def _at(x: Vector, v: Vector, left: Vector, streams: NDArray[np.uint64]) -> Fleet:

@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from stochvi.methods.monte_carlo.blocks import LANES
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.missions import NO_EVENT, Fleet, MissionPlan
+from stochvi.methods.monte_carlo.stop_flag import given_up_after
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotConverged
 from stochvi.results.intervals import binomial_interval, logarithmic_interval, mean_and_error
@@ -80,21 +81,22 @@ def crude(
     hits: bool,
     first_path: int,
     missions: int,
-    _deadline: Deadline = NEVER,
+    deadline: Deadline = NEVER,
 ) -> Trial:
     """Estimate by independent missions of equal weight (crude Monte Carlo).
 
-    The missions do not end at a deadline, since those that have failed by then would be
-    over-represented.
+    After a deadline all of them are given up (`GivenUp`), never a part of them, since those that
+    have failed by then would be over-represented.
     """
     started = thread_seconds()
-    fleet = plan.fleet(seed, first_path, missions)
-    steps = plan.settled * missions + plan.advance(fleet, math.inf)
-    happened = fleet.happened
-    numbers = np.zeros(1)
-    if hits:
-        numbers, more = _hits_of(plan, fleet)
-        steps += more
+    with given_up_after(deadline):
+        fleet = plan.fleet(seed, first_path, missions)
+        steps = plan.settled * missions + plan.advance(fleet, math.inf)
+        happened = fleet.happened
+        numbers = np.zeros(1)
+        if hits:
+            numbers, more = _hits_of(plan, fleet)
+            steps += more
     return Trial(
         missions=missions,
         chance=float(happened.mean()),
@@ -121,8 +123,16 @@ def repetition(
 ) -> Trial:
     """One splitting with fixed levels and `particles` paths in each stage.
 
-    Raises `NotConverged` if the deadline passes before it ends.
+    Raises `NotConverged` if the deadline passes before it ends, or `GivenUp` within a stage.
     """
+    with given_up_after(deadline):
+        return _repetition(plan, levels, seed, hits, first_path, particles, deadline)
+
+
+def _repetition(
+    plan: MissionPlan, levels: tuple[float, ...], seed: int, hits: bool, first_path: int,
+    particles: int, deadline: Deadline,
+) -> Trial:  # fmt: skip
     started, index = thread_seconds(), first_path // particles
     fleet = plan.fleet(seed, _first_path(index, 0, particles), particles)
     random = np.random.default_rng([seed, index])
@@ -208,7 +218,15 @@ def pilot_levels(
     """Levels that a share of about SHARE of the paths reach from the level before.
 
     Every stage is simulated twice: to its end, for the largest energies, and up to the level.
+    Raises `NotConverged` if the deadline passes before it ends, or `GivenUp` within a stage.
     """
+    with given_up_after(deadline):
+        return _pilot_levels(plan, seed, first_path, particles, deadline)
+
+
+def _pilot_levels(
+    plan: MissionPlan, seed: int, first_path: int, particles: int, deadline: Deadline
+) -> Levels:
     started = thread_seconds()
     fleet = plan.fleet(seed, first_path, particles)
     random = np.random.default_rng(seed)

@@ -20,6 +20,8 @@ from stochvi.methods.monte_carlo import blocks
 from stochvi.methods.monte_carlo import stop_flag as room
 from stochvi.methods.monte_carlo.blocks import averages_in_time, crew_of, in_pieces
 from stochvi.methods.monte_carlo.choose_plan import make_plan
+from stochvi.methods.monte_carlo.missions import MissionPlan, passage_plan
+from stochvi.methods.monte_carlo.splitting import crude, pilot_levels, repetition
 from stochvi.methods.monte_carlo.stop_flag import GivenUp, check_flag, given_up_after, stop_flag
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
@@ -60,6 +62,25 @@ def test_a_path_that_is_late_is_given_up(kind: str) -> None:
         averages_in_time(endless, 0, 0, 2, Deadline.after(WAIT))
     assert time.process_time() - began < 1.0
     check_flag()  # the next block starts afresh
+
+
+MISSIONS: dict[str, Callable[[MissionPlan, Deadline], Any]] = {
+    "crude": lambda plan, late: crude(plan, 0, False, 0, 64, late),
+    "repetition": lambda plan, late: repetition(plan, (), 0, False, 0, 64, late),
+    "levels": lambda plan, late: pilot_levels(plan, 0, 0, 64, late),
+}
+"""Work on missions, by its part in `reliability`."""
+
+
+@pytest.mark.parametrize("part", MISSIONS)
+def test_missions_that_are_late_are_given_up(part: str) -> None:
+    plan = passage_plan(model_of(oscillator()), -9.0, 9.0, 1e7, "rest")  # 2.5e7 steps a path
+    plan.advance(plan.fleet(0, 0, 2), 0.0)  # loads the kernel
+    began = time.process_time()
+    with pytest.raises(GivenUp):
+        MISSIONS[part](plan, Deadline.after(WAIT))
+    assert time.process_time() - began < 1.0
+    check_flag()
 
 
 def test_pieces_that_were_done_are_kept() -> None:

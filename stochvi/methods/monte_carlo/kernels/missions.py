@@ -73,7 +73,7 @@ def count_down(x, v, left, top, near, stiff, level, mark):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_missions(
-    fleet, kick, flow, lower, upper, event, limit, threshold, counted, level
+    fleet, kick, flow, lower, upper, event, limit, threshold, counted, level, flag
 ):  # fmt: skip
     """Simulate every path that has steps left until its event, the level, or the end of its time.
 
@@ -92,6 +92,8 @@ def run_missions(
         force per unit mass, m/s^2; of the limits of a speed, m/s, the first holds for both stops.
     counted : events and impacts count in the last `counted` steps only. Barriers act only in them.
     level : E2 at which a path ends.
+    flag : (1,), looked at before every other step: where it is not 0, the paths are given up,
+        without a result.
 
     Returns the number of steps that were made.
     """
@@ -135,7 +137,7 @@ def run_missions(
                 peaks[lane, :] = peaks[lanes, :]
             else:
                 ended = False
-        if lanes == 0:
+        if lanes == 0 or flag[0] != 0:
             return steps
         normal_pairs(state[0, :lanes], state[1, :lanes], z1[:lanes], z2[:lanes])
         for half in range(2):
