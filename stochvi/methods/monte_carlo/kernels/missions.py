@@ -134,7 +134,8 @@ def run_missions(
                 xs[lane], vs[lane], rest[lane] = xs[lanes], vs[lanes], rest[lanes]
                 high[lane], seen[lane] = high[lanes], seen[lanes]
                 state[0, lane], state[1, lane] = state[0, lanes], state[1, lanes]
-                peaks[lane, :] = peaks[lanes, :]
+                for which in range(peaks.shape[1]):
+                    peaks[lane, which] = peaks[lanes, which]
             else:
                 ended = False
         if lanes == 0 or flag[0] != 0:

@@ -573,7 +573,8 @@ def decay_freely(end, t, span, work, terms, contacts, accelerations):
         gaps[j, 0], gaps[j, 1] = gap[Y, j], gap[V, j]
         gaps[j, 2] = bend + gap_of(rows, j, modal, A_1)
     left = span - t
-    modal[D_END], modal[R_END] = modal[D], modal[R]
+    for k in range(count):
+        modal[D_END, k], modal[R_END, k] = modal[D, k], modal[R, k]
     for order in range(1, terms):
         share = left / order
         for k in range(count):

@@ -563,7 +563,8 @@ def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
                         add_moments(local, modes, old, origins)
                     else:
                         for row in range(modes):
-                            total[row] = old[row]
+                            for i in range(width):
+                                total[row, i] = old[row, i]
                         matrix_pass(total[modes:], 0.0, old, tables.half_kick, width)
                         add_to(total, smooth)
                         add_moments(local, modes, total, origins)
