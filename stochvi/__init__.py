@@ -14,45 +14,20 @@ Names are imported when they are first used, so that importing the package costs
 """
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 import lazy_loader
 
 _lazy_getattr, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-_HOMES = {
-    "absorbers": ("AbsorberReport", "Design", "design_absorber"),
-    "isolators": ("Jolts", "Screening", "Sizing", "clearance_curve"),
-    "mathematics.kelvin_voigt": ("identify_viscoelastic",),
-    "methods.closed_form": (
-        "ExactDensity",
-        "autocorrelation",
-        "displacement_density",
-        "exact_density",
-    ),
-    "methods.fokker_planck": (
-        "FirstPassage",
-        "Gaussian",
-        "StationaryDensity",
-        "Transient",
-        "fokker_planck_density",
-        "fokker_planck_many",
-    ),
-    "methods.linearisation": (
-        "LinearisedOscillator",
-        "LinearisedStructure",
-        "linearise_all",
-        "linearise_many",
-        "linearised_oscillators",
-        "linearised_structures",
-    ),
-    "methods.monte_carlo": ("record_path",),
-    "methods.periodic": ("HarmonicResonance", "RandomResonance"),
-    "results": ("CheckpointError", "Cost", "NoExactSolution"),
-    "statistics": ("Chance", "History", "ImpactStatistics", "Reliability", "ResponseSpectrum"),
-    "verification": ("Check", "Checks", "Explanation", "WorkPrecision", "check_many", "zoo"),
-}
-"""Names that `stochvi.NAME` finds too, because programs use them so, by the package they are in."""
+_ROOMS = (
+    "scenes", "results", "statistics", "isolators", "absorbers", "verification",
+    "methods.periodic", "methods.closed_form", "methods.linearisation", "methods.fokker_planck",
+    "methods.monte_carlo", "mathematics.kelvin_voigt",
+)  # fmt: skip
+"""Packages whose public names `stochvi.NAME` finds too, because programs use them so; those that
+take long to import stand last."""
 
 
 def __getattr__(name: str) -> Any:
@@ -60,7 +35,9 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("stochvi")
-    for home, names in _HOMES.items():
-        if name in names:
-            return getattr(import_module(f"stochvi.{home}"), name)
+    if not (name in __all__ or name.startswith("_") or find_spec(f"stochvi.{name}")):
+        for room in _ROOMS:
+            package = import_module(f"stochvi.{room}")
+            if name in package.__all__:
+                return getattr(package, name)
     return _lazy_getattr(name)

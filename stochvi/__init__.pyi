@@ -9,7 +9,7 @@ from .methods.linearisation import linearise
 from .methods.monte_carlo import simulate
 from .methods.periodic import harmonic_response
 from .methods.replay import replay
-from .results.errors import Interrupted, NotApplicable, NotConverged, SceneError, StochviError
+from .results.errors import NotApplicable, NotConverged, SceneError, StochviError
 from .results.estimates import Estimate
 from .results.response import Response
 from .scenes.absorbers import Absorber
@@ -25,15 +25,12 @@ from .scenes.excitations import (
 from .scenes.impact_laws import (
     Elastic,
     ForceTable,
-    Hertz,
     Restitution,
     SpeedRestitution,
     Viscoelastic,
 )
-from .scenes.rigid_body import Mount, RigidBody
 from .scenes.scene import ImpactPair, Scene, load_scene
-from .scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator
-from .scenes.vehicles import QuarterCar
+from .scenes.structures import Isolator, Matrices, Oscillator
 from .statistics.histories import history
 from .statistics.impacts import impacts
 from .statistics.reliability import reliability
@@ -52,21 +49,15 @@ __all__ = [
     "Estimate",
     "FilteredNoise",
     "ForceTable",
-    "Hertz",
     "ImpactPair",
-    "Interrupted",
     "Isolator",
     "Matrices",
-    "Mount",
-    "NonlinearOscillator",
     "NotApplicable",
     "NotConverged",
     "Oscillator",
-    "QuarterCar",
     "RecordedNoise",
     "Response",
     "Restitution",
-    "RigidBody",
     "RoadNoise",
     "Scene",
     "SceneError",

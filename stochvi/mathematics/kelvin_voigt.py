@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+__all__ = ["identify_viscoelastic"]
+
 
 class Impact(NamedTuple):
     """One contact of a free mass with a stop, from its first touch on (SI units).

@@ -86,7 +86,7 @@ class Mount(Checked):
 
     See Also
     --------
-    stochvi.RigidBody : The box that stands on it.
+    stochvi.scenes.RigidBody : The box that stands on it.
 
     Examples
     --------
@@ -161,7 +161,7 @@ class RigidBody(Checked):
 
     See Also
     --------
-    stochvi.Mount : What it stands on.
+    stochvi.scenes.Mount : What it stands on.
     stochvi.explain : Its modes, in words.
 
     Examples

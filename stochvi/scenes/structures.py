@@ -153,7 +153,7 @@ class Isolator(Oscillator):
     See Also
     --------
     stochvi.Oscillator : A mass on a spring that is fixed.
-    stochvi.RigidBody : A box on several mounts.
+    stochvi.scenes.RigidBody : A box on several mounts.
 
     Examples
     --------
@@ -210,7 +210,7 @@ class Matrices(Checked):
     See Also
     --------
     stochvi.Oscillator : A single mass.
-    stochvi.RigidBody : A box, whose matrices are built.
+    stochvi.scenes.RigidBody : A box, whose matrices are built.
 
     Examples
     --------

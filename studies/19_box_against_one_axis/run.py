@@ -59,7 +59,7 @@ def boxes_of(random: np.random.Generator, offset: float, plane: str):
          "clearance": 0.01, "law": LAW}
         for column, axis in enumerate(AXES) for k, at in enumerate(corners, start=1)
     ]  # fmt: skip
-    box = stochvi.RigidBody(mass=mass, inertia=inertia, mount=mounts)
+    box = stochvi.scenes.RigidBody(mass=mass, inertia=inertia, mount=mounts)
     whole = stochvi.Scene(structure=box, impact_pair=pairs, excitations=NOISE)
     singles = {
         axis: stochvi.Scene(

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from stochvi import Isolator, RigidBody, Scene, screen
+from stochvi import Isolator, Scene, screen
 from stochvi.isolators.sizing.box_overview import box_overview
+from stochvi.scenes import RigidBody
 from support.boxes import box, scene_with, tables
 from support.pairs import pair, uncoupled
 

@@ -7,9 +7,10 @@ import tomllib
 import numpy as np
 import pytest
 
-from stochvi import RigidBody, SceneError, load_scene
+from stochvi import SceneError, load_scene
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.model.model import model_of
+from stochvi.scenes import RigidBody
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import scene_from
 from support.boxes import PLACES, box, direct_matrices, scene_with

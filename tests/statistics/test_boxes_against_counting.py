@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stochvi import ImpactPair, Restitution, RigidBody, Scene
+from stochvi import ImpactPair, Restitution, Scene
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.estimates import Estimate
+from stochvi.scenes import RigidBody
 from stochvi.statistics.pair_crossings import pair_crossings
 from stochvi.testing import assert_agrees
 from support.boxes import INERTIA, PLACES, TABLES, direct_matrices, tables

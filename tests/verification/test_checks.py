@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 from scipy.stats import norm, t
 
-from stochvi import Estimate, Interrupted, Response, check, exact, simulate
+from stochvi import Estimate, Response, check, exact, simulate
 from stochvi.cli import main
+from stochvi.results import Interrupted
 from stochvi.results.estimates import Cost
 from stochvi.results.intervals import normal_score, student_quantile
 from stochvi.scenes.datasets import data_folder, zoo_files

@@ -33,7 +33,7 @@ class RoadNoise(DensityNoise):
 
     See Also
     --------
-    stochvi.QuarterCar : A vehicle between the road and the mount.
+    stochvi.scenes.QuarterCar : A vehicle between the road and the mount.
 
     Examples
     --------

@@ -17,7 +17,6 @@ from stochvi import (
     Elastic,
     Estimate,
     ImpactPair,
-    NonlinearOscillator,
     NotApplicable,
     NotConverged,
     Oscillator,
@@ -34,6 +33,7 @@ from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck import FirstPassage, Gaussian, evolution, meshes_in_time, passage
 from stochvi.methods.fokker_planck.evolution import time_groups
 from stochvi.model.model import model_of
+from stochvi.scenes import NonlinearOscillator
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
 from stochvi.testing import assert_agrees

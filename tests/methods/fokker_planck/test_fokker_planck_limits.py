@@ -11,7 +11,6 @@ import pytest
 from stochvi import (
     ConstantLoad,
     ImpactPair,
-    NonlinearOscillator,
     NotApplicable,
     NotConverged,
     Oscillator,
@@ -28,6 +27,7 @@ from stochvi.methods.fokker_planck.motion import Motion
 from stochvi.methods.fokker_planck.scaled_motion import scaled_motion
 from stochvi.model.model import model_of
 from stochvi.results import NoExactSolution
+from stochvi.scenes import NonlinearOscillator
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
 from support.known import oscillator

@@ -18,9 +18,7 @@ from stochvi import (
     Elastic,
     Estimate,
     ForceTable,
-    Hertz,
     ImpactPair,
-    NonlinearOscillator,
     NotApplicable,
     NotConverged,
     Response,
@@ -46,6 +44,7 @@ from stochvi.methods.fokker_planck.basis import VelocityCells, returned_flux, tr
 from stochvi.methods.fokker_planck.refinement import _field
 from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion
 from stochvi.methods.fokker_planck.strip_solver import Strip
+from stochvi.scenes import Hertz, NonlinearOscillator
 from stochvi.scenes.impact_laws import Law
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases

@@ -5,11 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from stochvi import Isolator, RigidBody, Scene, linearise, simulate
+from stochvi import Isolator, Scene, linearise, simulate
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.model.modal import linear_law
 from stochvi.model.model import model_of
 from stochvi.results.response import Response
+from stochvi.scenes import RigidBody
 from stochvi.testing import assert_agrees
 from support.accuracies import rel_errors
 from support.boxes import TABLES, box, direct_matrices, scene_with, tables

@@ -9,7 +9,6 @@ import pytest
 
 from stochvi import (
     ImpactPair,
-    Interrupted,
     NotConverged,
     Oscillator,
     Restitution,
@@ -24,6 +23,7 @@ from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.rigid_white import COLLAPSE_RESTITUTION
 from stochvi.model.model import model_of
+from stochvi.results import Interrupted
 from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
 from stochvi.scenes.excitations import ConstantLoad
 from stochvi.testing import assert_agrees

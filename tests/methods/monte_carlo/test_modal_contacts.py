@@ -11,7 +11,6 @@ from scipy.integrate import solve_ivp
 from stochvi import (
     Elastic,
     ForceTable,
-    Hertz,
     ImpactPair,
     NotApplicable,
     Oscillator,
@@ -28,6 +27,7 @@ from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
 from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.balances import residuals
 from stochvi.model.model import model_of
+from stochvi.scenes import Hertz
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Law

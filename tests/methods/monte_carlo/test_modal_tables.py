@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from stochvi import (
-    Hertz,
     ImpactPair,
     Isolator,
     NotApplicable,
@@ -29,6 +28,7 @@ from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.methods.monte_carlo.tabulated import LARGEST_LOSS, TabulatedPlan
 from stochvi.model.modal import linear_law
 from stochvi.model.model import model_of
+from stochvi.scenes import Hertz
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Law

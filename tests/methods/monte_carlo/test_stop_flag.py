@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stochvi import Interrupted, NotConverged, impacts, load_scene, simulate
+from stochvi import NotConverged, impacts, load_scene, simulate
 from stochvi.methods.monte_carlo import blocks
 from stochvi.methods.monte_carlo import stop_flag as room
 from stochvi.methods.monte_carlo.blocks import averages_in_time, crew_of, in_pieces
@@ -24,6 +24,7 @@ from stochvi.methods.monte_carlo.missions import MissionPlan, passage_plan
 from stochvi.methods.monte_carlo.splitting import crude, pilot_levels, repetition
 from stochvi.methods.monte_carlo.stop_flag import GivenUp, check_flag, given_up_after, stop_flag
 from stochvi.model.model import model_of
+from stochvi.results import Interrupted
 from stochvi.results.deadline import Deadline
 from stochvi.scenes.datasets import shipped_scene, zoo_files
 from support.known import oscillator

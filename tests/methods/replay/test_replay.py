@@ -20,7 +20,6 @@ from stochvi import (
     ConstantLoad,
     Elastic,
     ForceTable,
-    Hertz,
     ImpactPair,
     Isolator,
     Matrices,
@@ -35,6 +34,7 @@ from stochvi import (
 from stochvi.methods.replay import Replay
 from stochvi.methods.replay.march import Shaking, march
 from stochvi.model.model import model_of
+from stochvi.scenes import Hertz
 from stochvi.scenes.impact_laws import CompliantLaw, Law
 from stochvi.views.replay import plot_clearances
 from support.commands import Run, one_document, refused
