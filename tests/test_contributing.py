@@ -1,6 +1,8 @@
-"""The files that CONTRIBUTING names exist, and so do the functions."""
+"""The files that CONTRIBUTING names exist, and so do the functions and classes in them."""
 
+import ast
 import re
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -10,15 +12,31 @@ TEXT = (HOUSE / "CONTRIBUTING.md").read_text("utf-8")
 FILES = sorted(set(re.findall(r"`(?:[\w/]+/)?\w+\.(?:pyi?|md|toml)(?=[`:])", TEXT)))
 
 
+def files_of(name: str) -> list[Path]:
+    """The files of the repository whose path ends with a name."""
+    parts = [HOUSE / room for room in ("stochvi", "tests", "docs", "studies", "data")]
+    found = [path for part in parts for path in part.rglob(Path(name).name)]
+    return [path for path in [*found, HOUSE / name] if path.as_posix().endswith(f"/{name}")]
+
+
 @pytest.mark.parametrize("name", [each.strip("`") for each in FILES])
 def test_a_file_that_is_named_exists(name: str) -> None:
-    assert any(path.as_posix().endswith(f"/{name}") for path in HOUSE.rglob(Path(name).name))
+    assert any(path.exists() for path in files_of(name))
 
 
-FUNCTIONS = sorted(set(re.findall(r"`([\w/]+\.py): (?:\w+\.)?(\w+)`", TEXT)))
+NAMED = sorted(set(re.findall(r"`([\w/]+\.py): ([\w.]+)`", TEXT)))
 
 
-@pytest.mark.parametrize(("name", "function"), FUNCTIONS)
-def test_a_function_that_is_named_is_in_its_file(name: str, function: str) -> None:
-    files = [p for p in HOUSE.rglob(Path(name).name) if p.as_posix().endswith(f"/{name}")]
-    assert any(re.search(rf"(def|class) {function}\b", p.read_text("utf-8")) for p in files)
+def names_in(body: Iterable[ast.stmt], before: str = "") -> Iterator[str]:
+    """Functions, and classes with their methods, that a file defines."""
+    for each in body:
+        if isinstance(each, ast.FunctionDef | ast.ClassDef):
+            yield before + each.name
+        if isinstance(each, ast.ClassDef):
+            yield from names_in(each.body, f"{before}{each.name}.")
+
+
+@pytest.mark.parametrize(("file", "name"), NAMED)
+def test_what_is_named_is_in_its_file(file: str, name: str) -> None:
+    files = [path for path in files_of(file) if path.exists()]
+    assert any(name in names_in(ast.parse(path.read_text("utf-8")).body) for path in files)
