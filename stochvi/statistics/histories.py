@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.spectra import Table
-from stochvi.methods.monte_carlo.histories import HistoryPlan, plan_histories
+from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
 from stochvi.methods.monte_carlo.plan import Histories, Plan
 from stochvi.methods.monte_carlo.simulate import check_arguments

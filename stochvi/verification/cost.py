@@ -18,6 +18,7 @@ from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, check_price, crew_of, in_pieces
 from stochvi.methods.monte_carlo.choose_plan import make_plan
+from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.quantities import (
     RATES,
@@ -30,7 +31,6 @@ from stochvi.methods.monte_carlo.quantities import (
 from stochvi.methods.monte_carlo.rigid_white import LARGEST_ANGLE
 from stochvi.methods.monte_carlo.rounds import FEWEST_PATHS
 from stochvi.methods.monte_carlo.simulate import check_arguments
-from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline

@@ -11,7 +11,7 @@ import numpy as np
 
 from stochvi.methods.monte_carlo.blocks import SENDING_SECONDS, Crew
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.methods.monte_carlo.path_statistics import PathStatistics
 from stochvi.model.model import model_of
 from stochvi.results.deadline import NEVER
 

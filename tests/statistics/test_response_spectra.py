@@ -13,7 +13,7 @@ from scipy.signal import csd, welch
 from stochvi.mathematics.spectra import squared_gain
 from stochvi.methods.closed_form import autocorrelation, exact
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.monte_carlo.histories import plan_histories
+from stochvi.methods.monte_carlo.history_plans import plan_histories
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
 from stochvi.results.intervals import CONFIDENCE

@@ -17,8 +17,8 @@ from scipy.stats import chi2
 from stochvi import Estimate, NotConverged, cost, exact, load_scene, simulate
 from stochvi.methods.monte_carlo.blocks import crew_of
 from stochvi.methods.monte_carlo.choose_plan import make_plan
+from stochvi.methods.monte_carlo.path_statistics import PathStatistics
 from stochvi.methods.monte_carlo.quantities import GOVERNED
-from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Cost

@@ -31,8 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.plan import Plan
-from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.stop_flag import GivenUp, given_up_after
 from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotConverged, StochviError

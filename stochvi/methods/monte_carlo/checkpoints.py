@@ -27,8 +27,8 @@ from typing_extensions import TypedDict
 
 from stochvi.mathematics.units import plain_number
 from stochvi.methods.monte_carlo.blocks import BlockStatistics, machine
+from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.plan import Plan
-from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics, StepPairs
 from stochvi.results.atomic_files import write_whole
 from stochvi.results.errors import CheckpointError
 from stochvi.results.intervals import PathMoments

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.histories import histories_of
+from stochvi.methods.monte_carlo.history_plans import histories_of
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.plan import Plan

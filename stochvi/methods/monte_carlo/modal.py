@@ -25,6 +25,7 @@ from stochvi.methods.monte_carlo.kernels.modes import (
     run_modes,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
+from stochvi.methods.monte_carlo.path_statistics import Layout
 from stochvi.methods.monte_carlo.plan import Histories, SteppedPlan
 from stochvi.methods.monte_carlo.quantities import Key, gap_of
 from stochvi.methods.monte_carlo.rigid_white import (
@@ -41,7 +42,6 @@ from stochvi.methods.monte_carlo.rigid_white import (
     RELAXATIONS,
     default_threshold,
 )
-from stochvi.methods.monte_carlo.statistics import Layout
 from stochvi.methods.monte_carlo.step_bias import (
     bias_of_plain_step,
     bias_of_smooth_motion,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.kernels.impact_log import Log
-from stochvi.methods.monte_carlo.statistics import Layout
+from stochvi.methods.monte_carlo.path_statistics import Layout
 from stochvi.model.model import Model
 
 Vector = NDArray[np.float64]

@@ -30,6 +30,7 @@ from stochvi.methods.monte_carlo.kernels.steps import (
     Paths,
     RigidStop,
 )
+from stochvi.methods.monte_carlo.path_statistics import Layout
 from stochvi.methods.monte_carlo.plan import (
     Histories,
     Records,
@@ -38,7 +39,6 @@ from stochvi.methods.monte_carlo.plan import (
     histories_of_one,
     layout_of_one,
 )
-from stochvi.methods.monte_carlo.statistics import Layout
 from stochvi.methods.monte_carlo.step_bias import (
     WELL_RESOLVED_RESTITUTION,
     bias_of_plain_step,

@@ -21,6 +21,7 @@ from stochvi.methods.monte_carlo.blocks import (
     machine,
 )
 from stochvi.methods.monte_carlo.checkpoints import Keeper, State
+from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.quantities import (
     RATES,
@@ -36,7 +37,6 @@ from stochvi.methods.monte_carlo.quantities import (
     of_pair,
     speed_mean,
 )
-from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics, StepPairs
 from stochvi.model.balances import residuals
 from stochvi.model.build_response import build_response
 from stochvi.model.coverage import beyond_one_oscillator

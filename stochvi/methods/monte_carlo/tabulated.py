@@ -44,6 +44,7 @@ from stochvi.methods.monte_carlo.kernels.response_domain import (
 )
 from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, NO_EXTREMES, Sums
 from stochvi.methods.monte_carlo.kernels.steps import ContactStop, RigidStop, Sampling
+from stochvi.methods.monte_carlo.path_statistics import Layout
 from stochvi.methods.monte_carlo.plan import (
     Histories,
     Records,
@@ -52,7 +53,6 @@ from stochvi.methods.monte_carlo.plan import (
     layout_of_one,
 )
 from stochvi.methods.monte_carlo.rigid_white import COARSE_SHARE, default_threshold
-from stochvi.methods.monte_carlo.statistics import Layout
 from stochvi.methods.monte_carlo.step_bias import (
     bias_of_plain_step,
     bias_of_smooth_motion,

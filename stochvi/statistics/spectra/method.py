@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.blocks import blocks_between, check_price, crew_of, in_pieces
-from stochvi.methods.monte_carlo.histories import HistoryPlan, plan_histories
+from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.model import Model

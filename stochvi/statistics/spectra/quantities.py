@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.monte_carlo.histories import HistoryPlan
+from stochvi.methods.monte_carlo.history_plans import HistoryPlan
 from stochvi.methods.monte_carlo.plan import Histories
 from stochvi.methods.monte_carlo.quantities import gap_of
 from stochvi.model.model import Model, Pair

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import prev_fast_len, rfft
 
-from stochvi.methods.monte_carlo.histories import HistoryPlan
+from stochvi.methods.monte_carlo.history_plans import HistoryPlan
 from stochvi.results.intervals import PathMoments
 
 Vector = NDArray[np.float64]

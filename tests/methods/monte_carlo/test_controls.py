@@ -23,9 +23,9 @@ from stochvi import (
 )
 from stochvi.methods.monte_carlo.checkpoints import Checkpoint
 from stochvi.methods.monte_carlo.choose_plan import make_plan
+from stochvi.methods.monte_carlo.path_statistics import PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.quantities import Means, of_coordinate, of_pair
-from stochvi.methods.monte_carlo.statistics import PathStatistics, StepPairs
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import zoo_files

@@ -27,8 +27,8 @@ from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.kernels.modal_stops import first_root
 from stochvi.methods.monte_carlo.modal import plan_modal
+from stochvi.methods.monte_carlo.path_statistics import PathStatistics
 from stochvi.methods.monte_carlo.quantities import of_coordinate, of_pair
-from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.balances import residuals
 from stochvi.model.model import model_of
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine

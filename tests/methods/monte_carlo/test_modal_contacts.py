@@ -24,7 +24,7 @@ from stochvi import (
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.compliant_response import KINK_ERROR
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
-from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.methods.monte_carlo.path_statistics import PathStatistics
 from stochvi.model.balances import residuals
 from stochvi.model.model import model_of
 from stochvi.scenes import Hertz

@@ -26,8 +26,8 @@ from stochvi.methods.monte_carlo import record_path, rounds
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
+from stochvi.methods.monte_carlo.path_statistics import PathStatistics
 from stochvi.methods.monte_carlo.quantities import of_pair, speed_mean
-from stochvi.methods.monte_carlo.statistics import PathStatistics
 from stochvi.model.balances import residuals
 from stochvi.model.model import model_of
 from stochvi.testing import assert_agrees

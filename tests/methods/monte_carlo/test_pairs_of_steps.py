@@ -9,7 +9,7 @@ import pytest
 
 from stochvi import Scene, load_scene
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.statistics import Layout, PathStatistics, StepPairs
+from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import zoo_files

@@ -43,7 +43,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     X,
 )
 from stochvi.methods.monte_carlo.kernels.steps import Sampling
-from stochvi.methods.monte_carlo.statistics import PathStatistics
+from stochvi.methods.monte_carlo.path_statistics import PathStatistics
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
 from stochvi.model.model import model_of
 from stochvi.results.response import QUANTITY_UNITS

@@ -26,10 +26,10 @@ from typing import NamedTuple
 
 import numba
 
+from stochvi.methods.monte_carlo.kernels.between_samples import decay, time_to_stop
+from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.contact import DAMPED, HERTZ, RIGID
 from stochvi.methods.monte_carlo.kernels.impact_log import log_impact
-from stochvi.methods.monte_carlo.kernels.intervals import decay, time_to_stop
-from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_UPPER,

@@ -26,6 +26,8 @@ import math
 import numba
 import numpy as np
 
+from stochvi.methods.monte_carlo.kernels.between_samples import decay
+from stochvi.methods.monte_carlo.kernels.bounces import RESTING
 from stochvi.methods.monte_carlo.kernels.flight import (
     LANES,
     add_moments,
@@ -33,8 +35,6 @@ from stochvi.methods.monte_carlo.kernels.flight import (
     normals_of_step,
 )
 from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_of
-from stochvi.methods.monte_carlo.kernels.intervals import decay
-from stochvi.methods.monte_carlo.kernels.limits import RESTING
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_SUMS,

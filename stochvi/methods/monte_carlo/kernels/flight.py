@@ -22,8 +22,8 @@ import math
 import numba
 import numpy as np
 
+from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_after, page_of
-from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pair, normal_pairs
 from stochvi.methods.monte_carlo.kernels.rows import (
     F1_LOWER,

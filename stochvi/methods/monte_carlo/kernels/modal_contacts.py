@@ -28,6 +28,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.methods.monte_carlo.kernels.between_samples import time_to_stop
+from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
     CONTACT_ANGLE,
     HERTZ_START,
@@ -38,8 +40,6 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import (
 )
 from stochvi.methods.monte_carlo.kernels.contact import DAMPED, HERTZ, RIGID
 from stochvi.methods.monte_carlo.kernels.impact_log import log_impact
-from stochvi.methods.monte_carlo.kernels.intervals import time_to_stop
-from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.rows import (
     ENDED,
     IMPULSE,

@@ -18,8 +18,8 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_of
-from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass
 from stochvi.methods.monte_carlo.kernels.modal_contacts import (
     decay_freely,

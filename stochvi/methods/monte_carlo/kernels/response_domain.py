@@ -20,6 +20,8 @@ Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in 
 import numba
 import numpy as np
 
+from stochvi.methods.monte_carlo.kernels.between_samples import decay, time_to_stop
+from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
     TALLY,
     IntervalEnds,
@@ -27,8 +29,6 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import (
 )
 from stochvi.methods.monte_carlo.kernels.flight import add_impacts, add_moments
 from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_of
-from stochvi.methods.monte_carlo.kernels.intervals import decay, time_to_stop
-from stochvi.methods.monte_carlo.kernels.limits import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 from stochvi.methods.monte_carlo.kernels.rows import (
     EXTREMES,

@@ -1,4 +1,4 @@
-"""Limits at which a path comes to rest on a stop, the same for all kernels."""
+"""When a path rests on a stop, in all kernels: after how many bounces, and after how slow ones."""
 
 MOST_BOUNCES = 1000
 """Largest number of impacts of a path in one step. A mass with more of them is pressed against the
