@@ -44,8 +44,8 @@ def check(
     """
     from stochvi.scenes.scene import load_scene
     from stochvi.verification.check import check as compare
-    from stochvi.verification.checks import Checks, check_many
-    from stochvi.verification.checks import zoo as shipped
+    from stochvi.verification.check_of_many import Checks, check_many
+    from stochvi.verification.check_of_many import zoo as shipped
     from stochvi.views.verification_tables import print_check, print_checks
 
     if not scenes and not zoo:

@@ -1,5 +1,5 @@
 from .check import Check, Comparison
-from .checks import Checks, check_many, zoo
+from .check_of_many import Checks, check_many, zoo
 from .cost import WorkPrecision
 from .explain import Explanation
 

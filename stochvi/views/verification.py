@@ -15,7 +15,7 @@ from stochvi.views.axes import add_grid, axes_or_new
 from stochvi.views.colours import COLOURS
 
 if TYPE_CHECKING:
-    from stochvi.verification.checks import Checks
+    from stochvi.verification.check_of_many import Checks
     from stochvi.verification.cost import WorkPrecision
 
 MOST_PANELS = 9

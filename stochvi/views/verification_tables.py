@@ -16,7 +16,7 @@ from stochvi.verification.check import (
     Check,
     Comparison,
 )
-from stochvi.verification.checks import BALANCES_ONLY
+from stochvi.verification.check_of_many import BALANCES_ONLY
 from stochvi.verification.cost import TARGETS, ModelError, StepError, WorkPrecision, spoken_time
 from stochvi.views.tables import (
     QUANTITY_NAMES,
@@ -29,7 +29,7 @@ from stochvi.views.tables import (
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from stochvi.verification.checks import Checks
+    from stochvi.verification.check_of_many import Checks
     from stochvi.verification.explain import Explanation
     from stochvi.verification.testing.judging import Finding, Judgement
 

@@ -16,7 +16,7 @@ import pandas as pd
 import stochvi
 from stochvi.testing import as_response, problem_of
 from stochvi.verification.check import MethodResponses
-from stochvi.verification.checks import compare_many, seeds_of
+from stochvi.verification.check_of_many import compare_many, seeds_of
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "10_judging_integrators"))
 from integrators import end_of_step_mirror

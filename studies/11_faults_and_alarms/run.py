@@ -12,7 +12,7 @@ from scipy.stats import beta
 import stochvi
 from stochvi.results.intervals import normal_quantile
 from stochvi.verification.check import MethodResponses, single_alarm_rate
-from stochvi.verification.checks import compare_many, seeds_of
+from stochvi.verification.check_of_many import compare_many, seeds_of
 
 SHORT = ("linear", "elastic-unequal-gaps", "lossy-unequal-gaps", "spring-stops", "psd-truck-linear")
 PATHS = 64

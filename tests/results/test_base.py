@@ -26,7 +26,7 @@ from stochvi.results.base import Result, plain, total_cost
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.statistics.impacts.method import impacts
 from stochvi.statistics.spectra.method import spectrum
-from stochvi.verification.checks import check_many
+from stochvi.verification.check_of_many import check_many
 from stochvi.verification.cost import cost
 from support.known import oscillator
 from support.pairs import pair, uncoupled

@@ -30,7 +30,7 @@ from stochvi.verification.check import (
     degrees_of_freedom,
     single_alarm_rate,
 )
-from stochvi.verification.checks import compare_many, seeds_of
+from stochvi.verification.check_of_many import compare_many, seeds_of
 
 SHARE = ("linear", "elastic-unequal-gaps", "lossy-0.95", "spring-stops")
 

@@ -21,7 +21,7 @@ from stochvi.verification.check import (
     TOO_RARE,
     single_alarm_rate,
 )
-from stochvi.verification.checks import seeds_of
+from stochvi.verification.check_of_many import seeds_of
 from stochvi.verification.testing.hints import Measured, hints_of
 from stochvi.verification.testing.problems import Problem
 from stochvi.verification.testing.samples import (
@@ -452,7 +452,7 @@ def as_response(problem: Problem, returned: Mapping[str, Any], method: str = "")
 
     Examples
     --------
-    >>> from stochvi.verification.checks import zoo
+    >>> from stochvi.verification.check_of_many import zoo
     >>> from stochvi.verification.testing.problems import problem_of
     >>> problem = problem_of(zoo("linear")["linear"], name="linear")
     >>> as_response(problem, {"velocity_std": (1.02, 0.01)}, "mine")

@@ -11,7 +11,7 @@ from stochvi.results.estimates import Estimate
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.scene import Scene
-from stochvi.verification.checks import zoo
+from stochvi.verification.check_of_many import zoo
 
 
 def known_answers(*names: str) -> dict[str, Response]:

@@ -183,7 +183,7 @@ def problem_of(
 
     Examples
     --------
-    >>> from stochvi.verification.checks import zoo
+    >>> from stochvi.verification.check_of_many import zoo
     >>> problem = problem_of(zoo("elastic-upper-stop")["elastic-upper-stop"])
     >>> problem.lower, problem.upper, problem.intensity, problem.duration
     (-inf, 1.0, 0.2, 400.0)

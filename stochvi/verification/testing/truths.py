@@ -14,7 +14,7 @@ from stochvi.results.errors import NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
-from stochvi.verification.checks import zoo
+from stochvi.verification.check_of_many import zoo
 from stochvi.verification.testing.known_answers import known_answers
 from stochvi.verification.testing.problems import Problem, problem_of
 from stochvi.verification.testing.samples import QUANTITIES
