@@ -168,7 +168,7 @@ def watch(
     log, ends = np.zeros((most, 3)), np.empty((periods, len(state)))
     growth = np.empty(periods)
     hits = flights.watch_flight(
-        course, state, periods, skipped, log, ends, growth, unit_disturbance(len(state))
+        course, state, skipped, flights.Watched(log, ends, growth), unit_disturbance(len(state))
     )
     if hits < 0:
         return None
@@ -278,10 +278,10 @@ class Attractors:
         """Simulate states over some periods, which replaces them; return whether one could not be
         followed."""
         n = states.shape[1]
-        none = np.empty((0, n)), np.empty((0, n, n)), np.empty(0)
+        none = flights.Targets(np.empty((0, n)), np.empty((0, n, n)), np.empty(0))
         found = np.empty(len(states), np.int64)
         lead = flights.course_of(self.motion, self.phase, 0.0)
-        flights.settle_flights(lead, self.course, states, periods, *none, found)
+        flights.settle_flights(lead, self.course, states, periods, none, found)
         return bool(np.any(found == flights.LOST))
 
     def _by_energy(self, margin: float) -> tuple[Matrix, float] | None:
@@ -308,9 +308,9 @@ class Attractors:
         distances = states[:, :n] @ self.motion.rows.T - self.motion.positions
         return np.asarray(np.all(distances <= 1e-12, axis=1))
 
-    def targets(self) -> tuple[Matrix, NDArray[np.float64], Vector, NDArray[np.int64]]:
-        """Points, forms and limits of the periodic motions in turn, and the number of the motion to
-        which each belongs."""
+    def targets(self) -> tuple[flights.Targets, NDArray[np.int64]]:
+        """The points of the periodic motions in turn, and the number of the motion to which each
+        belongs."""
         size = 2 * self.motion.rows.shape[1]
         owners = [
             number
@@ -319,20 +319,20 @@ class Attractors:
             for _ in each.points
         ]
         known = [each for each in self.found if each.kind == PERIODIC]
-        return (
+        targets = flights.Targets(
             np.concatenate([np.empty((0, size)), *(each.points for each in known)]),
             np.concatenate([np.empty((0, size, size)), *(each.forms for each in known)]),
             np.concatenate([np.empty(0), *(each.limits for each in known)]),
-            np.array(owners, np.int64),
         )
+        return targets, np.array(owners, np.int64)
 
     def reveal(self, state: Vector) -> int | None:
         """The number of the motion in which a flight from a state ends, which is added if it is
         new; None where that is not clear."""
-        points, forms, limits, owners = self.targets()
+        targets, owners = self.targets()
         states, found = state[None].copy(), np.empty(1, np.int64)
         lead = flights.course_of(self.motion, self.phase, 0.0)
-        flights.settle_flights(lead, self.course, states, LINGERING, points, forms, limits, found)
+        flights.settle_flights(lead, self.course, states, LINGERING, targets, found)
         if found[0] == flights.LOST:
             return None
         if found[0] != flights.WANDERS:

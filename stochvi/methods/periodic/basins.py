@@ -534,7 +534,7 @@ class Flown:
     def _settle(self, ends: Whole, angle: float, periods: int) -> Whole:
         """Fly the undecided starts over an angle and some periods, or to a periodic regime."""
         left = np.flatnonzero(ends == UNDECIDED)
-        points, forms, limits, owners = self.known.targets()
+        targets, owners = self.known.targets()
         lead = flights.course_of(self.known.motion, (self.known.phase - angle), angle)
         owners = np.append(owners, [BEYOND, UNDECIDED])  # LOST is -2, WANDERS is -1
 
@@ -542,9 +542,7 @@ class Flown:
             states = self.states[block]
             found = np.full(len(block), flights.WANDERS)
             if not self.deadline.passed():
-                flights.settle_flights(
-                    lead, self.known.course, states, periods, points, forms, limits, found
-                )
+                flights.settle_flights(lead, self.known.course, states, periods, targets, found)
             found[found == flights.LOST] = flights.WANDERS
             return block, states, owners[found]
 
@@ -558,8 +556,7 @@ class Flown:
         left = np.flatnonzero(ends == UNDECIDED)
         if not len(left):
             return ends
-        empty = self.known.targets()
-        none = tuple(each[:0] for each in empty[:3])
+        none = flights.Targets(*(each[:0] for each in self.known.targets()[0]))
         lead = flights.course_of(self.known.motion, self.known.phase, 0.0)
 
         def fly(block: Whole) -> tuple[Whole, NDArray[np.bool_]]:
@@ -568,7 +565,7 @@ class Flown:
             found = np.empty(len(block), np.int64)
             for period in range(LAST):
                 path[:, period] = states
-                flights.settle_flights(lead, self.known.course, states, 1, *none, found)
+                flights.settle_flights(lead, self.known.course, states, 1, none, found)
             return block, self.known.found[number].holds(path) & (found != flights.LOST)
 
         with ThreadPoolExecutor(self.threads) as pool:

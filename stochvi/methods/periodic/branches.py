@@ -13,9 +13,12 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from stochvi.methods.compile_time import leave_out_of_budgets
+from stochvi.methods.periodic import continuation
+from stochvi.methods.periodic.continuation import GRID, VANISHED, Continuation
 from stochvi.methods.periodic.even import TOLERANCE, even_phases
 from stochvi.methods.periodic.family import Family, amplitudes
 from stochvi.methods.periodic.kernels import solver
+from stochvi.methods.periodic.regimes import pattern_of, states_of
 from stochvi.results.deadline import NEVER, Deadline
 
 leave_out_of_budgets()
@@ -144,7 +147,7 @@ class Track:
     names
         Name of each point, as listed above.
     margin, displacement, acceleration, speeds, factors, starts
-        Results of `solver.inspect` at each point.
+        Results of `solver.survey` at each point.
     phases
         Phases of the impacts (points, impacts).
     """
@@ -250,8 +253,9 @@ class Finder:
             starts = 2.0 * np.pi * random.random((len(gaps), 1)) + np.roll(ends, 1, axis=1)
             starts[:, 0] -= 2.0 * np.pi * periods
             starts = np.concatenate([even_phases(motion, word, periods), starts])
+            pattern = pattern_of(word, periods)
             for theta in starts:
-                if _settles(motion, np.array(word), periods, theta):
+                if _settles(motion, pattern, theta):
                     yield Regime(word, periods, theta, sigma).shortest()
 
     def _words(self) -> list[tuple[tuple[int, ...], int]]:
@@ -346,7 +350,7 @@ class Finder:
 
     def motion(self, sigma: float) -> solver.Motion:
         """The motion at a place of the range."""
-        motion: solver.Motion = solver.motion_at(self.family.series, sigma, *self.family.sizes)
+        motion: solver.Motion = solver.motion_at(self.family.expansion, sigma)
         return motion
 
     # Branches
@@ -364,19 +368,15 @@ class Finder:
         return self._trimmed(self._located(track))
 
     def _followed(self, seed: Regime) -> list[Track]:
-        most = 8 * len(self.grid) + 200
-        stops = np.array(seed.stops)
+        pattern = pattern_of(seed.stops, seed.periods)
+        branch = Continuation(self.family.expansion, pattern, self.grid)
+        named = {GRID: POINT, continuation.FOLD: FOLD, VANISHED: GRAZING}
         parts: list[tuple[Matrix, list[str]]] = []
         for direction in (1.0, -1.0):
-            points, kinds = np.empty((most, len(stops) + 1)), np.empty(most, np.int64)
             u = np.append(seed.theta, solver.WEIGHT * seed.sigma)
-            found, closed = solver.follow(
-                self.family.series, *self.family.sizes, stops, seed.periods, u, direction,
-                self.grid, points, kinds,
-            )  # fmt: skip
-            named = {solver.GRID: POINT, solver.FOLD: FOLD, solver.VANISHED: GRAZING}
-            parts.append((points[:found], [named[kind] for kind in kinds[:found].tolist()]))
-            if closed:
+            followed = branch.follow(u, direction)
+            parts.append((followed.points, [named[kind] for kind in followed.kinds]))
+            if followed.closed:
                 break
         (points, names), *other = parts
         middle = np.append(seed.theta, solver.WEIGHT * seed.sigma)[None]
@@ -391,14 +391,23 @@ class Finder:
     def inspected(
         self, stops: tuple[int, ...], periods: int, points: Matrix, names: Sequence[str]
     ) -> Track:
+        """The branch of some points, surveyed; NaN where there is no regime."""
         number, n = len(points), self.family.sizes[0]
-        found, speeds = np.empty((number, 3)), np.empty((number, len(stops)))
-        factors, starts = np.empty((number, 2 * n, 2 * n)), np.empty((number, 2 * n))
-        solver.inspect(
-            self.family.series, *self.family.sizes, np.array(stops, np.int64), periods,
-            np.ascontiguousarray(points), found, speeds, factors,
-            starts,
-        )  # fmt: skip
+        found, speeds = np.full((number, 3), np.nan), np.full((number, len(stops)), np.nan)
+        factors, starts = np.full((number, 2 * n, 2 * n), np.nan), np.full((number, 2 * n), np.nan)
+        pattern = pattern_of(stops, periods)
+        for row, point in enumerate(points):
+            motion = self.motion(point[-1] / solver.WEIGHT)
+            theta = point[:-1] if stops else np.zeros(1)
+            states = states_of(motion, pattern, theta)
+            if states is None:
+                continue
+            starts[row] = states[0]
+            speeds[row] = [
+                solver.distance_of(motion, stop, state)[1]
+                for stop, state in zip(stops, states, strict=False)
+            ]
+            *found[row], factors[row] = solver.survey(motion, pattern, theta, states)
         margin, displacement, acceleration = found.T
         return Track(
             stops, periods, points, tuple(names), margin, displacement, acceleration, speeds,
@@ -410,14 +419,12 @@ class Finder:
         start, end = track.points[number], track.points[number + 1]
         u, normal = start + share * (end - start), end - start
         if len(track.stops):
-            normal = normal / np.linalg.norm(normal)
-            states = np.empty((len(track.stops), 2 * self.family.sizes[0]))
-            good = solver.correct(
-                self.family.series, *self.family.sizes, np.array(track.stops), track.periods,
-                u, normal, states,
-            )  # fmt: skip
-            if not good:
+            pattern = pattern_of(track.stops, track.periods)
+            branch = Continuation(self.family.expansion, pattern, self.grid)
+            place = branch.corrected(u, normal / np.linalg.norm(normal))
+            if place is None:
                 return None
+            u = place.u
         return np.asarray(u[None])
 
     def _located(self, track: Track) -> Track:
@@ -506,14 +513,14 @@ def _rotations(word: tuple[int, ...]) -> list[tuple[int, ...]]:
     return [word[first:] + word[:first] for first in range(len(word))]
 
 
-def _settles(motion: solver.Motion, stops: Whole, periods: int, theta: Vector) -> bool:
+def _settles(motion: solver.Motion, pattern: solver.Pattern, theta: Vector) -> bool:
     """Whether Newton's iteration, in the place of theta, ends at a regime that has no further
     impact, and none that is too slow or too soon followed by another."""
-    states = np.empty((len(stops), 2 * motion.rows.shape[1]))
+    states = np.empty((len(theta), 2 * motion.rows.shape[1]))
     return bool(
-        solver.settle(motion, stops, periods, theta, states)
-        and solver.slowest(motion, stops, theta, periods, states) > SLOWEST
-        and solver.survey(motion, stops, theta, periods, states)[0] >= -TOLERANCE
+        solver.settle(motion, pattern, theta, states)
+        and solver.slowest(motion, pattern, theta, states) > SLOWEST
+        and solver.survey(motion, pattern, theta, states)[0] >= -TOLERANCE
     )
 
 
@@ -565,11 +572,12 @@ class Settled:
         if not 0 < len(impacts) <= MOST_SIMULATED:
             return None
         turns = math.floor(impacts[0, 0] / (2.0 * math.pi))
-        phases, stops = impacts[:, 0] - 2.0 * math.pi * turns, impacts[:, 1].astype(np.int64)
+        phases, stops = impacts[:, 0] - 2.0 * math.pi * turns, impacts[:, 1].astype(int).tolist()
         theta = phases.copy()
-        if not _settles(motion, stops, periods, theta) or np.max(np.abs(theta - phases)) > 0.2:
+        settles = _settles(motion, pattern_of(stops, periods), theta)
+        if not settles or np.max(np.abs(theta - phases)) > 0.2:
             return None
-        return Regime(tuple(stops.tolist()), periods, theta, sigma).shortest()
+        return Regime(tuple(stops), periods, theta, sigma).shortest()
 
 
 def simulate(

@@ -33,6 +33,7 @@ from stochvi.methods.periodic.branches import (
 )
 from stochvi.methods.periodic.family import Family
 from stochvi.methods.periodic.kernels import contact_flow, solver
+from stochvi.methods.periodic.regimes import unstruck
 from stochvi.results.deadline import NEVER, Deadline
 
 CHANGE = 1e-6
@@ -137,11 +138,11 @@ class ContactFinder(Finder):
     ) -> Motion | None:
         """A motion over some periods; None where contacts come too fast to be followed."""
         n = self.family.sizes[0]
-        ends, grown = np.empty((periods + 1, 2 * n)), np.empty((2 * n, 2 * n))
-        log = np.zeros((MOST_KEPT, 3 + 2 * n))
+        ends, log = np.empty((periods + 1, 2 * n)), np.zeros((MOST_KEPT, 3 + 2 * n))
+        grown = np.empty((2 * n, 2 * n) if factors else (0, 0))
         hits, *sizes = contact_flow.flow(
-            self.motion(sigma), *self.family.laws_at(sigma), np.ascontiguousarray(state), periods,
-            phase, ends, log, grown, factors,
+            self.motion(sigma), self.family.laws_at(sigma), np.ascontiguousarray(state), phase,
+            contact_flow.Record(ends, log, grown),
         )  # fmt: skip
         if hits < 0 or not np.all(np.isfinite(ends)):
             return None
@@ -225,9 +226,8 @@ class ContactFinder(Finder):
 
     def _still(self, sigma: float) -> Vector | None:
         """The motion without contacts at the phase 0; None where there is none."""
-        states = np.empty((1, 2 * self.family.sizes[0]))
-        good = solver.unstruck(self.motion(sigma), 0.0, states)
-        return states[0] if good and np.all(np.abs(states) < 1e6) else None
+        state = unstruck(self.motion(sigma))
+        return state if state is not None and np.all(np.abs(state) < 1e6) else None
 
     def _settled_orbit(self, settled: Settled, sigma: float) -> Orbit | None:
         periods = settled.period(REPEATS)

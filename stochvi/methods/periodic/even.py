@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stochvi.methods.periodic.family import Numbers, amplitudes
 from stochvi.methods.periodic.kernels import solver
+from stochvi.methods.periodic.regimes import pattern_of
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -76,17 +77,17 @@ def even_regimes(numbers: Numbers, stops: Sequence[int], periods: int = 1) -> li
     first; of several impacts those that are symmetric between equal stops."""
     units, length, duration = numbers.units()
     motion, shapes = numbers.motion(units), numbers.shapes / units.shapes
-    word, speed, n = np.array(stops, np.int64), length / duration, len(shapes)
-    states = np.empty((len(word), 2 * n))
+    pattern, speed, n = pattern_of(stops, periods), length / duration, len(shapes)
+    states = np.empty((len(stops), 2 * n))
     found = []
     for theta in even_phases(motion, stops, periods):
-        if not solver.settle(motion, word, periods, theta, states):
+        if not solver.settle(motion, pattern, theta, states):
             continue
-        rows = motion.rows[word]
+        rows = motion.rows[pattern.stops]
         speeds = speed * np.einsum("ki,ki->k", rows, states[:, n:])
         if not speeds.min() > 0.0:
             continue
-        margin, _, _, factors = solver.survey(motion, word, theta, periods, states)
+        margin, _, _, factors = solver.survey(motion, pattern, theta, states)
         (amplitude,) = amplitudes(
             numbers.flat[None], numbers.sizes, stops, periods, theta[None], speeds[None]
         )
@@ -124,12 +125,12 @@ def _waves(motion: solver.Motion, stops: Sequence[int], periods: int) -> NDArray
     lowest; NaN where phases leave the motion undetermined."""
     count, n = len(stops), motion.rows.shape[1]
     samples = len(motion.generator) - 2 * n
-    word, apart = np.array(stops, np.int64), _apart(stops, periods)
+    pattern, apart = pattern_of(stops, periods), _apart(stops, periods)
     states, left, none = np.empty((count, 2 * n)), np.empty(count), np.empty((0, 0))
     distances = np.full(samples, np.nan)
     for number in range(samples):
         theta = 2.0 * np.pi * number / samples + apart
-        if not solver.residual(motion, word, theta, periods, states, left, none):
+        if not solver.residual(motion, pattern, theta, states, left, none):
             break
         distances[number] = left[0]
     return np.asarray(np.fft.fftshift(np.fft.fft(distances))[::-1] / samples)

@@ -70,7 +70,7 @@ class Numbers:
     def motion(self, units: Numbers) -> solver.Motion:
         """The numbers in these units, as the kernels take them."""
         series = (self.flat / units.flat)[None]
-        motion: solver.Motion = solver.motion_at(series, 0.5, *self.sizes)
+        motion: solver.Motion = solver.motion_at(solver.Expansion(series, *self.sizes), 0.5)
         return motion
 
     def units(self) -> tuple[Numbers, float, float]:
@@ -241,8 +241,6 @@ class Family:
         Coefficients (terms, numbers) of the numbers of `_laws`, scaled.
     pieces
         Number of straight pieces of the force of each stop, 0 of a rigid one.
-    curved
-        Whether any stop is of Hertz's law.
     stops
         "pair side" of each stop.
     length, time
@@ -254,7 +252,6 @@ class Family:
     series: Matrix
     laws: Matrix
     pieces: tuple[int, ...]
-    curved: bool
     sizes: tuple[int, int, int]
     stops: tuple[str, ...]
     length: float
@@ -298,7 +295,6 @@ class Family:
             series=np.ascontiguousarray(series[:, : len(scale)]),
             laws=series[:, len(scale) :],
             pieces=tuple(len(force.pieces) for force in forces),
-            curved=any(force.hertz for force in forces),
             sizes=numbers.sizes,
             stops=tuple(f"{pair.name} {stop.name}" for pair in middle.pairs for stop in pair.stops),
             length=length,
@@ -310,13 +306,19 @@ class Family:
         """The unit of speed of the kernels, m/s."""
         return self.length / self.time
 
-    def laws_at(self, sigma: float) -> tuple[contact_flow.Laws, Vector | None]:
-        """The forces of the stops at a place of the range, and the coefficients of Hertz's law."""
+    @property
+    def expansion(self) -> solver.Expansion:
+        """The numbers over the range, as the kernels take them."""
+        return solver.Expansion(self.series, *self.sizes)
+
+    def laws_at(self, sigma: float) -> contact_flow.Laws:
+        """The forces of the stops at a place of the range."""
         numbers = np.polynomial.chebyshev.chebval(2.0 * sigma - 1.0, self.laws)
         rows = np.reshape(numbers, (len(self.pieces), -1))
         pieces = np.ascontiguousarray(rows[:, 2:]).reshape(len(rows), -1, 3)
-        laws = contact_flow.Laws(np.array(self.pieces), pieces, rows[:, 0].copy())
-        return laws, rows[:, 1].copy() if self.curved else None
+        return contact_flow.Laws(
+            np.array(self.pieces), pieces, rows[:, 0].copy(), rows[:, 1].copy()
+        )
 
     def value(self, sigma: Vector | float) -> Vector:
         """The number that is varied."""

@@ -108,13 +108,50 @@ class Series(NamedTuple):
 class Touch(NamedTuple):
     """How the m stops are touched: states (m,), number of roots at the begin of a step of each way
     out of the state (m, 2), depth of a Hertz contact below which there is no force (m,), its row in
-    the log of impacts (m,), and speed inwards at the begin of a step (m,)."""
+    the log of impacts (m,), speed inwards at the begin of a step (m,), and the tally (m, 2)."""
 
     state: np.ndarray
     zeros: np.ndarray
     depth: np.ndarray
     entry: np.ndarray
     speed: np.ndarray
+    tally: np.ndarray
+
+
+class Moving(NamedTuple):
+    """Modal displacements and velocities (n,) of the structure."""
+
+    q: np.ndarray
+    v: np.ndarray
+
+
+class Samples(NamedTuple):
+    """What shakes the structure.
+
+    Parameters
+    ----------
+    step : sampling interval, s.
+    forces : (samples, n), modal forces, constant loads included.
+    base : (samples, c), what is added to the accelerations of the coordinates, m/s^2: those with
+        which they follow the base where displacements are relative to it, else 0.
+    """
+
+    step: float
+    forces: np.ndarray
+    base: np.ndarray
+
+
+class Limits(NamedTuple):
+    """Where bounces end and where the march does.
+
+    Parameters
+    ----------
+    tick : a mass whose bounces on a rigid stop would end within this time (s) rests on it.
+    most_impacts : number of impacts at which the march is given up.
+    """
+
+    tick: float
+    most_impacts: int
 
 
 class Scratch(NamedTuple):
@@ -329,9 +366,12 @@ def hold(power, state, stops, series):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def expand(last, force, slope, structure, stops, state, resting, series):
+def expand(last, force, slope, structure, stops, state, series):
     """Coefficients up to `last` (accelerations) from q, q', d and d' in those of powers 0 and 1."""
     n, m = series.x.shape[1], len(state)
+    resting = False
+    for s in range(m):
+        resting = resting or (stops.kinds[s] == RIGID and state[s] == 0)
     for power in range(last + 1):
         a = series.a[power]
         for i in range(n):
@@ -415,8 +455,9 @@ def next_change(span, last, stops, touch, series, scratch):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def strike(s, structure, stops, touch, tally, force, tick, q, v):
+def strike(s, structure, stops, touch, force, tick, moving):
     """An impact on rigid stop s, and on those at which it throws a mass that rested on them."""
+    q, v = moving
     moved = True
     for attempt in range(MOST_PASSES):
         for r in range(len(touch.state)):
@@ -442,7 +483,7 @@ def strike(s, structure, stops, touch, tally, force, tick, q, v):
             ends = push > 0.0 and 2.0 * rebound <= tick * push * (1.0 - restitution)
             rests = ends or (rebound == 0.0 and push >= 0.0) or attempt == MOST_PASSES - 1
             if rests:
-                tally[r, RESTS] += 1.0 if touch.state[r] != 0 else 0.0
+                touch.tally[r, RESTS] += 1.0 if touch.state[r] != 0 else 0.0
                 for i in range(len(q)):
                     v[i] += stops.sides[r] * rebound / stops.levers[r] * stops.gaps[r, i]
             touch.state[r] = 0 if rests else FREE
@@ -475,13 +516,13 @@ def add_coordinates(last, span, base, rate, structure, series, extremes, scratch
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def add_contacts(last, span, stops, touch, series, tally, log, scratch):
+def add_contacts(last, span, stops, touch, series, log, scratch):
     """Add a step to the times in contact and to the peak forces of contacts."""
     p, found = scratch
     for s in range(len(touch.state)):
         if touch.state[s] == FREE:
             continue
-        tally[s, CONTACT] += span
+        touch.tally[s, CONTACT] += span
         silent = stops.kinds[s] == RIGID or (stops.kinds[s] == DAMPED and touch.state[s] == 1)
         entry = touch.entry[s]
         if not silent and entry >= 0:
@@ -492,26 +533,19 @@ def add_contacts(last, span, stops, touch, series, tally, log, scratch):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def march(step, forces, base, structure, stops, start, tick, most_impacts, keep):
+def march(samples, structure, stops, start, limits, keep):
     """March from rest through the samples.
 
     Parameters
     ----------
-    step
-        Sampling interval, s.
-    forces
-        (samples, n), modal forces, constant loads included.
-    base
-        (samples, c), what is added to the accelerations of the coordinates, m/s^2: those with
-        which they follow the base where displacements are relative to it, else 0.
+    samples
+        What shakes the structure.
     structure, stops
         What moves, and what it can hit.
     start
         (n,), modal displacements at the start.
-    tick
-        A mass whose bounces on a rigid stop would end within this time (s) rests on it.
-    most_impacts
-        Number of impacts at which the march is given up.
+    limits
+        Where bounces end and where the march does.
     keep
         Whether displacements, velocities, absolute accelerations and forces of samples are kept.
 
@@ -522,19 +556,26 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
         reduced mass (samples, m), empty unless kept; sums of the powers 1 to 4 of the displacements
         (c, 4), extremes (c, 3), tallies (m, 2), log of impacts (impacts, 4).
     """
-    samples, n = forces.shape
+    step, forces, base = samples
+    tick, most_impacts = limits
+    number, n = forces.shape
     m, c = len(stops.sides), len(structure.shapes)
-    rows = samples if keep else 0
+    rows = number if keep else 0
     displacements, velocities = np.empty((rows, c)), np.empty((rows, c))
     accelerations, pushes = np.empty((rows, c)), np.zeros((rows, m))
     sums, extremes, tally = np.zeros((c, 4)), np.zeros((c, 3)), np.zeros((m, 2))
     log, logged = np.empty((64, 4)), 0
-    q, v = start.copy(), np.zeros(n)
+    moving = Moving(np.zeros(n), np.zeros(n))
+    q, v = moving
+    for i in range(n):
+        q[i] = start[i]
     touch = Touch(
-        np.full(m, FREE, np.int64), np.zeros((m, 2), np.int64), np.zeros(m),
-        np.full(m, -1, np.int64), np.zeros(m),
+        np.zeros(m, np.int64), np.zeros((m, 2), np.int64), np.zeros(m), np.zeros(m, np.int64),
+        np.zeros(m), tally,
     )  # fmt: skip
-    state, zeros, depth, entry, speed = touch
+    state, zeros, depth, entry, speed, _ = touch
+    for s in range(m):
+        state[s], entry[s] = FREE, -1
     powers = MOST_TERMS + 4
     series = Series(
         np.zeros((powers, n)), np.zeros((powers, n)), np.zeros((m, powers)), np.zeros((m, powers))
@@ -543,9 +584,10 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
     force, slope = np.zeros(n), np.zeros(n)
     slowest = 0.0
     for i in range(n):
-        slowest = max(
-            slowest, math.sqrt(structure.squares[i]) + np.sum(np.abs(structure.damping[i]))
-        )
+        damping = 0.0
+        for j in range(n):
+            damping += abs(structure.damping[i, j])
+        slowest = max(slowest, math.sqrt(structure.squares[i]) + damping)
 
     # a mass that starts on a stop, or beyond one, touches it from the start
     for s in range(m):
@@ -553,7 +595,7 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
         if d < 0.0:
             continue
         if stops.kinds[s] == RIGID:
-            strike(s, structure, stops, touch, tally, forces[0], tick, q, v)
+            strike(s, structure, stops, touch, forces[0], tick, moving)
         elif stops.kinds[s] == PIECES:
             state[s] = 0
             while state[s] + 1 < stops.laws.shape[1] and d >= stops.laws[s, state[s] + 1, 0]:
@@ -566,16 +608,18 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
 
     for j in range(c):
         extremes[j, HIGHEST] = extremes[j, LOWEST] = dot(structure.shapes[j], q)
-    for k in range(samples):
-        following = min(k + 1, samples - 1)
+    base_rate, begin = np.empty(c), np.empty(c)
+    for k in range(number):
+        following = min(k + 1, number - 1)
         for i in range(n):
             slope[i] = (forces[following, i] - forces[k, i]) / step
+        for j in range(c):
+            base_rate[j] = (base[following, j] - base[k, j]) / step
         passed, changes, fresh = 0.0, 0, True
         while passed < step:
             for i in range(n):
                 series.x[0, i], series.x[1, i] = q[i], v[i]
                 force[i] = forces[k, i] + passed * slope[i]
-            resting = False
             for s in range(m):
                 place, rate = 0.0, 0.0
                 for i in range(n):
@@ -583,13 +627,11 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
                     rate += stops.gaps[s, i] * v[i]
                 series.d[s, 0] = stops.sides[s] * (place - stops.places[s])
                 series.d[s, 1] = speed[s] = stops.sides[s] * rate
-                resting = resting or (stops.kinds[s] == RIGID and state[s] == 0)
                 if stops.kinds[s] == HERTZ and state[s] == 1:
                     series.d[s, 0] = max(series.d[s, 0], depth[s])
             left = step - passed
             span, last = longest_step(left, slowest, stops, touch, series.d)
-            expand(last, force, slope, structure, stops, state, resting, series)
-            base_rate = (base[following] - base[k]) / step
+            expand(last, force, slope, structure, stops, state, series)
             if fresh:
                 fresh = False
                 for j in range(c):
@@ -608,15 +650,16 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
                         if not (stops.kinds[s] == DAMPED and state[s] == 1):
                             factor = stops.laws[s, 0, 0] if stops.kinds[s] == HERTZ else 1.0
                             pushes[k, s] = factor * series.f[s, 0]
-            if k == samples - 1:
+            if k == number - 1:
                 break
 
             when, which, way = next_change(span, last, stops, touch, series, scratch)
             taken = span if when < 0.0 else when
 
-            begin = base[k] + passed * base_rate
+            for j in range(c):
+                begin[j] = base[k, j] + passed * base_rate[j]
             add_coordinates(last, taken, begin, base_rate, structure, series, extremes, scratch)
-            add_contacts(last, taken, stops, touch, series, tally, log, scratch)
+            add_contacts(last, taken, stops, touch, series, log, scratch)
 
             # the end of the step
             for i in range(n):
@@ -626,7 +669,8 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
                     velocity = velocity * taken + power * series.x[power, i]
                 q[i], v[i] = series.x[0, i] + position, velocity
             if taken > 0.0:
-                zeros[:] = 0
+                for s in range(m):
+                    zeros[s, 0] = zeros[s, 1] = 0
             passed = step if taken == left else passed + taken
             if when < 0.0:
                 continue
@@ -640,7 +684,9 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
                 rate = stops.sides[s] * dot(stops.gaps[s], v)
                 if logged == len(log):
                     longer = np.empty((2 * logged, 4))
-                    longer[:logged] = log
+                    for row in range(logged):
+                        for column in range(4):
+                            longer[row, column] = log[row, column]
                     log = longer
                 log[logged, TIME] = k * step + passed
                 log[logged, STOP], log[logged, SPEED], log[logged, PEAK] = s, rate, 0.0
@@ -651,7 +697,7 @@ def march(step, forces, base, structure, stops, start, tick, most_impacts, keep)
                     off = dot(stops.gaps[s], q) - stops.places[s]
                     for i in range(n):
                         q[i] -= off * stops.gaps[s, i] / stops.levers[s]
-                    strike(s, structure, stops, touch, tally, force, tick, q, v)
+                    strike(s, structure, stops, touch, force, tick, moving)
                 else:
                     state[s] = 0
                     if kind != DAMPED:

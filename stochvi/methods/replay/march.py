@@ -113,13 +113,15 @@ def march(model: Model, shaking: Shaking, start: Vector, *, keep: bool = True) -
     # displacements = shapes q with shapes' M shapes = 1
     begin = modes.shapes.T @ model.mass @ start
     status, x, v, a, push, powers, extremes, tally, log = kernel.march(
-        shaking.step, np.ascontiguousarray(forces),
-        np.ascontiguousarray(base @ model.base_rows.T @ model.output_rows.T),
+        kernel.Samples(
+            shaking.step, np.ascontiguousarray(forces),
+            np.ascontiguousarray(base @ model.base_rows.T @ model.output_rows.T),
+        ),
         kernel.Structure(
             modes.squares.astype(float), np.ascontiguousarray(modes.damping),
             np.ascontiguousarray(model.output_rows @ modes.shapes),
         ),
-        stops, begin, tick, MOST_IMPACTS, keep,
+        stops, begin, kernel.Limits(tick, MOST_IMPACTS), keep,
     )  # fmt: skip
     if status == kernel.TOO_MANY:
         raise NotConverged(

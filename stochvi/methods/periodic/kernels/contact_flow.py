@@ -7,8 +7,7 @@ is positive: contact ends at zero force, before d is 0 again, and the stop follo
 Entering it the force jumps from 0 to c d'; everywhere else it is continuous, and so are
 disturbances. Stops of Hertz's law are in `hertz_flow`; rigid ones may stand beside, as in `solver`.
 
-Symbols as in `solver`. `hertz` (m,) holds the coefficient h of each stop, 0 of another law; where
-no stop is of that law it is None, and all that concerns it is absent from the compiled code.
+Symbols as in `solver`.
 """
 
 import math
@@ -19,6 +18,8 @@ import numpy as np
 
 from stochvi.methods.periodic.kernels.hertz_flow import (
     FAINT,
+    Contacts,
+    Curves,
     add_forces,
     added_acceleration,
     any_presses,
@@ -39,6 +40,7 @@ from stochvi.methods.periodic.kernels.solver import (
     expand,
     first_rise,
     force_state,
+    identity,
     multiply,
     output_of,
     put,
@@ -61,23 +63,62 @@ event of its own stop."""
 
 
 class Laws(NamedTuple):
-    """The stops: number of pieces (m,), 0 of a rigid one; depth b and force f at which each piece
-    begins, and its slope k (m, most, 3); coefficient c of the damper (m,)."""
+    """The stops.
+
+    Parameters
+    ----------
+    counts : (m,), number of straight pieces of the force, 0 of a rigid stop.
+    pieces : (m, most, 3), depth b and force f at which each piece begins, and its slope k.
+    dampers : (m,), coefficient c of the damper.
+    hertz : (m,), coefficient h of Hertz's law, 0 of a stop of another law.
+    """
 
     counts: np.ndarray
     pieces: np.ndarray
     dampers: np.ndarray
+    hertz: np.ndarray
+
+
+class Record(NamedTuple):
+    """What is kept of a motion.
+
+    Parameters
+    ----------
+    ends : (periods + 1, 2 n), the state at the start and after each period.
+    log : (most, 3 + 2 n), phase, stop, speed and state of each contact that begins; the last ones
+        in the place of the first where they are too many.
+    factors : (2 n, 2 n), the factors of small disturbances; (0, 0) where they are not asked for.
+    """
+
+    ends: np.ndarray
+    log: np.ndarray
+    factors: np.ndarray
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def linear_motion(motion, laws, states):
+    """The linear motion between two events, for the states of the stops: the motion with the
+    springs and dampers of the stops that press, its longest step, its matrix over that step, and
+    the rows whose products with a state are the absolute acceleration of the output and its rate.
+    """
+    now = pressed(motion, laws, states)
+    part = step_between(now)
+    pull = acceleration_row(now)
+    return now, part, transition(now.generator, part), pull, times_generator(pull, now)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def pressed(motion, laws, states):
     """The motion with the springs and dampers of the stops that press."""
     n, size = motion.rows.shape[1], len(motion.generator)
-    g = motion.generator.copy()
+    g = np.empty((size, size))
+    for i in range(size):
+        put(motion.generator[i], g[i])
     for s in range(len(states)):
         if states[s] < 0:
             continue
-        b, f, k = laws.pieces[s, states[s]]
+        piece = laws.pieces[s, states[s]]
+        b, f, k = piece[0], piece[1], piece[2]
         c = laws.dampers[s]
         for i in range(n):
             push = motion.rows[s, i]
@@ -109,9 +150,9 @@ def step_between(now):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def first_states(motion, laws, hertz, z, states, roots):
-    """The state of each stop from that of the motion, and the roots of depths (m,) in stops of
-    Hertz's law, 1 elsewhere."""
+def first_states(motion, laws, contacts, z):
+    """Set the contacts at the state of a motion."""
+    states, roots = contacts
     for s in range(len(states)):
         deep, speed = distance_of(motion, s, z)
         states[s], roots[s] = AWAY, 1.0
@@ -122,7 +163,7 @@ def first_states(motion, laws, hertz, z, states, roots):
             states[s] += 1
         if laws.pieces[s, 0, 2] * deep + laws.dampers[s] * speed < 0.0:
             states[s] = FOLLOWING
-        if hertz is not None and hertz[s] > 0.0:
+        if laws.hertz[s] > 0.0:
             roots[s] = math.sqrt(deep)
 
 
@@ -140,9 +181,9 @@ def first_rise_after(series, length, own):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def next_event(motion, laws, hertz, states, terms, bends, length, touched):
+def next_event(motion, laws, states, curves, length, touched):
     """Time of the next event, -1 where there is none, its stop, and the state that follows."""
-    n = motion.rows.shape[1]
+    terms, n = curves.terms, motion.rows.shape[1]
     depth, series = np.empty(TERMS), np.empty(TERMS)
     at, stop, following = -1.0, -1, AWAY
     for s in range(len(states)):
@@ -172,8 +213,8 @@ def next_event(motion, laws, hertz, states, terms, bends, length, touched):
             elif c == 0.0 and state >= 0 and up == 0:
                 # the piece before, or the end of contact
                 put_line(depth, -1.0, laws.pieces[s, state, 0], series)
-                if hertz is not None and presses(hertz, states, s):
-                    put_line(bends[s], -1.0, 0.0, series)
+                if presses(laws.hertz, states, s):
+                    put_line(curves.bends[s], -1.0, 0.0, series)
                 after = state - 1
             elif c == 0.0 and 0 <= state < laws.counts[s] - 1 and up == 1:
                 put_line(depth, 1.0, -laws.pieces[s, state + 1, 0], series)
@@ -195,21 +236,18 @@ def put_line(series, factor, constant, out):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def rates_of(now, hertz, states, roots, z, out):
+def rates_of(now, hertz, contacts, z, out):
     """(q', q'') of a state, with the forces of all stops."""
     rate(now, z, out)
-    if hertz is not None:
-        add_forces(now, hertz, states, roots, out)
+    add_forces(now, hertz, contacts, out)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def acceleration_of(now, hertz, states, roots, z, pull, slope):
+def acceleration_of(now, hertz, contacts, z, pull, slope):
     """Absolute acceleration of the output, and its rate by time."""
     value, change = dot(pull, z), dot(slope, z)
-    if hertz is not None:
-        more, faster = added_acceleration(now, hertz, states, roots, z, pull)
-        value, change = value + more, change + faster
-    return value, change
+    more, faster = added_acceleration(now, hertz, contacts, z, pull)
+    return value + more, change + faster
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -222,64 +260,56 @@ def pace_of(roots):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def flow(motion, laws, hertz, start, periods, phase, ends, log, factors, with_factors):
+def flow(motion, laws, start, phase, record):
     """Follow a motion over whole periods of the force from a phase of it.
 
-    `ends` (periods + 1, 2 n) takes the state after each period; `log` (most, 3 + 2 n) phase, stop,
-    speed and state of each contact that begins, the last ones in the place of the first where they
-    are too many; `factors` (2 n, 2 n) the factors of small disturbances. Returns the number of
-    contacts, -1 where events come too fast to be followed, and of the output the largest
-    displacement and acceleration and the amplitude of the first harmonic.
+    Returns the number of contacts, -1 where events come too fast to be followed, and of the output
+    the largest displacement and acceleration and the amplitude of the first harmonic.
     """
+    ends, log, factors = record
+    hertz, periods, with_factors = laws.hertz, len(ends) - 1, len(factors) > 0
     n, m = motion.rows.shape[1], len(motion.positions)
     two, size = 2 * n, len(motion.generator)
-    z, fresh, w = np.empty(size), np.empty(size), np.empty(size - two)
-    terms, states, roots = np.empty((TERMS, size)), np.zeros(m, np.int64), np.ones(m)
+    z, fresh = np.empty(size), np.empty(size)
+    contacts = Contacts(np.zeros(m, np.int64), np.empty(m))
+    states, roots = contacts
     before, after, other = np.empty(two), np.empty(two), np.empty((two, two))
-    salt, grown = np.empty((two, two)), np.eye(two)
-    bends, paces, clock = np.empty((m, TERMS)), np.empty(TERMS), np.empty(TERMS)
-    force_state(motion, phase, w)
+    salt, grown = np.empty((two, two)), identity(two)
+    curves = Curves(np.empty((TERMS, size)), np.empty((m, TERMS)), np.empty(TERMS), np.empty(TERMS))
+    terms, bends, clock = curves.terms, curves.bends, curves.clock
     put(start, z[:two])
-    put(w, z[two:])
     put(start, ends[0])
-    first_states(motion, laws, hertz, z, states, roots)
-    now = pressed(motion, laws, states)
-    part = step_between(now)
-    matrix = transition(now.generator, part)
-    pull = acceleration_row(now)
-    slope = times_generator(pull, now)
+    first_states(motion, laws, contacts, z)
+    now, part, matrix, pull, slope = linear_motion(motion, laws, states)
     most = MOST_IMPACTS * (1 + laws.pieces.shape[1])
-    touched, hits, displacement, acceleration = -1, 0, 0.0, 0.0
+    # of a stated type: numba would compile `next_event` once more for the literal -1
+    touched, hits, displacement, acceleration = np.int64(-1), 0, 0.0, 0.0
     even, odd = 0.0, 0.0
     for period in range(periods):
         events = 0
-        force_state(motion, phase, w)
-        put(w, z[two:])
+        force_state(motion, phase, z[two:])
         left = 2.0 * math.pi / motion.omega
         while left > 0.0:
-            curved = False
-            if hertz is not None and any_presses(hertz, states):
-                curved = True
-                curve(now, hertz, states, roots, z, terms, bends, paces, clock)
-                step = curved_step(terms, bends, clock, left)
+            curved = any_presses(hertz, states)
+            if curved:
+                curve(now, hertz, contacts, z, curves)
+                step = curved_step(curves, left)
             else:
                 expand(now.generator, z, terms)
                 step = min(part, left)
-            at, stop, following = next_event(
-                motion, laws, hertz, states, terms, bends, step, touched
-            )
+            at, stop, following = next_event(motion, laws, states, curves, step, touched)
             length = at if stop >= 0 else step
             sum_terms(terms, length, fresh)
             place, moving = output_of(motion, z)
             place_, moving_ = output_of(motion, fresh)
-            push, jerk = acceleration_of(now, hertz, states, roots, z, pull, slope)
+            push, jerk = acceleration_of(now, hertz, contacts, z, pull, slope)
             pace, time = 1.0, length
-            if hertz is not None and curved:
+            if curved:
                 pace, time = pace_of(roots), value_at(clock, length)
                 for s in range(m):
                     roots[s] = value_at(bends[s], length)
             pace_ = pace_of(roots)
-            push_, jerk_ = acceleration_of(now, hertz, states, roots, fresh, pull, slope)
+            push_, jerk_ = acceleration_of(now, hertz, contacts, fresh, pull, slope)
             displacement = max(
                 displacement, swing((place, place_), (pace * moving, pace_ * moving_), length)
             )
@@ -304,10 +334,11 @@ def flow(motion, laws, hertz, start, periods, phase, ends, log, factors, with_fa
             if left < 1e-13:
                 left = 0.0
             if with_factors:
-                if hertz is not None and curved:
-                    turn_curved(now, hertz, states, bends, paces, length, grown)
+                if curved:
+                    turn_curved(now, hertz, contacts, curves, length, grown)
                 else:
-                    whole = matrix if length == part else transition(now.generator, length)
+                    known = length == part
+                    whole = matrix if known else transition(now.generator, length)
                     multiply(whole[:two, :two], grown, other)
                     grown, other = other, grown
             if stop < 0:
@@ -319,7 +350,7 @@ def flow(motion, laws, hertz, start, periods, phase, ends, log, factors, with_fa
                 return -1, displacement, acceleration, 0.0
             _, speed = distance_of(motion, stop, z)
             entering = states[stop] == AWAY
-            rates_of(now, hertz, states, roots, z, before)
+            rates_of(now, hertz, contacts, z, before)
             for j in range(two):
                 for i in range(two):
                     salt[i, j] = 1.0 if i == j else 0.0
@@ -337,15 +368,11 @@ def flow(motion, laws, hertz, start, periods, phase, ends, log, factors, with_fa
                     strike(motion, stop, salt[:, j])
             else:
                 states[stop] = following
-                if hertz is not None and hertz[stop] > 0.0:
+                if hertz[stop] > 0.0:
                     roots[stop] = FAINT if following >= 0 else 1.0
-                now = pressed(motion, laws, states)
-                part = step_between(now)
-                matrix = transition(now.generator, part)
-                pull = acceleration_row(now)
-                slope = times_generator(pull, now)
+                now, part, matrix, pull, slope = linear_motion(motion, laws, states)
             if with_factors and entering:
-                rates_of(now, hertz, states, roots, z, after)
+                rates_of(now, hertz, contacts, z, after)
                 # a disturbed path enters at another moment, by the old and the new rates
                 for i in range(two):
                     for j in range(n):
@@ -353,7 +380,7 @@ def flow(motion, laws, hertz, start, periods, phase, ends, log, factors, with_fa
                 multiply(salt, grown, other)
                 grown, other = other, grown
         put(z[:two], ends[period + 1])
-    for i in range(two):
+    for i in range(len(factors)):
         put(grown[i], factors[i])
     amplitude = motion.omega / (math.pi * periods) * math.hypot(even, odd)
     return hits, displacement, acceleration, amplitude

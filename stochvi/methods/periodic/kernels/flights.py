@@ -23,6 +23,7 @@ from stochvi.methods.periodic.kernels.solver import (
     free_touch,
     held,
     next_event,
+    put,
     rate,
     remove_part,
     rest_on,
@@ -38,6 +39,38 @@ WANDERS = -1
 
 LOST = -2
 """Number of the regime of a flight whose impacts came too fast to be followed."""
+
+
+class Targets(NamedTuple):
+    """States to which flights may come, once a period.
+
+    Parameters
+    ----------
+    points : (targets, 2 n), states.
+    forms, limits : (targets, 2 n, 2 n) and (targets,), a quadratic form of the difference from each
+        state, and its value below which a flight has reached it.
+    """
+
+    points: np.ndarray
+    forms: np.ndarray
+    limits: np.ndarray
+
+
+class Watched(NamedTuple):
+    """What is kept of a flight that is watched.
+
+    Parameters
+    ----------
+    log : (most, 3), phase, stop and speed of impacts, phases from the first watched period on; the
+        last ones in the place of the first where they are too many.
+    ends : (periods, 2 n), the state after each period.
+    growth : (periods,), the logarithm by which the length of a small disturbance has grown in each
+        period, -inf where nothing of it is left.
+    """
+
+    log: np.ndarray
+    ends: np.ndarray
+    growth: np.ndarray
 
 
 class Course(NamedTuple):
@@ -71,7 +104,9 @@ def course_of(motion, phase, angle):
             for j in range(size - two):
                 total += whole[i, two + j] * waves[k, j]
             forced[k, i] = total
-    matrix = whole[:two, :two].copy()
+    matrix = np.empty((two, two))
+    for i in range(two):
+        put(whole[i, :two], matrix[i])
     return Course(motion, part, matrix, forced, waves, phase, held(motion))
 
 
@@ -79,8 +114,8 @@ def course_of(motion, phase, angle):
 def turn(generator, time, disturbances, column, out):
     """Take a small disturbance of a state, (2 n, number), over a time."""
     two = len(disturbances)
-    out[:] = disturbances[:, column]
-    fresh = out.copy()
+    put(disturbances[:, column], out)
+    fresh = np.empty(two)
     for k in range(1, TERMS):
         for i in range(two):
             total = 0.0
@@ -97,7 +132,8 @@ def turn_at_impact(motion, stop, z, disturbances):
     """Take small disturbances over an impact, before it turns the state z: a disturbed flight is
     struck at another moment, before which the old rates act and after which the new ones."""
     n = motion.rows.shape[1]
-    before, after, moved = np.empty(2 * n), np.empty(2 * n), z.copy()
+    before, after, moved = np.empty(2 * n), np.empty(2 * n), np.empty(len(z))
+    put(z, moved)
     rate(motion, z, before)
     speed = strike(motion, stop, moved[: 2 * n])
     rate(motion, moved, after)
@@ -147,28 +183,29 @@ def fly(course, y, touch, disturbances, log, hits):
                 if max(start, end) + 0.5 * part * (abs(speed) + abs(end_speed)) >= 0.0:
                     clear = False
         if clear:
-            y[:] = fresh
+            put(fresh, y)
             for column in range(columns):
                 for i in range(two):
                     total = 0.0
                     for j in range(two):
                         total += course.matrix[i, j] * disturbances[j, column]
                     turned[i] = total
-                disturbances[:, column] = turned
+                put(turned, disturbances[:, column])
             touch.on[1], touch.on[2] = FREE, FREE
             continue
         left = part
-        z[:two], z[two:] = y, course.waves[number]
+        put(y, z[:two])
+        put(course.waves[number], z[two:])
         while left > 0.0:
             state = touch.on[0]
             generator = motion.generator if state == FREE else course.resting[state]
             expand(generator, z, terms)
             sum_terms(terms, left, later)
-            sooner, event = next_event(motion, generator, touch, z, later, left, terms, True)
+            sooner, event = next_event(motion, touch, z, later, left, terms)
             for column in range(columns):
                 turn(generator, sooner, disturbances, column, turned)
             if event == NONE:
-                z[:] = later
+                put(later, z)
                 touch.on[1], touch.on[2], left = FREE, FREE, 0.0
                 continue
             sum_terms(terms, sooner, z)
@@ -189,7 +226,7 @@ def fly(course, y, touch, disturbances, log, hits):
             if touch.on[0] != FREE:
                 for column in range(columns):
                     settle_on(motion, event, disturbances[:, column])
-        y[:] = z[:two]
+        put(z[:two], y)
         for s in range(m):
             distances[s], speeds[s] = distance_of(motion, s, y)
     return hits
@@ -203,24 +240,25 @@ def settle_on(motion, stop, disturbance):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def reached(y, targets, forms, limits):
+def reached(y, targets):
     """The number of the target around which a state lies within the limit of its quadratic form;
     WANDERS where there is none."""
+    points, forms, limits = targets
     two = len(y)
-    for t in range(len(targets)):
+    for t in range(len(points)):
         total = 0.0
         for i in range(two):
             row = 0.0
             for j in range(two):
-                row += forms[t, i, j] * (y[j] - targets[t, j])
-            total += (y[i] - targets[t, i]) * row
+                row += forms[t, i, j] * (y[j] - points[t, j])
+            total += (y[i] - points[t, i]) * row
         if total < limits[t]:
             return t
     return WANDERS
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def settle_flights(lead, course, states, most, targets, forms, limits, found):
+def settle_flights(lead, course, states, most, targets, found):
     """Fly states (number, 2 n), in their place, until each reaches a target, over `most` periods.
 
     First they fly over the course `lead`, unless its angle is 0. `found` (number,) takes the
@@ -229,34 +267,33 @@ def settle_flights(lead, course, states, most, targets, forms, limits, found):
     none, log = np.empty((states.shape[1], 0)), np.empty((0, 3))
     for number in range(len(states)):
         y, touch = states[number], free_touch()
-        hits = fly(lead, y, touch, none, log, 0) if lead.part > 0.0 else 0
+        # of a stated type: numba would compile `fly` once more for the literal 0
+        before = np.int64(0)
+        hits = fly(lead, y, touch, none, log, before) if lead.part > 0.0 else before
         found[number] = LOST
         for period in range(most + 1):
             if hits < 0:
                 break
             resting = touch.on[0] != FREE
-            found[number] = WANDERS if resting else reached(y, targets, forms, limits)
+            found[number] = WANDERS if resting else reached(y, targets)
             if found[number] != WANDERS or period == most:
                 break
-            hits = fly(course, y, touch, none, log, 0)
+            hits = fly(course, y, touch, none, log, before)
             found[number] = LOST
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def watch_flight(course, y, periods, skipped, log, ends, growth, disturbance):
-    """Fly a state y (2 n,), in its place, over periods of which the first are `skipped`.
-
-    `log` takes the impacts of the others, phases from the start of the first of these on; `ends`
-    (periods, 2 n) takes the state after each; `growth` (periods,) the logarithm by which the length
-    of a small `disturbance` (2 n, 1) has grown, -inf where nothing of it is left. Returns the
-    number of logged impacts, or -1.
-    """
-    touch, hits, none = free_touch(), 0, np.empty((0, 3))
-    first = disturbance.copy()
-    for period in range(skipped + periods):
+def watch_flight(course, y, skipped, watched, disturbance):
+    """Fly a state y (2 n,), in its place, first over `skipped` periods, and then over those that
+    are watched, with a small disturbance (2 n, 1). Returns the number of logged impacts, or -1."""
+    log, ends, growth = watched
+    touch, hits, none = free_touch(), np.int64(0), np.empty((0, 3))
+    first = np.empty(len(y))
+    put(disturbance[:, 0], first)
+    for period in range(skipped + len(ends)):
         kept = period >= skipped
         before = hits
-        hits = fly(course, y, touch, disturbance, log if kept else none, hits if kept else 0)
+        hits = fly(course, y, touch, disturbance, log if kept else none, hits)
         if hits < 0:
             return -1
         square = 0.0
@@ -268,12 +305,12 @@ def watch_flight(course, y, periods, skipped, log, ends, growth, disturbance):
                 disturbance[i, 0] /= size
         elif not kept:
             # a rest on a stop on the way says nothing about the motion that is watched
-            disturbance[:] = first
+            put(first, disturbance[:, 0])
         if not kept:
             hits = 0
             continue
         for k in range(max(before, hits - len(log)), hits):
             log[k % len(log), 0] += 2.0 * math.pi * (period - skipped)
         growth[period - skipped] = math.log(size) if size > 0.0 else -np.inf
-        ends[period - skipped] = y
+        put(y, ends[period - skipped])
     return hits

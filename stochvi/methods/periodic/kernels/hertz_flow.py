@@ -11,6 +11,8 @@ sixth derivative. Where several such stops press, the pace dt/dtau is the produc
 Symbols as in `contact_flow`; k is the order of a coefficient.
 """
 
+from typing import NamedTuple
+
 import numba
 import numpy as np
 
@@ -29,6 +31,31 @@ motions are of order one."""
 FAINT = 1e-30
 """Root of the depth at which contact begins: at 0, a motion that arrives without any speed would
 stay there for ever."""
+
+
+class Contacts(NamedTuple):
+    """How the stops are touched: their states (m,), and the roots of depths (m,) in stops of
+    Hertz's law that press, 1 of every other stop."""
+
+    states: np.ndarray
+    roots: np.ndarray
+
+
+class Curves(NamedTuple):
+    """Taylor coefficients of a motion; in tau while a stop of Hertz's law presses, else in t, and
+    then of the state alone.
+
+    Parameters
+    ----------
+    terms : (TERMS, N), of the state.
+    bends : (m, TERMS), of the roots of the depths, 1 of every stop that does not press.
+    pace, clock : (TERMS,), of the pace dt/dtau and of the time.
+    """
+
+    terms: np.ndarray
+    bends: np.ndarray
+    pace: np.ndarray
+    clock: np.ndarray
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -56,9 +83,10 @@ def product(a, b, k):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def curve(now, hertz, states, roots, z, terms, bends, pace, clock):
-    """Taylor coefficients in tau: of the state `terms` (TERMS, N), of the roots `bends` (m, TERMS)
-    from `roots` (m,), 1 of every stop that does not press, of the pace and of the time (TERMS,)."""
+def curve(now, hertz, contacts, z, curves):
+    """Write the coefficients in tau of the motion from a state."""
+    states, roots = contacts
+    terms, bends, pace, clock = curves
     m, n = now.rows.shape
     size = len(now.generator)
     # products of the roots of the stops before one, and of those from one on
@@ -99,8 +127,9 @@ def curve(now, hertz, states, roots, z, terms, bends, pace, clock):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def curved_step(terms, bends, clock, left):
+def curved_step(curves, left):
     """The longest step of tau in which the series converge, at most to the end of the time left."""
+    terms, bends, clock = curves.terms, curves.bends, curves.clock
     step = np.inf
     for k in range(TERMS - 2, TERMS):
         largest = 0.0
@@ -111,15 +140,17 @@ def curved_step(terms, bends, clock, left):
         step = min(step, (ROUNDING / max(largest, 1e-300)) ** (1.0 / k))
     if value_at(clock, step) <= left:
         return step
-    ahead = clock.copy()
+    ahead = np.empty(TERMS)
+    put(clock, ahead)
     ahead[0] = -left
     return root_between(ahead, 0.0, step, False)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def turn_curved(now, hertz, states, bends, pace, step, disturbances):
+def turn_curved(now, hertz, contacts, curves, step, disturbances):
     """Take small disturbances (2 n, number) of the state at one time, in their place, over a step
     of tau."""
+    states, bends, pace = contacts.states, curves.bends, curves.pace
     m, n = now.rows.shape
     two = 2 * n
     terms, out = np.empty((TERMS, two)), np.empty(two)
@@ -146,8 +177,9 @@ def turn_curved(now, hertz, states, bends, pace, step, disturbances):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def add_forces(now, hertz, states, roots, rates):
+def add_forces(now, hertz, contacts, rates):
     """Add what stops of Hertz's law press to the rates (2 n,) of a state."""
+    states, roots = contacts
     m, n = now.rows.shape
     for s in range(m):
         if presses(hertz, states, s):
@@ -156,8 +188,9 @@ def add_forces(now, hertz, states, roots, rates):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def added_acceleration(now, hertz, states, roots, z, pull):
+def added_acceleration(now, hertz, contacts, z, pull):
     """What stops of Hertz's law add to the acceleration of the output, and to its rate by time."""
+    states, roots = contacts
     m, n = now.rows.shape
     value, slope = 0.0, 0.0
     for s in range(m):

@@ -48,14 +48,8 @@ APART = 1e-3
 """Largest distance from its stop at an impact of a regime. Where phases leave the motion all but
 undetermined distances are without bound, and Newton's iteration may end there."""
 
-MOST_STEPS = 20_000
-"""Largest number of steps along a branch, good or not."""
-
 WEIGHT = 6.0
 """Weight of the parameter against the phases in the length of arc of a branch, rad."""
-
-TURN = 0.98
-"""Smallest cosine of the angle between the tangents at two successive points of a branch."""
 
 FREE = -1
 """State of a motion in which no stop is rested on."""
@@ -69,10 +63,6 @@ MOST_IMPACTS = 4000
 STILL = 1e-9
 """Speed after an impact, relative to the largest one of the same path, below which a coordinate
 that its forces press on the stop rests there: bounces would go on for ever."""
-
-GRID, FOLD, VANISHED = range(3)
-"""Kinds of points of a branch: at a value that was asked for; where the branch turns back; where
-the speed of an impact vanishes, or two impacts merge."""
 
 
 class Motion(NamedTuple):
@@ -88,6 +78,30 @@ class Motion(NamedTuple):
     base: np.ndarray
 
 
+class Expansion(NamedTuple):
+    """Numbers of one scene over the range of a branch.
+
+    Parameters
+    ----------
+    coefficients : (terms, numbers), Chebyshev series in 2 sigma - 1 of the numbers of a `Motion`,
+        in the order in which `motion_at` takes them.
+    n, m, h : numbers of coordinates, stops and harmonics.
+    """
+
+    coefficients: np.ndarray
+    n: int
+    m: int
+    h: int
+
+
+class Pattern(NamedTuple):
+    """The impacts of a regime: numbers (K,) of the stops in the order in which they are struck, and
+    the number of periods of the force after which the regime repeats itself."""
+
+    stops: np.ndarray
+    periods: int
+
+
 class Touch(NamedTuple):
     """What a flight keeps besides its state: `on` (3,), the stop that is rested on, the one that
     was struck last and the one to be passed over; `fastest` (1,), the largest impact speed."""
@@ -97,8 +111,9 @@ class Touch(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def motion_at(series, sigma, n, m, h):
-    """The motion at a parameter: numbers are Chebyshev series (terms, numbers) in 2 sigma - 1."""
+def motion_at(expansion, sigma):
+    """The motion at a parameter."""
+    series, n, m, h = expansion
     terms, count = series.shape
     x = 2.0 * sigma - 1.0
     flat = series[0].copy()
@@ -168,6 +183,22 @@ def put(values, out):
     which numba compiles broadcasting and the text of its error messages."""
     for i in range(len(values)):
         out[i] = values[i]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def set_all(out, value):
+    """Give all elements of a vector one value."""
+    for i in range(len(out)):
+        out[i] = value
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def identity(size):
+    """The identity matrix."""
+    found = np.zeros((size, size))
+    for i in range(size):
+        found[i, i] = 1.0
+    return found
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -277,7 +308,7 @@ def strike(motion, stop, y):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def residual(motion, stops, theta, periods, states, left, jacobian):
+def residual(motion, pattern, theta, states, left, jacobian):
     """How far each impact of a regime is from its stop, and what its phases change.
 
     Let M y + c be the state after the periods of a motion that starts in the state y and has its
@@ -293,11 +324,12 @@ def residual(motion, stops, theta, periods, states, left, jacobian):
     Writes the states (K, 2 n) before each impact, `left` (K,) and the Jacobian (K, K), which is not
     computed if its array has the shape (0, 0); False where the phases do not determine the motion.
     """
+    stops, periods = pattern
     count, n = len(stops), motion.rows.shape[1]
     two, size = 2 * n, len(motion.generator)
     ways, struck = np.empty((count, two, two)), np.empty((count, two, two))
     forced, w = np.empty((count, two)), np.empty(size - two)
-    whole, other = np.eye(two), np.empty((two, two))
+    whole, other = identity(two), np.empty((two, two))
     start, unit = np.zeros((two, 1)), np.empty(two)
     pulls, held_ = np.zeros((count, two)), np.zeros((two, two))
     pulled = np.zeros(two)
@@ -328,7 +360,7 @@ def residual(motion, stops, theta, periods, states, left, jacobian):
                 total += flight[i, two + j] * w[j]
             forced[k, i] = total
         for j in range(two):
-            unit[:] = 0.0
+            set_all(unit, 0.0)
             unit[j] = 1.0
             strike(motion, stops[k], unit)
             for i in range(two):
@@ -345,7 +377,7 @@ def residual(motion, stops, theta, periods, states, left, jacobian):
             unit[i] = total
         for i in range(two):
             start[i, 0] = unit[i]
-    inverse = np.eye(two)
+    inverse = identity(two)
     for i in range(two):
         for j in range(two):
             other[i, j] = (1.0 if i == j else 0.0) - whole[i, j] + held_[i, j]
@@ -387,9 +419,9 @@ def residual(motion, stops, theta, periods, states, left, jacobian):
     moved, next_ = np.empty(two), np.empty(two)
     for column in range(count):
         # first with the state at the first impact as it is, then with its change
-        moved[:] = 0.0
+        set_all(moved, 0.0)
         for turn in range(2):
-            pulled[:] = 0.0
+            set_all(pulled, 0.0)
             for k in range(count):
                 change = 0.0
                 for i in range(n):
@@ -417,19 +449,19 @@ def residual(motion, stops, theta, periods, states, left, jacobian):
     return True
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def bordered(series, n, m, h, stops, periods, u, states, left, matrix):
+@numba.njit(cache=True, inline="always", error_model="numpy", nogil=True)
+def bordered(expansion, pattern, u, states, left, matrix):
     """Residual at u = (theta, WEIGHT sigma) and its derivatives, without the last row."""
-    count = len(stops)
+    count = len(pattern.stops)
     there, change = np.empty_like(states), 1e-6
     none, jacobian = np.empty((0, 0)), np.empty((count, count))
     for turn in range(3):
         # on either side, for the derivative by sigma, and last at u itself
         shift = 0.0 if turn == 2 else (change if turn == 1 else -change)
-        motion = motion_at(series, u[count] / WEIGHT + shift, n, m, h)
+        motion = motion_at(expansion, u[count] / WEIGHT + shift)
         own = states if turn == 2 else there
         wanted = jacobian if turn == 2 else none
-        if not residual(motion, stops, u[:count], periods, own, left, wanted):
+        if not residual(motion, pattern, u[:count], own, left, wanted):
             return False
         for k in range(count):
             if turn == 0:
@@ -458,56 +490,18 @@ def has_converged(change, before, phase):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def correct(series, n, m, h, stops, periods, u, normal, states):
-    """Newton's iteration from u to a regime on the plane through u with a normal, in the place of
-    u; the tangent of the branch there is written to `normal`. False where it fails."""
-    count = len(stops)
-    matrix, left = np.empty((count + 1, count + 1)), np.empty(count)
-    at, right = u.copy(), np.empty((count + 1, 1))
+def settle(motion, pattern, theta, states):
+    """Newton's iteration to a regime of one motion, in the place of theta; False where it fails."""
+    count = len(pattern.stops)
+    left, jacobian, right = np.empty(count), np.empty((count, count)), np.empty((count, 1))
+    none = np.empty((0, 0))
     converged, before = False, np.inf
-    for _ in range(MOST_ITERATIONS):
-        if not bordered(series, n, m, h, stops, periods, u, states, left, matrix):
-            return False
-        for k in range(count):
-            right[k, 0] = 0.0 if converged else -left[k]
-        right[count, 0] = 1.0 if converged else 0.0
-        for k in range(count + 1):
-            matrix[count, k] = normal[k]
-            if not converged:
-                right[count, 0] -= normal[k] * (u[k] - at[k])
-        if not solve(matrix, right):
+    for _ in range(MOST_ITERATIONS + 1):
+        wanted = none if converged else jacobian
+        if not residual(motion, pattern, theta, states, left, wanted):
             return False
         if converged:
-            converged = largest_of(left) < APART
-            break
-        largest = 0.0
-        for k in range(count + 1):
-            largest = max(largest, abs(right[k, 0]))
-        if not largest < 1e6:
-            return False
-        factor = min(1.0, LONGEST_CHANGE / max(largest, 1e-300))
-        for k in range(count + 1):
-            u[k] += factor * right[k, 0]
-        converged, before = has_converged(largest, before, u[0]), largest
-    if not converged:
-        return False
-    length = 0.0
-    for k in range(count + 1):
-        length += right[k, 0] ** 2
-    for k in range(count + 1):
-        normal[k] = right[k, 0] / math.sqrt(length)
-    return True
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def settle(motion, stops, periods, theta, states):
-    """Newton's iteration to a regime of one motion, in the place of theta; False where it fails."""
-    count = len(stops)
-    left, jacobian, right = np.empty(count), np.empty((count, count)), np.empty((count, 1))
-    before = np.inf
-    for _ in range(MOST_ITERATIONS):
-        if not residual(motion, stops, theta, periods, states, left, jacobian):
-            return False
+            return largest_of(left) < APART
         for k in range(count):
             right[k, 0] = -left[k]
         if not solve(jacobian, right):
@@ -520,16 +514,14 @@ def settle(motion, stops, periods, theta, states):
         factor = min(1.0, LONGEST_CHANGE / max(largest, 1e-300))
         for k in range(count):
             theta[k] += factor * right[k, 0]
-        if has_converged(largest, before, theta[0]):
-            good = residual(motion, stops, theta, periods, states, left, np.empty((0, 0)))
-            return good and largest_of(left) < APART
-        before = largest
+        converged, before = has_converged(largest, before, theta[0]), largest
     return False
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def slowest(motion, stops, theta, periods, states):
+def slowest(motion, pattern, theta, states):
     """The smallest impact speed, or the shortest flight, whichever is less: both are above 0."""
+    stops, periods = pattern
     count, n = len(stops), motion.rows.shape[1]
     least = np.inf
     for k in range(count):
@@ -539,132 +531,6 @@ def slowest(motion, stops, theta, periods, states):
         end = theta[k + 1] if k + 1 < count else theta[0] + 2.0 * math.pi * periods
         least = min(least, speed, end - theta[k])
     return least
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def follow(series, n, m, h, stops, periods, u, direction, grid, points, kinds):
-    """Follow a branch from the regime u = (theta, WEIGHT sigma) until it leaves the range, closes,
-    or an impact vanishes.
-
-    `grid` holds values of sigma, rising; `points` (most, K + 1) takes the values of u at these and
-    at special points, in the order of the branch, and `kinds` what they are. Returns their number,
-    and whether the branch has closed.
-    """
-    count = len(stops)
-    states, first = np.empty((count, 2 * n)), u.copy()
-    tangent = np.zeros(count + 1)
-    tangent[count] = 1.0
-    if not correct(series, n, m, h, stops, periods, u, tangent, states):
-        return 0, False
-    if tangent[count] * direction < 0.0:
-        tangent = -tangent
-    # of a stated type: numba would compile `fill` once more for the literal 0
-    found = np.int64(0)
-    step, length = 0.02, 0.0
-    fresh, way = u.copy(), tangent.copy()
-    for _ in range(MOST_STEPS):
-        if found >= len(points) - 4:
-            break
-        for k in range(count + 1):
-            fresh[k] = u[k] + step * tangent[k]
-            way[k] = tangent[k]
-        good = correct(series, n, m, h, stops, periods, fresh, way, states)
-        cosine, apart = 0.0, 0.0
-        for k in range(count + 1):
-            cosine += way[k] * tangent[k]
-            apart += (fresh[k] - u[k]) * tangent[k]
-        if not good or cosine < TURN or apart > 1.1 * step:
-            step *= 0.5
-            if step < 1e-7:
-                return found, False
-            continue
-        length += step
-        motion = motion_at(series, fresh[count] / WEIGHT, n, m, h)
-        if not slowest(motion, stops, fresh[:count], periods, states) > 0.0:
-            # the place where the impact vanishes, by bisection of the step
-            low, high = 0.0, 1.0
-            last = u.copy()
-            for _ in range(50):
-                middle = 0.5 * (low + high)
-                for k in range(count + 1):
-                    fresh[k] = u[k] + middle * step * tangent[k]
-                    way[k] = tangent[k]
-                if not correct(series, n, m, h, stops, periods, fresh, way, states):
-                    high = middle
-                    continue
-                motion = motion_at(series, fresh[count] / WEIGHT, n, m, h)
-                if slowest(motion, stops, fresh[:count], periods, states) > 0.0:
-                    low = middle
-                    put(fresh, last)
-                else:
-                    high = middle
-            found = fill(series, n, m, h, stops, periods, u, last, grid, points, kinds, found)
-            put(last, points[found])
-            kinds[found] = VANISHED
-            return found + 1, False
-        if way[count] * tangent[count] < 0.0:
-            low, high = 0.0, 1.0
-            turn, bend = u.copy(), tangent.copy()
-            for _ in range(50):
-                middle = 0.5 * (low + high)
-                for k in range(count + 1):
-                    turn[k] = u[k] + middle * step * tangent[k]
-                    bend[k] = tangent[k]
-                if not correct(series, n, m, h, stops, periods, turn, bend, states):
-                    break
-                if bend[count] * tangent[count] > 0.0:
-                    low = middle
-                else:
-                    high = middle
-            found = fill(series, n, m, h, stops, periods, u, turn, grid, points, kinds, found)
-            put(turn, points[found])
-            kinds[found] = FOLD
-            found = fill(
-                series, n, m, h, stops, periods, turn, fresh, grid, points, kinds, found + 1
-            )
-        else:
-            found = fill(series, n, m, h, stops, periods, u, fresh, grid, points, kinds, found)
-        for k in range(count + 1):
-            u[k], tangent[k] = fresh[k], way[k]
-        if not 0.0 <= u[count] <= WEIGHT:
-            return found, False
-        away = abs(u[count] - first[count])
-        for k in range(count):
-            turns = (u[k] - first[k]) / (2.0 * math.pi)
-            away = max(away, 2.0 * math.pi * abs(turns - math.floor(turns + 0.5)))
-        if length > 4.0 * step + 0.5 and away < step:
-            return found, True
-        step = min(1.5 * step, 0.5)
-    return found, False
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def fill(series, n, m, h, stops, periods, start, end, grid, points, kinds, found):
-    """The regimes at the values of the grid between two points of a branch."""
-    count = len(stops)
-    low, high = start[count] / WEIGHT, end[count] / WEIGHT
-    rising = high >= low
-    u, states = start.copy(), np.empty((count, 2 * n))
-    number = len(grid)
-    for j in range(number):
-        sigma = grid[j] if rising else grid[number - 1 - j]
-        inside = low < sigma <= high if rising else high <= sigma < low
-        if not inside or found >= len(points) - 3:
-            continue
-        share = (sigma - low) / (high - low)
-        for k in range(count + 1):
-            u[k] = start[k] + share * (end[k] - start[k])
-        u[count] = sigma * WEIGHT
-        motion = motion_at(series, sigma, n, m, h)
-        if settle(motion, stops, periods, u[:count], states):
-            away = 0.0
-            for k in range(count):
-                away = max(away, abs(u[k] - start[k] - share * (end[k] - start[k])))
-            if away < 0.5:
-                put(u, points[found])
-                kinds[found] = GRID
-                found += 1
-    return found
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -759,26 +625,52 @@ def step_of(motion):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def unstruck(motion, phase, states):
-    """The state (1, 2 n) at a phase of the motion without impacts; False where there is none."""
-    two, size = 2 * motion.rows.shape[1], len(motion.generator)
-    whole = transition(motion.generator, 2.0 * math.pi / motion.omega)
-    matrix, right, w = np.empty((two, two)), np.zeros((two, 1)), np.empty(size - two)
-    force_state(motion, phase, w)
-    for i in range(two):
-        for j in range(two):
-            matrix[i, j] = (1.0 if i == j else 0.0) - whole[i, j]
-        for j in range(size - two):
-            right[i, 0] += whole[i, two + j] * w[j]
-    if not solve(matrix, right):
-        return False
-    for i in range(two):
-        states[0, i] = right[i, 0]
-    return True
+def correct(expansion, pattern, u, normal):
+    """Newton's iteration from u to a regime on the plane through u with a normal, in the place of
+    u; the tangent of the branch there is written to `normal`. The smallest impact speed there, or
+    the shortest flight, as of `slowest`; NaN where the iteration fails."""
+    count = len(pattern.stops)
+    states = np.empty((count, 2 * expansion.n))
+    matrix, left = np.empty((count + 1, count + 1)), np.empty(count)
+    at, right = u.copy(), np.empty((count + 1, 1))
+    converged, before = False, np.inf
+    for _ in range(MOST_ITERATIONS):
+        if not bordered(expansion, pattern, u, states, left, matrix):
+            return np.nan
+        for k in range(count):
+            right[k, 0] = 0.0 if converged else -left[k]
+        right[count, 0] = 1.0 if converged else 0.0
+        for k in range(count + 1):
+            matrix[count, k] = normal[k]
+            if not converged:
+                right[count, 0] -= normal[k] * (u[k] - at[k])
+        if not solve(matrix, right):
+            return np.nan
+        if converged:
+            converged = largest_of(left) < APART
+            break
+        largest = 0.0
+        for k in range(count + 1):
+            largest = max(largest, abs(right[k, 0]))
+        if not largest < 1e6:
+            return np.nan
+        factor = min(1.0, LONGEST_CHANGE / max(largest, 1e-300))
+        for k in range(count + 1):
+            u[k] += factor * right[k, 0]
+        converged, before = has_converged(largest, before, u[0]), largest
+    if not converged:
+        return np.nan
+    length = 0.0
+    for k in range(count + 1):
+        length += right[k, 0] ** 2
+    for k in range(count + 1):
+        normal[k] = right[k, 0] / math.sqrt(length)
+    motion = motion_at(expansion, u[count] / WEIGHT)
+    return slowest(motion, pattern, u[:count], states)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def survey(motion, stops, theta, periods, states):
+def survey(motion, pattern, theta, states):
     """Margin to further impacts, largest displacement and acceleration of the output, and the
     factors by which disturbances grow, over a regime; without impacts, theta holds the phase at
     which it starts.
@@ -786,6 +678,7 @@ def survey(motion, stops, theta, periods, states):
     The margin is the smallest distance to a stop where the motion turns back without an impact,
     below 0 where it would pass; the acceleration is the absolute one, between impacts.
     """
+    stops, periods = pattern
     n, m = motion.rows.shape[1], len(motion.positions)
     two, size = 2 * n, len(motion.generator)
     longest = step_of(motion)
@@ -795,7 +688,7 @@ def survey(motion, stops, theta, periods, states):
     before, after = np.empty(two), np.empty(two)
     pull = acceleration_row(motion)
     slope = times_generator(pull, motion)
-    factors, other = np.eye(two), np.empty((two, two))
+    factors, other = identity(two), np.empty((two, two))
     salt = np.empty((two, two))
     flights = max(len(stops), 1)
     for k in range(flights):
@@ -928,39 +821,6 @@ def swing(ends, rates, time):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def inspect(series, n, m, h, stops, periods, points, found, speeds, factors, starts):
-    """Survey the points (number, K + 1) of a branch: `found` (number, 3) takes the margin, largest
-    displacement and acceleration, `speeds` (number, K), `factors` (number, 2 n, 2 n), and `starts`
-    (number, 2 n) the states before the first impacts; NaN where there is no regime."""
-    count = len(stops)
-    states, left = np.empty((max(count, 1), 2 * n)), np.empty(count)
-    none = np.empty((0, 0))
-    for number in range(len(points)):
-        theta = points[number, : max(count, 1)]
-        motion = motion_at(series, points[number, count] / WEIGHT, n, m, h)
-        if count == 0:
-            theta = np.zeros(1)
-            good = unstruck(motion, 0.0, states)
-        else:
-            good = residual(motion, stops, theta, periods, states, left, none)
-        if not good:
-            found[number] = np.nan
-            factors[number] = np.nan
-            speeds[number] = np.nan
-            starts[number] = np.nan
-            continue
-        put(states[0], starts[number])
-        for k in range(count):
-            speeds[number, k] = distance_of(motion, stops[k], states[k])[1]
-        margin, displacement, acceleration, matrix = survey(motion, stops, theta, periods, states)
-        found[number, 0] = margin
-        found[number, 1] = displacement
-        found[number, 2] = acceleration
-        for i in range(2 * n):
-            put(matrix[i], factors[number, i])
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
 def held(motion):
     """Generators (m, N, N) of the motion at rest on each stop."""
     n, m, size = motion.rows.shape[1], len(motion.positions), len(motion.generator)
@@ -1048,24 +908,26 @@ def free_touch():
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def next_event(motion, generator, touch, z, later, left, terms, expanded):
+def may_meet(motion, stop, z, later, time):
+    """Whether a stop may be met between two states of a flight, a time apart."""
+    start, speed = distance_of(motion, stop, z)
+    end, end_speed = distance_of(motion, stop, later)
+    return not max(start, end) + 0.5 * time * (abs(speed) + abs(end_speed)) < 0.0
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def next_event(motion, touch, z, later, left, terms):
     """Time and stop of the next event of a flight from the state z to the one `later`, the time
     left after it: an impact, or the release from the stop that is rested on. Without an event the
-    stop is NONE. `terms` takes the Taylor coefficients of z, unless it is `expanded` already; they
-    are computed where a stop may be met only."""
+    stop is NONE. `terms` holds the Taylor coefficients of z."""
     n, c = motion.rows.shape[1], np.empty(TERMS)
     resting, touched, skipped = touch.on[0], touch.on[1], touch.on[2]
     sooner, event = left, np.int64(NONE)
     for s in range(len(motion.positions)):
         if s in (resting, skipped):
             continue
-        start, speed = distance_of(motion, s, z)
-        end, end_speed = distance_of(motion, s, later)
-        if max(start, end) + 0.5 * left * (abs(speed) + abs(end_speed)) < 0.0:
+        if not may_meet(motion, s, z, later, left):
             continue
-        if not expanded:
-            expand(generator, z, terms)
-            expanded = True
         for k in range(TERMS):
             c[k] = 0.0
             for i in range(n):
@@ -1109,7 +971,7 @@ def march(motion, start, periods, phase, ends, log):
     many. Returns the number of impacts (0 or more; -1 where they came too fast to be followed), and
     the largest displacement of the output over the last period.
     """
-    two, size = 2 * motion.rows.shape[1], len(motion.generator)
+    two, size, m = 2 * motion.rows.shape[1], len(motion.generator), len(motion.positions)
     steps = math.ceil(2.0 * math.pi / motion.omega / step_of(motion))
     part = 2.0 * math.pi / motion.omega / steps
     resting = held(motion)
@@ -1129,16 +991,19 @@ def march(motion, start, periods, phase, ends, log):
             left = part
             while left > 0.0:
                 state = touch.on[0]
-                generator = motion.generator if state == FREE else resting[state]
-                expanded = left < part or state != FREE
-                if expanded:
-                    expand(generator, z, terms)
-                    sum_terms(terms, left, fresh)
-                else:
+                whole = left == part and state == FREE
+                clear = whole
+                if whole:
                     apply(matrix, z, fresh)
-                sooner, event = next_event(
-                    motion, generator, touch, z, fresh, left, terms, expanded
-                )
+                    for s in range(m):
+                        if s != touch.on[2] and may_meet(motion, s, z, fresh, left):
+                            clear = False
+                sooner, event = left, np.int64(NONE)
+                if not clear:
+                    expand(motion.generator if state == FREE else resting[state], z, terms)
+                    if not whole:
+                        sum_terms(terms, left, fresh)
+                    sooner, event = next_event(motion, touch, z, fresh, left, terms)
                 if event == NONE:
                     put(fresh, z)
                     touch.on[1], touch.on[2], left = FREE, FREE, 0.0
