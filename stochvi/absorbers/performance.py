@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,7 +23,7 @@ from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, format_with_error, provenance
 from stochvi.results.intervals import mean_and_error
 from stochvi.results.progress import Progress, shown_in_notebooks
-from stochvi.results.response import Response
+from stochvi.results.response import PairResponse, Response
 from stochvi.scenes.excitations import BASE, ConstantLoad, Excitation
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
@@ -405,14 +405,14 @@ def _performance(
     name = own_name(alone, carrier)
     rms, speed = (group[name] for group in linear_rms(alone))
     moving = response.coordinates[carrier]
-    deviation, velocity = moving["displacement_std"], moving["velocity_std"]
+    deviation, velocity = moving.displacement_std, moving.velocity_std
     assert deviation is not None and velocity is not None
     period = 2.0 * math.pi * rms / speed
     with_it = _windows(scene.expanded, carrier, period, seed, deadline)
     without = _windows(alone, name, period, seed, deadline)
     model = model_of(scene)
     pairs = [response.impact_pairs[pair.name] for pair in model.pairs]
-    rate = _sum(pair["collision_rate"] for pair in pairs)
+    rate = _sum(_known(pair.collision_rate) for pair in pairs)
     own_period = 2.0 * math.pi * deviation.value / velocity.value
     pushes = _sum(
         push
@@ -571,13 +571,13 @@ def _absorbed(model: Model, response: Response) -> Estimate | None:
     known.
     """
     loss = _sum(
-        _known(response.impact_pairs[pair.name]["impact_speed_square_rate"])
+        _known(response.impact_pairs[pair.name].impact_speed_square_rate)
         * (pair.mass * (1.0 - _restitution(pair) ** 2) / 2.0)
         for pair in model.pairs
     )
     damping = model.damping
     dissipation = [
-        _square(_known(response.coordinates[name]["velocity_std"])) * float(own)
+        _square(_known(response.coordinates[name].velocity_std)) * float(own)
         for name, own in zip(model.coordinates, damping.sum(axis=1), strict=True)
     ]
     for i, j in zip(*np.triu_indices(len(damping), 1), strict=True):
@@ -589,7 +589,7 @@ def _absorbed(model: Model, response: Response) -> Estimate | None:
             ]
             if not between:
                 return None
-            speed = response.impact_pairs[between[0]]["relative_velocity_std"]
+            speed = response.impact_pairs[between[0]].relative_velocity_std
             dissipation.append(_square(_known(speed)) * -float(damping[i, j]))
     damped = _sum(dissipation)
     supplied = loss.value + damped.value
@@ -605,20 +605,21 @@ def _absorbed(model: Model, response: Response) -> Estimate | None:
     )
 
 
-def _mean_peak(found: Sequence[Mapping[str, Estimate | float | None]]) -> Estimate | None:
+def _mean_peak(found: Sequence[PairResponse]) -> Estimate | None:
     """Mean over the contacts of all pairs of the largest force in each, N; None of rigid walls."""
-    peaks = [each["peak_force"] for each in found]
-    rates = [_known(each["collision_rate"]).value for each in found]
+    peaks = [each.peak_force for each in found]
+    rates = [_known(each.collision_rate).value for each in found]
     if any(peak is None for peak in peaks) or not sum(rates):
         return None
     return _sum(_known(peak) * (rate / sum(rates)) for peak, rate in zip(peaks, rates, strict=True))
 
 
-def _pushes(pair: Pair, found: Mapping[str, Estimate | float | None]) -> list[Estimate]:
+def _pushes(pair: Pair, found: PairResponse) -> list[Estimate]:
     """Mean forces on the walls of a box, N: those of contacts, or by impulses on rigid walls."""
     if pair.rigid:
-        return [_known(found["impact_speed_rate"]) * (pair.mass * (1.0 + _restitution(pair)))]
-    return [_known(found[f"contact_force_{stop.name}"]) for stop in pair.stops]
+        return [_known(found.impact_speed_rate) * (pair.mass * (1.0 + _restitution(pair)))]
+    forces = {"lower": found.contact_force_lower, "upper": found.contact_force_upper}
+    return [_known(forces[stop.name]) for stop in pair.stops]
 
 
 def _restitution(pair: Pair) -> float:
@@ -627,9 +628,9 @@ def _restitution(pair: Pair) -> float:
     return coefficient
 
 
-def _known(estimate: Estimate | float | None) -> Estimate:
+def _known(estimate: Estimate | None) -> Estimate:
     """A quantity that the simulation of a scene with an absorber always has."""
-    assert isinstance(estimate, Estimate)
+    assert estimate is not None
     return estimate
 
 
@@ -637,9 +638,9 @@ def _square(estimate: Estimate) -> Estimate:
     return replace(estimate * (2.0 * estimate.value), value=estimate.value**2)
 
 
-def _sum(estimates: Iterable[Estimate | float | None]) -> Estimate:
+def _sum(estimates: Iterable[Estimate]) -> Estimate:
     """Sum of estimates, with an error that holds for any correlation of the terms."""
-    terms = [each for each in estimates if isinstance(each, Estimate)]
+    terms = list(estimates)
     biases = [each.bias for each in terms]
     return Estimate(
         value=sum(each.value for each in terms),

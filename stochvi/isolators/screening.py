@@ -394,12 +394,12 @@ def _cases_of_pairs(scene: Scene, clearances: Matrix) -> list[_Case]:
 def _simulated(found: Response, pair: str) -> dict[str, float | str]:
     """The simulated rate of hits of a pair with its interval, and the mean impact speed."""
     hits = found.impact_pairs[pair]
-    low, high = _interval(hits["collision_rate"])
+    low, high = _interval(hits.collision_rate)
     return {
-        "simulated": _value(hits["collision_rate"]),
+        "simulated": _value(hits.collision_rate),
         "simulated_low": low,
         "simulated_high": high,
-        "impact_speed_mean": _value(hits["impact_speed_mean"]),
+        "impact_speed_mean": _value(hits.impact_speed_mean),
     }
 
 
@@ -415,7 +415,7 @@ def _row(
         "rice": linear.rice_rate(clearance),
         "closure": _closure_rate(stopped),
         **found,
-        "displacement_std": _value(simulated.coordinates["x"]["displacement_std"]),
+        "displacement_std": _value(simulated.coordinates["x"].displacement_std),
         "impact_speed_mean": speed,
     }
 
@@ -477,15 +477,15 @@ def _closure_rates(scene: Scene) -> dict[str, float]:
         found = linearise(scene).impact_pairs
     except NotConverged:
         return {}
-    return {name: _value(hits["collision_rate"]) for name, hits in found.items()}
+    return {name: _value(hits.collision_rate) for name, hits in found.items()}
 
 
-def _value(estimate: Estimate | float | None) -> float:
-    return estimate.value if isinstance(estimate, Estimate) else np.nan
+def _value(estimate: Estimate | None) -> float:
+    return np.nan if estimate is None else estimate.value
 
 
-def _interval(estimate: Estimate | float | None) -> tuple[float, float]:
-    assert isinstance(estimate, Estimate)
+def _interval(estimate: Estimate | None) -> tuple[float, float]:
+    assert estimate is not None
     if estimate.upper_95 is not None:
         return 0.0, estimate.upper_95
     half = estimate.half_width_95()

@@ -27,7 +27,7 @@ from stochvi.model.model import Model
 from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
-from stochvi.results.response import ROTATIONS
+from stochvi.results.response import ROTATIONS, Quantities
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
@@ -52,6 +52,57 @@ ROUNDING = 1e-9
 """Relative difference up to which the rate asked for counts as that of the step."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class Numbers(Quantities[float]):
+    """Numbers of one path; as a mapping and in JSON, those alone that are known."""
+
+    def _names(self) -> Sequence[str]:
+        return [name for name in super()._names() if getattr(self, name) is not None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoordinateHistory(Numbers):
+    """The motion of one coordinate over the path, SI units.
+
+    Parameters
+    ----------
+    displacement_mean, displacement_std, displacement_min, displacement_max
+        Mean, standard deviation and extremes of the displacement, m.
+    velocity_std
+        Standard deviation of the velocity, m/s.
+    acceleration_std, acceleration_max
+        Standard deviation and largest size of the absolute acceleration, m/s^2; None where the
+        samples have no acceleration.
+    """
+
+    displacement_mean: float
+    displacement_std: float
+    displacement_min: float
+    displacement_max: float
+    velocity_std: float
+    acceleration_std: float | None = None
+    acceleration_max: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairHistory(Numbers):
+    """The impacts of one impact pair over the path.
+
+    Parameters
+    ----------
+    hits, hits_lower, hits_upper
+        Number of impacts, and of those on the lower and the upper stop; None of a stop that the
+        pair does not have.
+    impact_speed_max
+        Largest impact speed, m/s; None without an impact.
+    """
+
+    hits: float
+    hits_lower: float | None = None
+    hits_upper: float | None = None
+    impact_speed_max: float | None = None
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class History(Result):
     """One path of a scene, settled, from the time 0 on.
@@ -72,7 +123,8 @@ class History(Result):
         first touch, and the impulse and the largest force `peak_force_N` are those of the contact,
         from the steps of the simulation; they are empty where these do not resolve it.
     coordinates, impact_pairs
-        Means, deviations, extremes and counts of these tables, by name (SI units).
+        Means, deviations, extremes and counts of these tables, by name, as in
+        `history.coordinates["x"].displacement_max` and `history.impact_pairs["stops"].hits`.
     scheme
         How the path was simulated.
     duration, step, seed, path
@@ -89,8 +141,8 @@ class History(Result):
 
     samples: pd.DataFrame
     impacts: pd.DataFrame
-    coordinates: Mapping[str, Mapping[str, float]]
-    impact_pairs: Mapping[str, Mapping[str, float]]
+    coordinates: Mapping[str, CoordinateHistory]
+    impact_pairs: Mapping[str, PairHistory]
     scheme: str
     duration: float
     step: float
@@ -107,8 +159,8 @@ class History(Result):
         """The length of the path, how far it moved, and the number of its impacts, in a
         sentence."""
         moved = ", ".join(
-            f"{name} {1e3 * found['displacement_min']:.4g} to "
-            f"{1e3 * found['displacement_max']:.4g} {'mrad' if name in ROTATIONS else 'mm'}"
+            f"{name} {1e3 * found.displacement_min:.4g} to "
+            f"{1e3 * found.displacement_max:.4g} {'mrad' if name in ROTATIONS else 'mm'}"
             for name, found in self.coordinates.items()
         )
         return (
@@ -428,36 +480,35 @@ def _contact_times(planned: HistoryPlan) -> list[float]:
     ]
 
 
-def _motions(model: Model, samples: pd.DataFrame) -> dict[str, dict[str, float]]:
+def _motions(model: Model, samples: pd.DataFrame) -> dict[str, CoordinateHistory]:
     found = {}
     for name in model.outputs:
         before = _before(name, model.outputs)
         x, v = samples[before + "displacement_m"], samples[before + "velocity_m_s"]
-        numbers = {
-            "displacement_mean": x.mean(),
-            "displacement_std": x.std(ddof=0),
-            "displacement_min": x.min(),
-            "displacement_max": x.max(),
-            "velocity_std": v.std(ddof=0),
-        }
-        if before + "acceleration_m_s2" in samples:
-            acceleration = samples[before + "acceleration_m_s2"]
-            numbers["acceleration_std"] = acceleration.std(ddof=0)
-            numbers["acceleration_max"] = acceleration.abs().max()
-        found[name] = {quantity: float(value) for quantity, value in numbers.items()}
+        a = samples.get(before + "acceleration_m_s2")
+        found[name] = CoordinateHistory(
+            displacement_mean=float(x.mean()),
+            displacement_std=float(x.std(ddof=0)),
+            displacement_min=float(x.min()),
+            displacement_max=float(x.max()),
+            velocity_std=float(v.std(ddof=0)),
+            acceleration_std=None if a is None else float(a.std(ddof=0)),
+            acceleration_max=None if a is None else float(a.abs().max()),
+        )
     return found
 
 
-def _hits(model: Model, impacts: pd.DataFrame) -> dict[str, dict[str, float]]:
+def _hits(model: Model, impacts: pd.DataFrame) -> dict[str, PairHistory]:
     found = {}
     for pair in model.pairs:
         own = impacts[impacts["pair"] == pair.name]
-        numbers = {"hits": float(len(own))}
-        for stop in pair.stops:
-            numbers[f"hits_{stop.name}"] = float((own["side"] == stop.name).sum())
-        if len(own):
-            numbers["impact_speed_max"] = float(own["speed_m_s"].max())
-        found[pair.name] = numbers
+        on_side = {stop.name: float((own["side"] == stop.name).sum()) for stop in pair.stops}
+        found[pair.name] = PairHistory(
+            hits=float(len(own)),
+            hits_lower=on_side.get("lower"),
+            hits_upper=on_side.get("upper"),
+            impact_speed_max=float(own["speed_m_s"].max()) if len(own) else None,
+        )
     return found
 
 

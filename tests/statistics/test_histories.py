@@ -247,3 +247,20 @@ def test_arguments_out_of_range_are_refused(asked: dict, words: str) -> None:
 def test_a_path_that_fits_no_memory_is_refused_with_the_length_that_does() -> None:
     with pytest.raises(NotApplicable, match="ask for about"):
         history(SCENES["white"], duration=1e8)
+
+
+def test_each_coordinate_and_pair_has_the_numbers_of_the_tables() -> None:
+    one_sided = SCENES["white"].model_copy(
+        update={"impact_pairs": (ImpactPair(upper=0.5, law=LOSSY),)}
+    )
+    found = history(one_sided, duration=200.0, seed=5)
+    moved, hit = found.coordinates["x"], found.impact_pairs["stops"]
+    x, speeds = found.samples["displacement_m"], found.impacts["speed_m_s"]
+    assert (moved.displacement_min, moved.displacement_max) == (x.min(), x.max())
+    assert (hit.hits, hit.hits_upper, hit.hits_lower) == (len(speeds), len(speeds), None)
+    assert hit.impact_speed_max == speeds.max() > 0.0
+    # white noise on a mass leaves no acceleration, and the pair has no lower stop
+    assert list(moved) == [name for name in vars(moved) if not name.startswith("acceleration")]
+    assert list(hit) == ["hits", "hits_upper", "impact_speed_max"]
+    shaken = history(boxed(SHAKEN), duration=0.5).coordinates["x"]
+    assert shaken["acceleration_max"] == shaken.acceleration_max > 0.0
