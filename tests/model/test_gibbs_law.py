@@ -3,10 +3,11 @@
 import math
 from itertools import pairwise
 
+import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from stochvi.model.gibbs_law import GibbsLaw
+from stochvi.model.gibbs_law import GibbsLaw, Spring
 from stochvi.model.model import LOWER, UPPER, Stop
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Restitution
 
@@ -73,6 +74,50 @@ def test_moments_and_contacts_are_integrals(name: str) -> None:
         force = integral(law, lambda x: float(own.force_at(side * (x - place))), *ends) / whole  # noqa: B023
         assert contact.probability == pytest.approx(share, rel=1e-8)
         assert contact.force == pytest.approx(force, rel=1e-8)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_peak_forces_follow_the_potential_within_either_stop(name: str) -> None:
+    law = LAWS[name]
+    for stop in stops_of(law):
+        if stop.rigid:
+            continue
+        depths = np.array([0.05, 0.3, 0.8])
+        forces = stop.law.force_at(depths)
+        at = potential(law, stop.position)
+        rises = [potential(law, stop.position + stop.side * y) - at for y in depths]
+        exceeded = law.peak_force_exceedance(stop.name, forces)
+        assert exceeded == pytest.approx(np.exp(-np.maximum(rises, 0.0) / law.theta), rel=1e-10)
+        if not np.all(exceeded < 1.0):
+            continue
+        # the density between two forces adds up to the difference of their exceedances
+        kinks = [float(force) for force in (0.5, 6.0) if forces[0] < force < forces[2]]
+        whole, _ = quad(
+            lambda force: float(law.peak_force_density(stop.name, force)),  # noqa: B023
+            forces[0], forces[2], points=kinks or None, epsrel=1e-11,
+        )  # fmt: skip
+        assert whole == pytest.approx(exceeded[0] - exceeded[2], rel=1e-9)
+
+
+@pytest.mark.parametrize("one_sided", [False, True])
+@pytest.mark.parametrize("power", [3.5, 5.0])
+def test_moments_of_a_density_that_falls_as_a_power_hold_all_of_its_tail(
+    power: float, one_sided: bool
+) -> None:
+    """Of p ~ (1 + x^2)^(-n / 2), E x^2 = 1 / (n - 3); on x > 0, E x = 2 Gamma(n / 2) / ((n - 2)
+    sqrt(pi) Gamma((n - 1) / 2)). For n = 3.5 the tail beyond the quadrature holds 4e-4 of E x^2."""
+    theta = 0.7
+    law = GibbsLaw(
+        theta=theta, omega=0.0, lower=Stop(LOWER, 0.0, WALL) if one_sided else None,
+        spring=Spring(
+            force=lambda x: theta * power * np.asarray(x) / (1.0 + np.asarray(x) ** 2),
+            energy=lambda x: theta * power / 2.0 * np.log1p(np.asarray(x) ** 2),
+        ),
+    )  # fmt: skip
+    gammas = math.exp(math.lgamma(power / 2.0) - math.lgamma((power - 1.0) / 2.0))
+    mean = 2.0 * gammas / ((power - 2.0) * math.sqrt(math.pi)) if one_sided else 0.0
+    assert law.mean == pytest.approx(mean, abs=1e-7)
+    assert law.variance == pytest.approx(1.0 / (power - 3.0) - mean**2, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", LAWS)
