@@ -225,7 +225,8 @@ def neighbours(mean: Array, covariance: Array) -> Iterator[tuple[int, Any, Array
     """For every row of the means that has an error: its number, the step of its central difference,
     and the means with this row raised and lowered by the step."""
     for row in range(len(mean)):
-        step = GRADIENT_STEP * np.sqrt(covariance[row, row])
+        # where other rows explain this one wholly, its variance is 0 up to rounding
+        step = GRADIENT_STEP * np.sqrt(np.maximum(covariance[row, row], 0.0))
         if np.any(step):
             offset = np.zeros_like(mean)
             offset[row] = step

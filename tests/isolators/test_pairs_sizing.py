@@ -259,7 +259,7 @@ def test_the_worst_tolerances_stand_in_the_verdict(both: PairsSizing) -> None:
 
 def sized_by_hits(scene: Scene, **asked: object) -> tuple[PairsSizing, Scene]:
     """The answer, and the scene with the stops that it asks for."""
-    found = sized(scene, with_hits=True, **asked)
+    found = sized(scene, whole=True, **asked)
     places = [each.value for each in found.clearances.values()]
     return found, at_distances(scene, np.array([places, places]))
 

@@ -111,6 +111,12 @@ def test_the_delta_method_and_the_jackknife_agree_to_first_order() -> None:
     assert error == pytest.approx(other_error, rel=0.01)
 
 
+def test_a_variance_that_is_negative_by_rounding_adds_no_error() -> None:
+    covariance = np.array([[4e-4, 0.0], [0.0, -1e-24]])
+    value, error = delta_method(lambda m: m[0] * m[1], np.array([2.0, 3.0]), covariance)
+    assert (value, error) == (6.0, pytest.approx(3.0 * 0.02, rel=1e-6))
+
+
 def test_the_delta_method_takes_functions_at_many_places_at_once() -> None:
     random = np.random.default_rng(5)
     products = 1.0 + 0.1 * random.standard_normal((50, 2, 3))

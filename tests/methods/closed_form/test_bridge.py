@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from stochvi import Estimate, ImpactPair, Restitution, exact, simulate
+from stochvi import Estimate, ImpactPair, NotConverged, Restitution, exact, simulate
 from stochvi.testing import assert_agrees
 from support.bridge import (
     F1_LOWER,
@@ -239,7 +239,13 @@ LONG = {"preload", "preload and load", "small gap", "overdamped"}
 def compare(case: dict, restitution: float, steps: float, rel_error: float) -> dict[str, Estimate]:
     """Engine less bridge; rates of which the engine states no bias are left out."""
     scene = oscillator(**case, restitution=restitution)
-    response = simulate(scene, rel_error=rel_error, seed=5, budget=None)
+    try:
+        response = simulate(scene, rel_error=rel_error, seed=5, budget=None)
+    except NotConverged as refusal:
+        # after impacts that take all speed, the bias falls with the root of the step only
+        if restitution > 0.0 or refusal.response is None:
+            raise
+        response = refusal.response
     engine = {name: estimate for (_, name), estimate in response.estimates().items()}
     threshold = response.impact_pairs["stops"]["speed_threshold"]
     assert isinstance(threshold, float)

@@ -17,6 +17,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     F1_UPPER,
     F2_UPPER,
     N_LOWER,
+    N_UPPER,
     VV,
     XX,
     X,
@@ -271,7 +272,11 @@ def paired_differences(
             model.damping_rate, model.upper.position, model.upper.coefficient, plan.threshold,
         )  # fmt: skip
         sums = plan.averages(SEED, first, group)
-        engine[:, here] = [sums[XX], sums[VV], *(sums[N_LOWER : N_LOWER + 3] + sums[-3:])]
+        engine[:, here] = [
+            sums[XX],
+            sums[VV],
+            *(sums[N_LOWER : N_LOWER + 3] + sums[N_UPPER : N_UPPER + 3]),
+        ]
     return engine, brute
 
 
