@@ -55,6 +55,30 @@ def unit() -> FirstCrossings:
     return first_crossings(UNIT, [2.0, 3.0], mission=200.0, rel_error=0.006, seed=3)
 
 
+@pytest.mark.parametrize("outside", [0.0, 0.2])
+def test_a_constant_hazard_is_found_again_in_the_ages_of_its_crossings(outside: float) -> None:
+    """With a share P0 beyond a stop at the start and the hazard h after it, first hits have the
+    density h (1 - P0) e^(-h t), which is nu P(age > t), nu the rate of crossings.
+
+    Ages at evenly spaced quantiles leave errors of at most nu horizon / number = 4e-4 in the sums,
+    which are 4e-3 of the rate and 2e-2 of the smallest chance to survive.
+    """
+    hazard, nu, horizon, number = 0.3, 1.0, 6.0, 128 * 128
+    left = 1.0 - (np.arange(number) + 0.5) / number
+    share = hazard * (1.0 - outside) / nu
+    ages = np.where(left < share, -np.log(np.minimum(left / share, 1.0)) / hazard, 0.0)
+    ages = np.tile(np.minimum(ages, horizon).reshape(128, 128).T, (2, 1, 1, 1, 1))
+    found = FirstCrossings(
+        outside=np.array([outside]), lower=np.array([math.inf]), upper=np.array([1.0]),
+        displacement_std=1.0, velocity_std=1.0, horizon=horizon, interval=0.01,
+        rice_rates=np.array([[nu]]), ages=ages.astype(np.float32),
+    )  # fmt: skip
+    assert found.first_rate()[0].value == pytest.approx(hazard, rel=4e-3)
+    for mission in (1.0, 4.0, 20.0):
+        survival = (1.0 - outside) * math.exp(-hazard * mission)
+        assert 1.0 - found.probability(mission)[0].value == pytest.approx(survival, rel=2e-2)
+
+
 def test_limiting_rates_of_an_oscillator_in_white_noise(unit: FirstCrossings) -> None:
     for estimate, level in zip(unit.first_rate(), LIMITING_RATES, strict=True):
         assert_agrees(estimate, LIMITING_RATES[level])

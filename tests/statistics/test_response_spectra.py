@@ -22,7 +22,7 @@ from stochvi.scenes.impact_laws import Elastic, Hertz, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
 from stochvi.statistics.spectra import Curve, method, spectrum
-from stochvi.statistics.spectra.quantities import channels_of, quantities_of
+from stochvi.statistics.spectra.quantities import _cross, channels_of, quantities_of
 from stochvi.statistics.spectra.segments import layout_of, products
 from support.accuracies import quick_cases
 
@@ -74,6 +74,18 @@ def test_estimate_is_that_of_scipy() -> None:
     np.testing.assert_allclose(layout.frequency_hz, grid[layout.bins], rtol=1e-12)
     np.testing.assert_allclose(found[:, 0], density[:, layout.bins], rtol=1e-9)
     np.testing.assert_allclose(found[:, 2] + 1j * found[:, 3], cross[:, layout.bins], rtol=1e-7)
+
+
+def test_the_cross_density_of_sums_is_that_of_their_transforms() -> None:
+    """Of sums with complex weights over three channels, from the rows that `products` makes."""
+    random = np.random.default_rng(5)
+    first, second, waves = random.normal(size=(3, 3, 6)) + 1j * random.normal(size=(3, 3, 6))
+    rows = [np.abs(wave) ** 2 for wave in waves]
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        product = waves[i].conj() * waves[j]
+        rows += [product.real, product.imag]
+    whole = np.sum(first * waves, axis=0).conj() * np.sum(second * waves, axis=0)
+    assert _cross(first, second)(np.array(rows)) == pytest.approx(whole, rel=1e-12)
 
 
 def test_exact_spectrum_lies_in_the_band(free) -> None:

@@ -22,7 +22,13 @@ from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.conditions import unmet_by_transient
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.evolution import projections, time_groups
-from stochvi.methods.fokker_planck.initial_states import Gaussian, Start, StartChoice, start_of
+from stochvi.methods.fokker_planck.initial_states import (
+    Gaussian,
+    Point,
+    Start,
+    StartChoice,
+    start_of,
+)
 from stochvi.methods.fokker_planck.linear_boxes import boxes_of, speed_scale
 from stochvi.methods.fokker_planck.meshes_in_time import (
     LEVELS,
@@ -277,24 +283,22 @@ def _problem(model: Model, times: Array, given: StartChoice, threshold: float | 
     layout = stops_layout(model, lower, upper, walls, speed, start)
     flight, law = _flight(model, start, lower, upper, layout)
     early = tuple(
-        _law_after(model, start, moment) if moment <= flight else None for moment in times
+        _law_after(model, start, moment) if isinstance(start, Point) and moment <= flight else None
+        for moment in times
     )
     stops = math.isfinite(lower), math.isfinite(upper)
     return _Problem(model, layout, law, flight, times, early, threshold, stops)
 
 
-def _law_after(model: Model, start: Start, seconds: float) -> Gaussian:
-    """The law of a start after some time without stops."""
+def _law_after(model: Model, start: Point, seconds: float) -> Gaussian:
+    """The law of a start from a point after some time without stops."""
     square = model.omega**2
     # the load as a third, constant state
     generator = np.array([[0.0, 1.0, 0.0], [-square, -model.damping_rate, 1.0], [0.0, 0.0, 0.0]])
     noise = np.diag([0.0, model.intensity, 0.0])
     step = transition(generator, seconds)
     spread = step_covariance(generator, noise, seconds)[:2, :2]
-    centre = start.mean if isinstance(start, Gaussian) else tuple(start)
-    mean = step @ np.array([*centre, model.load])
-    if isinstance(start, Gaussian):
-        spread = spread + step[:2, :2] @ np.asarray(start.covariance) @ step[:2, :2].T
+    mean = step @ np.array([*start, model.load])
     (xx, xv), (_, vv) = spread.tolist()
     return Gaussian(mean=(float(mean[0]), float(mean[1])), covariance=((xx, xv), (xv, vv)))
 

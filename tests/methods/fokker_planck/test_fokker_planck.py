@@ -238,6 +238,24 @@ def test_probability_is_conserved_by_the_discrete_equations() -> None:
     assert np.abs(one.ravel() @ whole).max() < 1e-12 * np.abs(whole).max()
 
 
+def test_impacts_that_noise_turns_within_the_last_element_are_unresolved() -> None:
+    """Noise alone changes a speed w over the distance w^3 / diffusion: of arrivals at an end, those
+    slower than that of the length of the last element are unresolved."""
+    mesh = Mesh(
+        x_breaks=(-1.0, 0.2, 0.9, 1.0), x_degree=4, u_breaks=(0.0, 0.4, 1.0, 5.0), u_degree=4
+    )
+    scenes = one_scene(lower=-1.0, upper=0.5, restitution_lower=0.3, restitution_upper=0.8)
+    scaled = boxes_of(scenes, speed_scale(scenes), mesh.reach)
+    threshold = np.array([0.02])
+    found = box_solver.box_moments(scaled, mesh, threshold)
+    for side, length in (("left", 1.2), ("right", 0.1)):
+        turned = (scaled.diffusion * length) ** (1.0 / 3.0)
+        fast = box_solver.box_moments(scaled, mesh, turned)
+        slow = getattr(found, f"rate_{side}") - getattr(fast, f"rate_{side}")
+        assert slow > 0.0
+        assert getattr(found, f"unresolved_{side}") == pytest.approx(slow, rel=1e-9)
+
+
 @pytest.mark.parametrize("scene", [general(), oscillator(-1.0, 1.0, 0.0), oscillator(None, 0.4)])
 def test_balances_hold_within_their_bounds(scene: Scene) -> None:
     response = fokker_planck(scene)

@@ -41,9 +41,12 @@ from stochvi.methods.fokker_planck import (
     strip_solver,
 )
 from stochvi.methods.fokker_planck.basis import VelocityCells, returned_flux, transmitted_flux
+from stochvi.methods.fokker_planck.motion import Motion
 from stochvi.methods.fokker_planck.refinement import _field
-from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion
+from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion, scaled_motion
+from stochvi.methods.fokker_planck.strip_mesh import STRIPS, first_patches, graded
 from stochvi.methods.fokker_planck.strip_solver import Strip
+from stochvi.model.model import model_of
 from stochvi.scenes import Hertz, NonlinearOscillator
 from stochvi.scenes.impact_laws import Law
 from stochvi.testing import assert_agrees
@@ -600,3 +603,22 @@ def test_a_strip_that_rounding_leaves_no_length_is_no_mesh() -> None:
     strip = Strip(anchor=1.0, near=0.0, far=0.0, degree=2, cells=VelocityCells((-1.0, 0.0, 1.0), 3))
     with pytest.raises(np.linalg.LinAlgError, match="scales"):
         _field(None, (strip,), 1.0)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("slowest", [0.3, 0.03])
+def test_strips_narrow_towards_a_lossy_stop_as_far_as_noise_turns_a_slow_mass(
+    slowest: float,
+) -> None:
+    """Noise alone changes a speed w over the distance w^3 / diffusion."""
+    scaled = scaled_motion(Motion(model=model_of(oscillator(-1.0, 0.7, 0.5))))
+    depth = slowest**3 / scaled.diffusion
+    patches = graded(scaled, first_patches(scaled), slowest)
+    assert len(scaled.corners) == 2
+    for corner in scaled.corners:
+        lengths = [
+            patch.far - patch.near
+            for patch in patches
+            if corner.place - patch.anchor in (patch.near, patch.far)
+        ]
+        assert len(lengths) == 1
+        assert STRIPS.narrowing * depth < lengths[0] <= depth

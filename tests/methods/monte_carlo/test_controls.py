@@ -23,7 +23,7 @@ from stochvi import (
 )
 from stochvi.methods.monte_carlo.checkpoints import Checkpoint
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.path_statistics import PathStatistics, StepPairs
+from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.quantities import Means, of_coordinate, of_pair
 from stochvi.model.model import model_of
@@ -120,6 +120,24 @@ def test_they_bring_no_bias_and_errors_that_are_smaller_and_true() -> None:
     gains = np.mean(plain_errors**2, axis=0) / np.mean(errors**2, axis=0)
     assert (gains[:2] > 2.5).all()
     assert (gains[2:] > 1.5).all()
+
+
+def test_the_error_is_that_of_a_regression_where_the_controls_are_as_expected() -> None:
+    """The intercept of ordinary least squares on c - mu, and its standard error, which holds how
+    far the mean of the controls is from mu."""
+    random, paths = np.random.default_rng(8), 100
+    control = random.normal(5.0, 0.5, (2, paths))
+    mean = 1.5 * control[0] - control[1] + random.normal(0.0, 0.5, paths)
+    rows = (("a", "x"), ("a", "c"), ("a", "d"))
+    layout = Layout(rows=rows, origins={}, thresholds={}, controls={rows[1]: 4.6, rows[2]: 4.6})
+    found = PathStatistics.of(np.vstack([mean, control]), layout)
+    design = np.vstack([np.ones(paths), control - 4.6]).T
+    inverse = np.linalg.inv(design.T @ design)
+    fitted = inverse @ design.T @ mean
+    left = np.sum((mean - design @ fitted) ** 2) / (paths - 3)
+    value, error = found.evaluate(lambda means: means["a", "x"])
+    assert value == pytest.approx(fitted[0], rel=1e-12)
+    assert error == pytest.approx(np.sqrt(left * inverse[0, 0]), rel=1e-6)
 
 
 def test_a_wrong_expected_value_is_noticed() -> None:
