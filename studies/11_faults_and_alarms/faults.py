@@ -5,11 +5,10 @@ place; the truth stays that of the right one.
 """
 
 import math
-import sys
 from collections import Counter
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
+from importlib import import_module
 
 import pandas as pd
 
@@ -18,8 +17,7 @@ from stochvi.testing import as_response, problem_of
 from stochvi.verification.check import MethodResponses
 from stochvi.verification.check_of_many import compare_many, seeds_of
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "10_judging_integrators"))
-from integrators import end_of_step_mirror
+integrators = import_module("studies.10_judging_integrators.integrators")
 
 Document = dict
 Change = Callable[[Document], None]
@@ -77,7 +75,9 @@ def answer(change: Change | None, name: str, rel_error: float, seed: int) -> sto
     threshold = next((pair["speed_threshold"] for pair in pairs), 0.0)
     if change is None:
         problem = problem_of(scene, name=name, paths=512, speed_threshold=threshold)
-        return as_response(problem, end_of_step_mirror(problem, seed), "end-of-step mirror")
+        return as_response(
+            problem, integrators.end_of_step_mirror(problem, seed), "end-of-step mirror"
+        )
     document = scene.document()
     change(document)
     wrong = stochvi.Scene(**document)
