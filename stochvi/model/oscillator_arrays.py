@@ -15,7 +15,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stochvi.model.model import Model
+from stochvi.model.model import UPPER, Model
 
 Vector = NDArray[np.float64]
 Booleans = NDArray[np.bool_]
@@ -28,10 +28,12 @@ class OscillatorArrays(NamedTuple):
     ----------
     omega, damping_rate, intensity, load
         Natural frequency (rad/s), b (1/s), S0 (m^2/s^3) and constant load (m/s^2).
-    lower, upper
-        Positions of the stops, m from the position of the unloaded spring; infinite for no stop.
-    restitution_lower, restitution_upper
-        R of each stop; it has no meaning where there is no stop.
+    positions
+        Of the lower and the upper stops (2, oscillators), m from the position of the unloaded
+        spring; infinite for no stop.
+    restitutions
+        R of the lower and the upper stops (2, oscillators); it has no meaning where there is no
+        stop.
 
     Examples
     --------
@@ -44,10 +46,18 @@ class OscillatorArrays(NamedTuple):
     damping_rate: Vector
     intensity: Vector
     load: Vector
-    lower: Vector
-    upper: Vector
-    restitution_lower: Vector
-    restitution_upper: Vector
+    positions: Vector
+    restitutions: Vector
+
+    @property
+    def lower(self) -> Vector:
+        """Positions of the lower stops, m; -inf for no stop."""
+        return np.asarray(self.positions[0])
+
+    @property
+    def upper(self) -> Vector:
+        """Positions of the upper stops, m; inf for no stop."""
+        return np.asarray(self.positions[1])
 
     @classmethod
     def broadcast(
@@ -65,51 +75,50 @@ class OscillatorArrays(NamedTuple):
         """Columns of one shape from numbers and arrays that are broadcast against each other."""
         stops = (lower, upper, restitution_lower, restitution_upper)
         columns = (omega, damping_rate, intensity, load, *stops)
-        return cls(*np.broadcast_arrays(*(np.asarray(column, dtype=float) for column in columns)))
+        full = np.broadcast_arrays(*(np.asarray(column, dtype=float) for column in columns))
+        positions, restitutions = np.stack(full[4:6]), np.stack(full[6:])
+        return cls._make([*full[:4], positions, restitutions])
 
     @classmethod
     def of(cls, model: Model) -> Self:
         """The one oscillator of a model with rigid stops, as arrays of the length 1."""
-        restitutions = [
-            1.0 if stop is None or stop.coefficient is None else stop.coefficient
-            for stop in (model.lower, model.upper)
-        ]
-        numbers = (
-            model.omega,
-            model.damping_rate,
-            model.intensity,
-            model.load,
-            model.lower_position,
-            model.upper_position,
-            *restitutions,
+        positions, restitutions = np.array([[-math.inf], [math.inf]]), np.ones((2, 1))
+        for stop in model.stops_per_unit_mass:
+            row = int(stop.side == UPPER)
+            positions[row] = stop.position
+            if stop.coefficient is not None:
+                restitutions[row] = stop.coefficient
+        return cls(
+            omega=np.array([model.omega]),
+            damping_rate=np.array([model.damping_rate]),
+            intensity=np.array([model.intensity]),
+            load=np.array([model.load]),
+            positions=positions,
+            restitutions=restitutions,
         )
-        return cls(*(np.array([number]) for number in numbers))
-
-    @property
-    def stops(self) -> tuple[tuple[Vector, Vector], tuple[Vector, Vector]]:
-        """Position and restitution of the lower stops, and of the upper stops."""
-        return (self.lower, self.restitution_lower), (self.upper, self.restitution_upper)
 
     def flat(self) -> OscillatorArrays:
         """The same oscillators as arrays of one dimension."""
-        return OscillatorArrays._make(column.reshape(-1) for column in self)
+        axes = self.omega.ndim
+        return OscillatorArrays._make(
+            column.reshape(*column.shape[: column.ndim - axes], -1) for column in self
+        )
 
     def take(self, places: Booleans | NDArray[np.intp] | slice) -> OscillatorArrays:
         """Some of the oscillators, by index, by mask or by slice."""
-        return OscillatorArrays._make(column[places] for column in self)
+        return OscillatorArrays._make(column[..., places] for column in self)
 
     @property
     def elastic(self) -> Booleans:
         """Whether no stop loses energy."""
-        lossless = [(r == 1.0) | np.isinf(position) for position, r in self.stops]
-        return np.asarray(lossless[0] & lossless[1], dtype=np.bool_)
+        lossless = (self.restitutions == 1.0) | np.isinf(self.positions)
+        return np.asarray(lossless.all(axis=0), dtype=np.bool_)
 
     @property
     def held(self) -> Booleans:
         """Whether spring, or stops and load, keep the oscillator from being lost on either side."""
-        left = np.isfinite(self.lower) | (self.load > 0.0)
-        right = np.isfinite(self.upper) | (self.load < 0.0)
-        return np.asarray((self.omega > 0.0) | (left & right), dtype=np.bool_)
+        kept = np.isfinite(self.positions) | np.stack([self.load > 0.0, self.load < 0.0])
+        return np.asarray((self.omega > 0.0) | kept.all(axis=0), dtype=np.bool_)
 
     def force(self, x: Vector) -> Vector:
         """Force of spring and load per unit mass at the displacements x, m/s^2."""
@@ -123,7 +132,7 @@ class OscillatorArrays(NamedTuple):
         with np.errstate(divide="ignore", invalid="ignore"):
             rest = self.load / self.omega**2
         rest = np.where(np.isnan(rest), 0.0, rest)
-        return np.asarray(np.clip(rest, self.lower, self.upper))
+        return np.asarray(np.clip(rest, *self.positions))
 
     def climb(self, energy: Vector) -> Vector:
         """Distance from the lowest place over which the potential energy rises by `energy`, m.
@@ -150,7 +159,13 @@ class OscillatorArrays(NamedTuple):
         ValueError
             The message names the first column that holds such a number.
         """
-        for name, column in self._asdict().items():
+        (lower, upper), (r_lower, r_upper) = self.positions, self.restitutions
+        columns = {
+            "omega": self.omega, "damping_rate": self.damping_rate, "intensity": self.intensity,
+            "load": self.load, "lower": lower, "upper": upper,
+            "restitution_lower": r_lower, "restitution_upper": r_upper,
+        }  # fmt: skip
+        for name, column in columns.items():
             if np.isnan(column).any():
                 raise ValueError(f"{name} must be numbers, got nan")
             if name not in ("lower", "upper") and np.isinf(column).any():
@@ -160,12 +175,12 @@ class OscillatorArrays(NamedTuple):
             outside = (column < 0.0) | (column > 1.0)
             if name.startswith("restitution") and outside.any():
                 raise ValueError(f"{name} must be in [0, 1], got {column[outside][0]:g}")
-        crossed = np.flatnonzero(~(self.lower < self.upper))
+        crossed = np.flatnonzero(~(lower < upper))
         if crossed.size:
             index = crossed[0]
-            lower, upper = self.lower.flat[index], self.upper.flat[index]
             raise ValueError(
-                f"lower must be below upper, got {lower:g} and {upper:g} at index {index}"
+                f"lower must be below upper, got {lower.flat[index]:g} and {upper.flat[index]:g} "
+                f"at index {index}"
             )
 
     def unmet(self) -> list[str]:

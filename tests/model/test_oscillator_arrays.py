@@ -24,7 +24,7 @@ def test_a_scene_becomes_arrays_of_one_oscillator_per_unit_mass() -> None:
     assert found.omega[0] == pytest.approx(3.0)
     assert found.damping_rate[0] == pytest.approx(0.2)
     assert (found.lower[0], found.upper[0]) == (-math.inf, 0.5)
-    assert (found.restitution_lower[0], found.restitution_upper[0]) == (1.0, 0.7)
+    assert found.restitutions.tolist() == [[1.0], [0.7]]
     assert not found.elastic[0]
 
 

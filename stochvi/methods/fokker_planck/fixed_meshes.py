@@ -150,10 +150,8 @@ def unreached(scenes: OscillatorArrays, speed: Array, upcrossing_rate: Array) ->
 
 def _leans(scenes: OscillatorArrays) -> Booleans:
     """Whether spring and load press the mass on a stop that loses energy."""
-    lowest = scenes.lowest()
-    lower = (lowest == scenes.lower) & (scenes.restitution_lower < 1.0)
-    upper = (lowest == scenes.upper) & (scenes.restitution_upper < 1.0)
-    return np.asarray(lower | upper, dtype=np.bool_)
+    lossy = (scenes.lowest() == scenes.positions) & (scenes.restitutions < 1.0)
+    return np.asarray(lossy.any(axis=0), dtype=np.bool_)
 
 
 def _damper_alone(scenes: OscillatorArrays) -> Array:
@@ -180,7 +178,7 @@ def errors(scenes: OscillatorArrays, coarse: Moments, fine: Solution, far: Momen
     }
     motion = ["mean", "variance", "velocity_mean_square"]
     bounds = {}
-    for side in ("lower", "upper"):
+    for side, restitution in zip(("lower", "upper"), scenes.restitutions, strict=True):
         impacts = [f"speed_rate_{side}", f"speed_square_rate_{side}"]
         moving, hitting = (*motion, "upcrossing_rate"), (*impacts, f"rate_{side}")
         for members, group in ((moving, motion), (hitting, motion + impacts)):
@@ -188,7 +186,6 @@ def errors(scenes: OscillatorArrays, coarse: Moments, fine: Solution, far: Momen
             for name in members:
                 shared = MARGINS.shared * largest * getattr(sizes, name)
                 bounds[name] = MARGINS.safety * np.maximum(found[name], shared)
-        restitution = getattr(scenes, f"restitution_{side}")
         bounds[f"rate_{side}"] += (1.0 - restitution) ** 2 * getattr(fine, f"unresolved_{side}")
     return Moments(
         *(

@@ -178,7 +178,7 @@ def _power_taken(scenes: OscillatorArrays, speed: Array) -> Array:
 
     mass = np.sum(weights * density(y.T).T, axis=1)
     taken = scenes.damping_rate * speed**2
-    for stop, restitution in scenes.stops:
+    for stop, restitution in zip(scenes.positions, scenes.restitutions, strict=True):
         there = np.isfinite(stop)
         at_stop = density(np.where(there, stop, lowest) - lowest) / mass
         loss = (1.0 - restitution**2) * at_stop * speed**3 / math.sqrt(2.0 * math.pi)
@@ -196,11 +196,11 @@ def boxes_of(scenes: OscillatorArrays, speed: Array, reach: float) -> Boxes:
     lowest = scenes.lowest()
     far = scenes.climb(speed**2 * FARTHEST_STOP**2 / 2.0)
     end = scenes.climb(speed**2 * reach**2 / 2.0)
-    stop_left, stop_right = lowest - scenes.lower <= far, scenes.upper - lowest <= far
+    stops = np.stack([lowest - scenes.lower <= far, scenes.upper - lowest <= far])
+    stop_left, stop_right = stops
     left = np.where(stop_left, scenes.lower, lowest - end)
     right = np.where(stop_right, scenes.upper, lowest + end)
-    r_left = np.where(stop_left, scenes.restitution_lower, 1.0)
-    r_right = np.where(stop_right, scenes.restitution_upper, 1.0)
+    r_left, r_right = np.where(stops, scenes.restitutions, 1.0)
     middle, length = (left + right) / 2.0, right - left
     halved = stop_left & stop_right & (r_left == r_right)
     halved &= np.abs(scenes.force(middle)) * length <= SYMMETRIC * speed**2
@@ -233,11 +233,7 @@ def _widening(scenes: OscillatorArrays, speed: Array) -> Array:
     that reach far beyond what exp(-energy / s^2) allows.
     """
     lowest = scenes.lowest()
-    restitution = np.where(
-        lowest == scenes.lower,
-        scenes.restitution_lower,
-        np.where(lowest == scenes.upper, scenes.restitution_upper, 1.0),
-    )
+    restitution: Array = np.where(lowest == scenes.positions, scenes.restitutions, 1.0).min(axis=0)
     press = np.abs(scenes.force(lowest))
     leaning = press / (press + scenes.omega * speed + 1e-300)
     return 1.0 + LEANING * (1.0 - restitution**2) * leaning

@@ -274,8 +274,8 @@ def _problem(model: Model, times: Array, given: StartChoice, threshold: float | 
         raise ValueError("start must be 'rest', a point or a Gaussian, got 'stationary'")
     start = start_of(given, model)
     oscillator = OscillatorArrays.of(model)
-    (lower,), (upper,) = oscillator.lower.tolist(), oscillator.upper.tolist()
-    walls = Walls(*(float(restitution[0]) for _, restitution in oscillator.stops))
+    lower, upper = oscillator.positions[:, 0].tolist()
+    walls = Walls(*oscillator.restitutions[:, 0].tolist())
     own = speed_scale(oscillator)
     if threshold is None:
         threshold = 0.0 if model.elastic else SLOW_IMPACTS * float(own[0])

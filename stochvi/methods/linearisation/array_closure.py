@@ -14,6 +14,7 @@ three equations for lambda, kappa and log s_v, whose derivatives are moments of 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from functools import cache
 from typing import NamedTuple
 
@@ -245,10 +246,8 @@ def _unit_of(oscillators: OscillatorArrays, speed: Vector) -> _Unit:
             damping_rate=oscillators.damping_rate * time,
             intensity=oscillators.intensity * time / speed**2,
             load=(oscillators.load - oscillators.omega**2 * law.mean) * time / speed,
-            lower=(oscillators.lower - law.mean) / length,
-            upper=(oscillators.upper - law.mean) / length,
-            restitution_lower=oscillators.restitution_lower,
-            restitution_upper=oscillators.restitution_upper,
+            positions=(oscillators.positions - law.mean) / length,
+            restitutions=oscillators.restitutions,
         )
     return _Unit(law.mean, length, speed, scaled, _least_curvature(scaled))
 
@@ -300,11 +299,7 @@ def _speed_step(o: OscillatorArrays, log_power: Vector, log_speed: Vector) -> Ve
     slope, curvature = o.load / speed**2, (o.omega / speed) ** 2
     law = cut_laws(slope, curvature, o.lower, o.upper, ROUGH)
     damping, growth = o.damping_rate.copy(), np.zeros_like(speed)
-    for stop, density, restitution in (
-        (o.lower, law.lower, o.restitution_lower),
-        (o.upper, law.upper, o.restitution_upper),
-    ):
-        there = np.where(np.isfinite(stop), stop, 0.0)
+    for there, density, restitution, _ in _sides(o, law):
         loss = 2.0 * (1.0 - restitution) * density * speed / ROOT_TWO_PI
         # d log p / d log s, since slope and curvature go as s^-2
         rise = slope * (there - law.mean) - curvature / 2.0 * (
@@ -318,10 +313,7 @@ def _speed_step(o: OscillatorArrays, log_power: Vector, log_speed: Vector) -> Ve
 
 def _least_curvature(o: OscillatorArrays) -> Vector:
     """The least kappa of each frame: `_floor` over the square of half a gap; 0 for one stop."""
-    restitution = np.minimum(
-        np.where(np.isfinite(o.lower), o.restitution_lower, 1.0),
-        np.where(np.isfinite(o.upper), o.restitution_upper, 1.0),
-    )
+    restitution = np.where(np.isfinite(o.positions), o.restitutions, 1.0).min(axis=0)
     half = (o.upper - o.lower) / 2.0
     return np.asarray(_floor()(restitution) / half**2)
 
@@ -376,14 +368,10 @@ def _loss(restitution: Vector, density: Vector, log_speed: Vector) -> Vector:
     return np.asarray(loss)
 
 
-def _sides(o: OscillatorArrays, law: CutLaws) -> tuple[tuple[Vector, Vector, Vector, float], ...]:
+def _sides(o: OscillatorArrays, law: CutLaws) -> Iterator[tuple[Vector, Vector, Vector, float]]:
     """Place (0 where there is none), density, R and outward direction of the stops."""
-    lower = np.where(np.isfinite(o.lower), o.lower, 0.0)
-    upper = np.where(np.isfinite(o.upper), o.upper, 0.0)
-    return (
-        (lower, law.lower, o.restitution_lower, -1.0),
-        (upper, law.upper, o.restitution_upper, 1.0),
-    )
+    places = np.where(np.isfinite(o.positions), o.positions, 0.0)
+    return zip(places, (law.lower, law.upper), o.restitutions, (-1.0, 1.0), strict=True)
 
 
 def _newton(unit: _Unit, start: Vector) -> _State:

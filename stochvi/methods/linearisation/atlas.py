@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from typing import NamedTuple
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
-from stochvi.model.model import Model, Stop
+from stochvi.model.model import Model
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.datasets import data_folder
@@ -136,23 +136,19 @@ def _grid(rows: Sequence[Mapping[str, str]]) -> Grid:
 
 
 class Place(NamedTuple):
-    """A scene in the atlas: stops outwards from rest in deviations (None for none), R, zeta."""
+    """A scene in the atlas: of each stop its distance outwards from rest, in deviations, and its
+    R; and zeta."""
 
-    lower: float | None
-    upper: float | None
-    restitution_lower: float
-    restitution_upper: float
+    stops: tuple[tuple[float, float], ...]
     zeta: float
 
     @property
-    def like(self) -> bool:
-        """Whether both stops are the same."""
-        same = self.lower == self.upper or (
-            self.lower is not None
-            and self.upper is not None
-            and math.isclose(self.lower, self.upper, rel_tol=1e-9)
-        )
-        return same and self.restitution_lower == self.restitution_upper
+    def unlike(self) -> bool:
+        """Whether there are two stops, and they differ."""
+        if len(self.stops) < 2:
+            return False
+        (lower, r_lower), (upper, r_upper) = self.stops
+        return not math.isclose(lower, upper, rel_tol=1e-9) or r_lower != r_upper
 
 
 def place_of(model: Model) -> Place | str:
@@ -164,17 +160,11 @@ def place_of(model: Model) -> Place | str:
     if model.omega == 0.0 or model.damping_rate == 0.0:
         return "the atlas knows no mass without a spring or a damper"
     deviation = math.sqrt(model.intensity / (2.0 * model.damping_rate)) / model.omega
-
-    def outwards(stop: Stop | None) -> float | None:
-        return None if stop is None else stop.side * (stop.position - model.rest) / deviation
-
-    return Place(
-        outwards(model.lower),
-        outwards(model.upper),
-        1.0 if model.lower is None else model.lower.law.restitution,
-        1.0 if model.upper is None else model.upper.law.restitution,
-        model.damping_rate / (2.0 * model.omega),
+    stops = tuple(
+        (stop.side * (stop.position - model.rest) / deviation, stop.law.restitution)
+        for stop in model.stops_per_unit_mass
     )
+    return Place(stops, model.damping_rate / (2.0 * model.omega))
 
 
 def spans(method: str, model: Model) -> Mapping[str, Span] | str:
@@ -208,13 +198,12 @@ def spans(method: str, model: Model) -> Mapping[str, Span] | str:
     found = _corners(grids, place)
     if isinstance(found, str):
         return found
-    unlike = not place.like and None not in place[:2]
-    least = min(place.restitution_lower, place.restitution_upper)
+    least = min(restitution for _, restitution in place.stops)
     known = {}
     for k, name in enumerate(QUANTITIES):
         column = found[:, k]
         if np.isfinite(column).all() and not (name == "rate" and least <= COLLAPSE_RESTITUTION):
-            span = _widened(column, _unlike_safety(method, name) if unlike else SAFETY)
+            span = _widened(column, _unlike_safety(method, name) if place.unlike else SAFETY)
             if span.largest < LARGEST:
                 known[name] = span
     return known
@@ -235,23 +224,15 @@ def _widened(errors: NDArray[np.float64], safety: float) -> Span:
 
 def _corners(grids: Mapping[str, Grid], place: Place) -> NDArray[np.float64] | str:
     """The errors that bear on a place, (corner, quantity); or why it is outside of the atlas."""
-    sides = [
-        (gap, restitution)
-        for gap, restitution in (
-            (place.lower, place.restitution_lower),
-            (place.upper, place.restitution_upper),
-        )
-        if gap is not None
-    ]
     two, one = grids[TWO], grids[ONE]
     if not two.zetas[0] <= place.zeta <= two.zetas[-1]:
         return f"zeta = {place.zeta:.3g} is outside of the atlas, {two.zetas[0]} to {two.zetas[-1]}"
-    if len(sides) == 1 or place.like:
-        grid, (gap, restitution) = (one if len(sides) == 1 else two), sides[0]
+    if not place.unlike:
+        grid, (gap, restitution) = (one if len(place.stops) == 1 else two), place.stops[0]
         if not grid.holds(gap, place.zeta):
             return _outside(gap, grid)
         return grid.corners(gap, restitution, place.zeta)
-    return _relatives(two, one, sides, place.zeta)
+    return _relatives(two, one, place.stops, place.zeta)
 
 
 def _outside(gap: float, grid: Grid) -> str:
@@ -262,19 +243,18 @@ def _outside(gap: float, grid: Grid) -> str:
 
 
 def _relatives(
-    two: Grid, one: Grid, sides: Iterable[tuple[float, float]], zeta: float
+    two: Grid, one: Grid, stops: Sequence[tuple[float, float]], zeta: float
 ) -> NDArray[np.float64] | str:
     """The errors of the relatives of two unlike stops: of each alone, and of symmetric stops of
     either kind at its own gap and at the mean gap.
 
     A difference of two stops may turn the sign of an error, so that both signs count.
     """
-    both = list(sides)
-    narrow = sum(gap for gap, _ in both) / 2.0
+    narrow = sum(gap for gap, _ in stops) / 2.0
     if narrow < two.gaps[0]:
         return f"stops {2.0 * narrow:.3g} deviations apart are outside of the atlas"
     found = []
-    for gap, restitution in both:
+    for gap, restitution in stops:
         if not one.holds(gap, zeta):
             return _outside(gap, one)
         found.append(one.corners(gap, restitution, zeta))
@@ -313,7 +293,7 @@ def with_bounds(response: Response, model: Model) -> Response:
 def _one_rate(model: Model) -> bool:
     """Whether the rate of a stop errs as that of both: for a single one, and for symmetric ones."""
     place = place_of(model)
-    return isinstance(place, Place) and (place.like or None in place[:2])
+    return isinstance(place, Place) and not place.unlike
 
 
 def _relative_bounds(known: Mapping[str, Span], *, one_rate: bool) -> dict[str, float]:

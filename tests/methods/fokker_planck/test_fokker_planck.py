@@ -273,7 +273,7 @@ def one_scene(**changes: float) -> OscillatorArrays:
         "omega": 1.0, "damping_rate": 0.1, "intensity": 0.2, "load": 0.0, "lower": -math.inf,
         "upper": math.inf, "restitution_lower": 1.0, "restitution_upper": 1.0,
     }  # fmt: skip
-    return OscillatorArrays(*(np.array([number]) for number in (plain | changes).values()))
+    return OscillatorArrays.broadcast(**plain | changes).flat()
 
 
 def random_scenes(count: int, seed: int) -> OscillatorArrays:
@@ -285,9 +285,10 @@ def random_scenes(count: int, seed: int) -> OscillatorArrays:
     upper = np.where(kind < 3, gap, np.where(kind == 3, 7.0 * rng.random(count) - 2.0, -other / 3))
     lower = np.where(kind < 2, -gap, np.where(kind == 2, -other, -math.inf))
     r_lower, r_upper = rng.random((2, count))
-    return OscillatorArrays(
-        np.ones(count), damping, 2.0 * damping, np.zeros(count), lower, upper,
-        np.where(kind < 2, r_upper, np.where(kind == 2, r_lower, 1.0)), r_upper,
+    return OscillatorArrays.broadcast(
+        omega=1.0, damping_rate=damping, intensity=2.0 * damping, lower=lower, upper=upper,
+        restitution_lower=np.where(kind < 2, r_upper, np.where(kind == 2, r_lower, 1.0)),
+        restitution_upper=r_upper,
     )  # fmt: skip
 
 
