@@ -322,14 +322,21 @@ JOLT_COLUMNS = {
 @click.option(
     "--duration", type=TIME, help="Time for which paths are watched after a jolt [1000 periods]."
 )
-@common("seed", "json", "out", "quiet")
+@common("seed", "budget", "json", "out", "quiet")
 def jolt(options: Common, scene: str, speeds: str, **asked: Any) -> None:
-    """Under a sine: can a jolt throw a mount into clatter, and how long does that last."""
+    """Under a sine: can a jolt throw a mount into clatter, and how long does that last?"""
     from stochvi.isolators.jolt_response import jolts
     from stochvi.scenes.scene import load_scene
 
-    found = jolts(load_scene(scene), numbers("--speeds", speeds, "m/s"), seed=options.seed, **asked)
-    options.show(found, _print_jolts, "jolts")
+    loaded, wanted = load_scene(scene), numbers("--speeds", speeds, "m/s")
+
+    def solve() -> Jolts:
+        with options.progress("jolt") as report:
+            return jolts(
+                loaded, wanted, seed=options.seed, budget=options.rest, progress=report, **asked
+            )
+
+    shown(solve, lambda found: options.show(found, _print_jolts, "jolts"))
 
 
 def _print_jolts(console: Console, found: Jolts) -> None:

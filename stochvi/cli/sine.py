@@ -10,6 +10,7 @@ from stochvi.cli.options import Common, Varied, common, shown, varied
 from stochvi.cli.program import main
 
 if TYPE_CHECKING:
+    from stochvi.methods.periodic import Basins
     from stochvi.statistics import LifeTimes
 
 
@@ -88,13 +89,15 @@ def basins(options: Common, scene: str, sides: tuple[str, ...], phase: float, pe
 
     loaded = load_scene(scene)
     plane = dict(_numbers_of(side) for side in sides) or None
-    shown(
-        lambda: map_of(
-            loaded, plane, phase_deg=phase, periods=periods, threads=options.threads,
-            budget=options.rest,
-        ),
-        lambda found: _show(options, found, print_basins, plot_basins, "basins"),
-    )  # fmt: skip
+
+    def solve() -> Basins:
+        with options.progress("basins") as report:
+            return map_of(
+                loaded, plane, phase_deg=phase, periods=periods, threads=options.threads,
+                budget=options.rest, progress=report,
+            )  # fmt: skip
+
+    shown(solve, lambda found: _show(options, found, print_basins, plot_basins, "basins"))
 
 
 @main.command()

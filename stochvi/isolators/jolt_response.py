@@ -4,7 +4,8 @@ stays there."""
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +14,16 @@ from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
+from stochvi.methods.monte_carlo.stop_flag import GivenUp, given_up_after
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.model.coverage import functions
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
+from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
 from stochvi.results.intervals import binomial_interval, poisson_interval
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.scenes.excitations import BASE, Sine
 from stochvi.scenes.scene import Scene
 
@@ -154,6 +158,7 @@ class Jolts(Result):
         return found
 
 
+@shown_in_notebooks
 def jolts(
     scene: Scene,
     speeds: Sequence[float],
@@ -161,6 +166,8 @@ def jolts(
     paths: int = 64,
     duration: float | None = None,
     seed: int = 0,
+    budget: float | None = None,
+    progress: Progress | None = None,
 ) -> Jolts:
     """Capture by clatter and escape from it, after jolts to a mount that does not hit its stops.
 
@@ -180,6 +187,10 @@ def jolts(
         Seconds after the jolt; by default 100 windows of 10 periods.
     seed
         Seed of the random numbers: the same seed gives the same digits.
+    budget
+        Seconds of wall time, without that in which kernels are compiled; None for no limit.
+    progress
+        Called now and then with the fraction done and a sentence.
 
     Returns
     -------
@@ -190,6 +201,9 @@ def jolts(
     ------
     NotApplicable
         If the scene is not of that kind.
+    NotConverged
+        If the budget ends first, or `Interrupted` after Ctrl-C: it carries the answer for the jolts
+        that were simulated, if there are any.
 
     See Also
     --------
@@ -212,6 +226,7 @@ def jolts(
     >>> found.to_frame()["captured"].tolist()[0], bool(found.captured[1].any())
     (0.0, True)
     """
+    deadline = Deadline.after(budget)
     sine = _check(scene, speeds, paths, duration)
     model = model_of(scene)
     plan = plan_modal(model, 0.0, None)
@@ -222,15 +237,27 @@ def jolts(
     windows = max(windows, SETTLING_WINDOWS + 1)
     steps = math.ceil(window / plan.step)
     plan = plan.with_step(window / steps)
-    hits = np.array([_hits(plan, free, speed, paths, windows, steps, seed) for speed in speeds])
+    counted: list[NDArray[np.float64]] = []
+    with heeding_ctrl_c(), given_up_after(deadline), suppress(GivenUp):
+        for number, speed in enumerate(speeds):
+
+            def report(done: float, number: int = number) -> None:
+                if progress:
+                    total = len(speeds)
+                    progress((number + done) / total, f"jolt {number + 1} of {total}")
+
+            counted.append(_hits(plan, free, speed, paths, windows, steps, seed, deadline, report))
+    if not counted:
+        raise deadline.fell_short("before the paths of a jolt had ended", LESS_WORK)
+    hits = np.array(counted)
     found = hits.sum(axis=2) >= CLATTER * WINDOW_PERIODS
     captured = found[:, SETTLING_WINDOWS - 1]
     on_both = (hits[:, SETTLING_WINDOWS - 1] >= CLATTER * WINDOW_PERIODS).all(axis=1)
     later = found[:, SETTLING_WINDOWS:]
     left = captured & ~later.all(axis=1)
     stayed = np.where(later.all(axis=1), later.shape[1], np.argmin(later, axis=1) + 0.5)
-    return Jolts(
-        speeds=tuple(float(speed) for speed in speeds),
+    answer = Jolts(
+        speeds=tuple(float(speed) for speed in speeds[: len(hits)]),
         captured=captured,
         resonant=captured & on_both,
         left=left,
@@ -240,12 +267,22 @@ def jolts(
         clearance=_clearance(scene),
         provenance=provenance(scene.document(), seed),
     )
+    if len(hits) < len(speeds):
+        where = f"after {len(hits)} of {len(speeds)} jolts"
+        raise deadline.fell_short(where, LESS_WORK, answer)
+    return answer
+
+
+LESS_WORK = "raise budget, or ask for fewer paths, fewer jolts or a shorter duration"
+"""What a user can do where the budget ended before all jolts were simulated."""
 
 
 def _hits(
-    plan: ModalPlan, free: ModalPlan, speed: float, paths: int, windows: int, steps: int, seed: int
-) -> NDArray[np.float64]:
-    """Hits of each path on the lower and the upper stop in each window (windows, 2, paths)."""
+    plan: ModalPlan, free: ModalPlan, speed: float, paths: int, windows: int, steps: int,
+    seed: int, deadline: Deadline, report: Callable[[float], None],
+) -> NDArray[np.float64]:  # fmt: skip
+    """Hits of each path on the lower and the upper stop in each window (windows, 2, paths);
+    `GivenUp` where the deadline passes before the last window."""
     streams = np.empty((2, paths), np.uint64)
     seed_streams(np.uint64(seed), 0, streams)
     state = free.start(streams)
@@ -254,7 +291,13 @@ def _hits(
     gap, mass = plan.modes.gaps[0], plan.model.pairs[0].mass
     state[n : 2 * n] += speed * mass * gap[:, None]
     state = np.ascontiguousarray(plan.between_stops(state))
-    return np.array([plan.counts(state, streams, steps)[0] for _ in range(windows)])
+    counted = []
+    for number in range(windows):
+        if deadline.passed():
+            raise GivenUp
+        report(number / windows)
+        counted.append(plan.counts(state, streams, steps)[0])
+    return np.array(counted)
 
 
 def _check(scene: Scene, speeds: Sequence[float], paths: int, duration: float | None) -> Sine:

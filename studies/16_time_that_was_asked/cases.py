@@ -37,6 +37,7 @@ QUESTIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "basins": {"": ("--periods", "10000")},
     "bifurcation": {"": ("--from", "0.5", "--to", "20", "--points", "4000")},
     "lifetimes": {"": TIGHT},
+    "jolt": {"": ("--speeds", "0.1,0.2,0.3", "--paths", "100000")},
     "check": {"": TIGHT},
     "cost": {"": ()},
     "sweep": {
@@ -48,7 +49,7 @@ QUESTIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 """What is asked of each command with a budget, by a name for the question."""
 
 WITHOUT_BUDGET = {
-    "screen", "exact", "linearise", "average", "fokker-planck", "first-passage", "history", "jolt",
+    "screen", "exact", "linearise", "average", "fokker-planck", "first-passage", "history",
     "replay", "profiles", "new", "demo", "problems", "judge", "schema",
 }  # fmt: skip
 """Commands that have no budget: what is asked of them bounds their work."""

@@ -71,6 +71,7 @@ HANDED_ON = [
     ("basins", "stochvi.methods.periodic.basins", MOUNT),
     ("bifurcation --from 90 --to 100", "stochvi.methods.periodic.bifurcation", MOUNT),
     ("lifetimes", "stochvi.statistics.lifetimes.lifetimes", MOUNT),
+    ("jolt --speeds 0.3", "stochvi.isolators.jolt_response.jolts", MOUNT),
     ("absorber --sine", "stochvi.absorbers.absorber_sine", BOX),
     ("sweep --vary structure.stiffness=1,2", "stochvi.sweeps.sweep", ELASTIC),
 ]  # fmt: skip

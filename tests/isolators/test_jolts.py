@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from stochvi import (
     ImpactPair,
     Isolator,
     NotApplicable,
+    NotConverged,
     Oscillator,
     Restitution,
     Scene,
@@ -131,6 +133,28 @@ def test_a_base_and_a_force_are_the_same_sine() -> None:
     assert found.resonance is not None
     assert found.resonance.energy_boundary == pytest.approx(BOUNDARY, rel=5e-5)
     assert found.captured.any()
+
+
+def test_a_budget_that_ends_keeps_the_jolts_that_were_simulated(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock, late, done = time.time, [0.0], []
+    monkeypatch.setattr(time, "time", lambda: clock() + late[0])
+
+    def report(share: float, _: str) -> None:
+        done.append(share)
+        late[0] = 100.0 if share >= 0.5 else 0.0
+
+    scene = mount(0.8 * BOUNDARY)
+    with pytest.raises(NotConverged, match="budget of 50 s ended after 1 of 2 jolts") as ended:
+        jolts(scene, [0.3, 0.2], paths=8, budget=50.0, progress=report)
+    answer, whole = ended.value.response, jolts(scene, [0.3, 0.2], paths=8)
+    assert answer.speeds == (0.3,) and whole.speeds == (0.3, 0.2)
+    assert (answer.watched[0] == whole.watched[0]).all()
+    assert done == sorted(done) and (done[0], done[-1]) == (0.0, 0.5)
+    with pytest.raises(NotConverged, match="before the paths of a jolt") as ended:
+        jolts(scene, [0.3], paths=8, budget=1e-9)
+    assert ended.value.response is None
 
 
 def test_unequal_stops_have_no_symmetric_regime() -> None:

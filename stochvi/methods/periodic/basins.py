@@ -33,6 +33,7 @@ from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
+from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -211,6 +212,7 @@ class Basins(Result):
         return f"of {number} starts end in: {found or 'no motion that was recognised'}{rest}"
 
 
+@shown_in_notebooks
 def basins(
     scene: Scene,
     plane: Mapping[str, Sequence[float]] | None = None,
@@ -220,6 +222,7 @@ def basins(
     most_impacts: int = 3,
     threads: int | None = None,
     budget: float | None = None,
+    progress: Progress | None = None,
 ) -> Basins:
     """Which of the motions that coexist under a sine a structure ends in, from a plane of starts.
 
@@ -246,6 +249,8 @@ def basins(
         Number of threads, by default that of the cores.
     budget
         Seconds of wall time, without that in which kernels are compiled.
+    progress
+        Called now and then with the fraction done and a sentence.
 
     Returns
     -------
@@ -288,7 +293,7 @@ def basins(
         starts = place.states.starts({names[0]: across.ravel(), names[1]: up.ravel()})
         phase = math.radians(phase_deg)
         number = threads or usable_cores()
-        flown = Flown(known, starts, phase, periods, number, deadline)
+        flown = Flown(known, starts, phase, periods, number, deadline, progress)
         ends = flown.ends()
     order, shares = _shares(ends, len(known.found))
     renumbered = np.full(len(known.found) + 2, UNDECIDED)
@@ -477,10 +482,10 @@ class Flown:
 
     def __init__(
         self, known: Attractors, starts: Matrix, phase: float, periods: int, threads: int,
-        deadline: Deadline,
+        deadline: Deadline, progress: Progress | None = None,
     ) -> None:  # fmt: skip
         self.known, self.states, self.periods = known, starts, periods
-        self.threads, self.deadline = threads, deadline
+        self.threads, self.deadline, self.progress = threads, deadline, progress
         self.phase = phase
 
     def ends(self) -> Whole:
@@ -549,7 +554,14 @@ class Flown:
         with ThreadPoolExecutor(self.threads) as pool:
             for block, states, owner in pool.map(fly, _blocks(left, periods)):
                 self.states[block], ends[block] = states, owner
+                self._report(ends)
         return ends
+
+    def _report(self, ends: Whole) -> None:
+        """Report how many starts have ended in a known motion."""
+        if self.progress:
+            ended = int(np.sum(ends != UNDECIDED))
+            self.progress(ended / len(ends), f"{ended} of {len(ends)} starts have ended")
 
     def _compare(self, ends: Whole, number: int) -> Whole:
         """Assign to a motion the undecided starts that come to lie among its states."""
@@ -571,6 +583,7 @@ class Flown:
         with ThreadPoolExecutor(self.threads) as pool:
             for block, held in pool.map(fly, _blocks(left, LAST)):
                 ends[block[held]] = number
+                self._report(ends)
         return ends
 
 

@@ -276,7 +276,7 @@ def one_scene(**changes: float) -> OscillatorArrays:
     return OscillatorArrays.broadcast(**plain | changes).flat()
 
 
-def random_scenes(count: int, seed: int) -> OscillatorArrays:
+def random_scenes(count: int, seed: int) -> dict[str, np.ndarray]:
     """Damping ratios .002 to .6, gaps .2 to 5 and preloads to 2 standard deviations, R 0 to 1."""
     rng = np.random.default_rng(seed)
     damping = 2.0 * np.exp(rng.uniform(math.log(0.002), math.log(0.6), count))
@@ -285,14 +285,15 @@ def random_scenes(count: int, seed: int) -> OscillatorArrays:
     upper = np.where(kind < 3, gap, np.where(kind == 3, 7.0 * rng.random(count) - 2.0, -other / 3))
     lower = np.where(kind < 2, -gap, np.where(kind == 2, -other, -math.inf))
     r_lower, r_upper = rng.random((2, count))
-    return OscillatorArrays.broadcast(
-        omega=1.0, damping_rate=damping, intensity=2.0 * damping, lower=lower, upper=upper,
-        restitution_lower=np.where(kind < 2, r_upper, np.where(kind == 2, r_lower, 1.0)),
-        restitution_upper=r_upper,
-    )  # fmt: skip
+    return {
+        "omega": np.ones(count), "damping_rate": damping, "intensity": 2.0 * damping,
+        "lower": lower, "upper": upper,
+        "restitution_lower": np.where(kind < 2, r_upper, np.where(kind == 2, r_lower, 1.0)),
+        "restitution_upper": r_upper,
+    }  # fmt: skip
 
 
-RANDOM = random_scenes(30, seed=4)
+RANDOM = OscillatorArrays.broadcast(**random_scenes(30, seed=4))
 FINE = make_level(
     (-0.45, 0.0, 0.3, 0.5, 0.7, 0.84, 0.93, 0.975, 0.993, 0.999),
     (0.3, 0.6, 0.82, 0.93, 0.98, 0.996, 0.9993), 4,
@@ -333,8 +334,7 @@ def test_bounds_a_tenth_as_wide_would_not_hold(
 
 
 def test_no_scene_fails() -> None:
-    scenes = random_scenes(300, seed=5)
-    found = fokker_planck_many(**scenes._asdict())
+    found = fokker_planck_many(**random_scenes(300, seed=5))
     for name in Moments._fields:
         assert np.isfinite(getattr(found.values, name)).all(), name
         assert (getattr(found.errors, name) >= 0.0).all(), name

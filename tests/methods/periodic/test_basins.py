@@ -190,7 +190,11 @@ def test_a_motion_of_two_frequencies_is_regular() -> None:
         impact_pairs=[ImpactPair(clearance=1.0, law=law)],
         excitations=[Sine(amplitude=0.01, frequency_hz=0.1)],
     )
-    found = basins(scene, sides, periods=20, threads=2)
+    done: list[float] = []
+    found = basins(
+        scene, sides, periods=20, threads=2, progress=lambda share, _: done.append(share)
+    )
+    assert done == sorted(done) and (done[0], done[-1]) == (0.0, 1.0 - found.undecided)
     assert found.cost.threads == 2
     assert {regime.kind for regime in found.regimes} == {"other regular"}
     start = {"velocity.x": 1.7}
