@@ -534,6 +534,7 @@ class Flown:
                 ends = self._settle(ends, 0.0, periods)
             else:
                 ends = self._compare(ends, len(known.found) - 1)
+            self._report(ends)
         return ends
 
     def _settle(self, ends: Whole, angle: float, periods: int) -> Whole:
@@ -583,7 +584,6 @@ class Flown:
         with ThreadPoolExecutor(self.threads) as pool:
             for block, held in pool.map(fly, _blocks(left, LAST)):
                 ends[block[held]] = number
-                self._report(ends)
         return ends
 
 
