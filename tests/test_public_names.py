@@ -26,10 +26,10 @@ HEAVY = {
 def loaded_by(program: str) -> set[str]:
     """Heavy packages that a program of its own imports."""
     show = f"\nimport sys\nprint(*({HEAVY} & set(sys.modules)))"
-    told = subprocess.run(
+    printed = subprocess.run(
         [sys.executable, "-c", program + show], capture_output=True, text=True, check=True
     ).stdout
-    return set(told.splitlines()[-1].split())
+    return set(printed.splitlines()[-1].split())
 
 
 def test_every_public_name_resolves() -> None:

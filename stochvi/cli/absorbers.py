@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     "--mass-budget",
     type=float,
     metavar="KG",
-    help="Instead: design the best box for this mass.",
+    help="Mass for which the best box is designed, instead of judging that of the scene.",
 )
 @click.option(
     "--restitutions", default="0.3,0.5,0.7", show_default=True, metavar="LIST",
@@ -33,7 +33,9 @@ if TYPE_CHECKING:
     "--units", default="1", show_default=True, metavar="LIST",
     help="Numbers of equal masses that a design may choose from.",
 )  # fmt: skip
-@click.option("--sine", is_flag=True, help="Instead: exact regimes under the sine of the scene.")
+@click.option(
+    "--sine", is_flag=True, help="Find the exact regimes under the sine of the scene instead."
+)
 @varied(200, "what is tuned, as absorber.play=1mm:9mm:50 [play or gap, and mass].", "With --sine: ")
 @click.option(
     "--rel-error", type=float, default=0.01, show_default=True,

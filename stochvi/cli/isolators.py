@@ -131,19 +131,24 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
 @main.command()
 @click.argument("scene")
 @click.option(
-    "--probability", type=CHANCE, metavar="P", help="Chance of any hit in the mission: 0.01 or 1%."
+    "--probability",
+    type=CHANCE,
+    metavar="P",
+    help="Goal: chance of any hit in the mission, 0.01 or 1%.",
 )
-@click.option("--rate", type=RATE, metavar="F", help="Or: hits on all stops, 2 (1/s) or 0.1/h.")
+@click.option(
+    "--rate", type=RATE, metavar="F", help="Goal: rate of hits on all stops, 2 (1/s) or 0.1/h."
+)
 @click.option(
     "--impact-speed",
     type=SPEED,
     metavar="V",
-    help="Or: largest impact speed of the mission, m/s.",
+    help="Goal: largest impact speed of the mission, m/s.",
 )
 @click.option(
     "--peak-acceleration",
     metavar="A[g]",
-    help="Or: largest absolute acceleration during a hit in the mission, m/s^2 or g (80g).",
+    help="Goal: largest absolute acceleration during a hit in the mission, m/s^2 or g (80g).",
 )
 @click.option(
     "--exceedance",
@@ -165,7 +170,11 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     "--at", metavar="NAME",
     help="Coordinate or named point of that acceleration; default: all of them.",
 )  # fmt: skip
-@click.option("--pair", metavar="NAME", help="Of several pairs: size this one, the others fixed.")
+@click.option(
+    "--pair",
+    metavar="NAME",
+    help="Pair that is sized where there are several; the others stay as they are.",
+)
 @click.option(
     "--rel-error",
     type=float,
@@ -174,7 +183,9 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     help="Relative standard error of the risk.",
 )
 @click.option(
-    "--sensitivity", is_flag=True, help="Repeat it for a changed mount, level and stop law."
+    "--sensitivity",
+    is_flag=True,
+    help="Repeat the sizing for a changed mount, level and law of the stops.",
 )
 @click.option(
     "--tolerances", metavar="LIST",
@@ -314,7 +325,7 @@ JOLT_COLUMNS = {
 @click.argument("scene")
 @click.option(
     "--speeds", required=True, metavar="LIST",
-    help="Jolts: changes of the relative velocity, with commas: 0.1,0.2 (m/s) or 10mm/s.",
+    help="Changes of the relative velocity by the jolts, as 0.1,0.2 (m/s) or 10mm/s.",
 )  # fmt: skip
 @click.option(
     "--paths", type=int, default=64, show_default=True, help="Number of paths for each jolt."

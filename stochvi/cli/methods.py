@@ -84,8 +84,10 @@ def fokker_planck(options: Common, scene: str, **asked: Any) -> None:
     "--barrier", metavar="B|LO,HI",
     help="Barrier, m from the unloaded spring; leave LO or HI empty for none. Default: the stops.",
 )  # fmt: skip
-@click.option("--times", metavar="LIST", help="Times, with commas: 10,20 (s) or 1min ...")
-@click.option("--mission", type=TIME, metavar="TIME", help="... or a duration, and parts of it.")
+@click.option("--times", metavar="LIST", help="Times that are listed, as 10,20 (s) or 1min.")
+@click.option(
+    "--mission", type=TIME, metavar="TIME", help="Duration, and parts of it, instead of times."
+)
 @click.option(
     "--start", type=click.Choice(["rest", "stationary"]), default="rest", show_default=True,
     help="Start at rest, or in the stationary law without barriers.",
@@ -163,8 +165,8 @@ def average(options: Common, scene: str, variant: str) -> None:
 @main.command()
 @click.argument("scene")
 @click.option("--rel-error", type=float, help="Relative standard error to reach [0.01].")
-@click.option("--paths", type=int, help="Instead: this many paths ...")
-@click.option("--duration", type=TIME, help="... of this many seconds each, after burn-in.")
+@click.option("--paths", type=int, help="Number of paths, instead of a relative error.")
+@click.option("--duration", type=TIME, help="Length of each path after its burn-in, with --paths.")
 @click.option("--speed-threshold", type=SPEED, help="Slowest impact that a rate counts, m/s.")
 @click.option("--slow-impacts", is_flag=True, help="Refine steps near stops, for rates at R < 0.5.")
 @click.option(
@@ -184,10 +186,10 @@ def average(options: Common, scene: str, variant: str) -> None:
 @click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster, as tcp://host:8786.")
 @click.option(
     "--budget", type=TIME, metavar="TIME",
-    help=f"Give up (exit 1) after this time [{BUDGET:g}; none with --paths, --checkpoint, "
-    "--resume].",
+    help="Largest time; the exit code is 1 if the answer is not accurate enough by then "
+    f"[{BUDGET:g}; no limit with --paths, --checkpoint and --resume].",
 )  # fmt: skip
-@click.option("--seed", type=int, help="Seed: same seed, same digits [0].")
+@click.option("--seed", type=int, help="Seed: the same gives the same digits [0].")
 @common("threads", "json", "out", "quiet")
 def simulate(
     options: Common, scene: str, dask: str | None, budget: float | None, checkpoint: str | None,

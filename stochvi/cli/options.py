@@ -265,25 +265,33 @@ FREQUENCY = Quantity("frequency")
 
 OPTIONS = {
     "json": click.option(
-        "--json", "json_file", metavar="FILE|-", help="Write the answer as JSON (- : stdout)."
+        "--json", "json_file", metavar="FILE|-",
+        help="File that gets the answer as JSON; - for standard output.",
     ),
     "out": click.option(
-        "--out", type=Folder(path_type=Path), metavar="DIR", help="Write tables and pictures here."
+        "--out", type=Folder(path_type=Path), metavar="DIR",
+        help="Folder that gets tables and pictures.",
     ),
-    "seed": click.option("--seed", type=int, default=0, help="Same seed, same digits."),
-    "threads": click.option("--threads", type=int, help="Number of threads; default: all cores."),
+    "seed": click.option(
+        "--seed", type=int, default=0,
+        help="Seed of the random numbers: the same seed gives the same digits.",
+    ),
+    "threads": click.option(
+        "--threads", type=int, help="Number of threads; by default that of the cores."
+    ),
     "budget": click.option(
         "--budget", type=TIME, default=BUDGET, show_default=True, metavar="TIME",
-        help="Give up (exit 1) if the accuracy takes longer.",
+        help="Largest time; the exit code is 1 if the answer is not accurate enough by then.",
     ),
     "open budget": click.option(
         "--budget", type=TIME, metavar="TIME",
-        help=f"Give up (exit 1) after this time [{BUDGET:g}; none with --paths].",
+        help="Largest time; the exit code is 1 if the answer is not accurate enough by then "
+        f"[{BUDGET:g}; no limit with --paths].",
     ),
     "force": click.option(
         "--force", is_flag=True, help="Replace the report of another scene or question in --out."
     ),
-    "quiet": click.option("--quiet", is_flag=True, help="No tables, no progress."),
+    "quiet": click.option("--quiet", is_flag=True, help="Show neither tables nor progress."),
 }  # fmt: skip
 """The common options by name; "open budget" is --budget without a default, for a command that can
 end by a number of paths as well."""
@@ -415,15 +423,19 @@ def varied(
     options = [
         click.option(
             "--from", "start", type=FREQUENCY, metavar="F",
-            help=_sentence(f"{condition}lowest frequency, Hz ..."),
+            help=_sentence(f"{condition}lowest frequency, Hz."),
         ),
-        click.option("--to", "end", type=FREQUENCY, metavar="F", help="... and the highest."),
+        click.option(
+            "--to", "end", type=FREQUENCY, metavar="F",
+            help=_sentence(f"{condition}highest frequency, Hz."),
+        ),
         click.option(
             "--points", type=int, default=points, show_default=True,
             help="Number of frequencies, both ends included.",
         ),
         click.option(
-            "--vary", metavar="KEY=FIRST:LAST:NUMBER", help=f"{condition or 'Instead: '}{key}",
+            "--vary", metavar="KEY=FIRST:LAST:NUMBER",
+            help=f"{condition or 'Instead of frequencies: '}{key}",
         ),
     ]  # fmt: skip
 

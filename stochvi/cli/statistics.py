@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @main.command()
 @click.argument("scene")
 @click.option("--rel-error", type=float, help="Relative standard error at a frequency [0.05].")
-@click.option("--paths", type=int, help="Instead: this many paths.")
+@click.option("--paths", type=int, help="Number of paths, instead of a relative error.")
 @click.option(
     "--method", type=click.Choice(["welch", "multitaper"]), default="welch", show_default=True,
     help="Overlapping segments, or several tapers over whole paths.",
@@ -58,8 +58,8 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
 @main.command()
 @click.argument("scene")
 @click.option("--rel-error", type=float, help="Relative standard error of the rate [0.02].")
-@click.option("--paths", type=int, help="Instead: this many paths ...")
-@click.option("--duration", type=TIME, help="... of this many seconds each, after burn-in.")
+@click.option("--paths", type=int, help="Number of paths, instead of a relative error.")
+@click.option("--duration", type=TIME, help="Length of each path after its burn-in, with --paths.")
 @click.option("--speed-threshold", type=SPEED, help="Slowest impact that counts, m/s.")
 @click.option("--slow-impacts", is_flag=True, help="Resolve impacts down to the threshold.")
 @click.option("--first-hits", is_flag=True, help="Simulate the rate of first hits, too.")
@@ -98,7 +98,11 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
 @main.command()
 @click.argument("scene")
 @click.option(
-    "--duration", type=TIME, required=True, metavar="TIME", help="Length: 10 (s) or 2min."
+    "--duration",
+    type=TIME,
+    required=True,
+    metavar="TIME",
+    help="Length of the path, as 10 (s) or 2min.",
 )
 @click.option("--path", type=int, default=0, show_default=True, help="Number of the realisation.")
 @click.option("--rate", type=float, metavar="HZ", help="Samples per second [one per time step].")

@@ -69,8 +69,8 @@ def _check_options(method: str, given: Mapping[str, Any]) -> None:
 @click.option(
     "--rel-error", type=float, help="Relative standard error: of means [0.01], of the risk [0.05]."
 )
-@click.option("--paths", type=int, help="Instead: this many paths ...")
-@click.option("--duration", type=TIME, help="... of this many seconds each, after burn-in.")
+@click.option("--paths", type=int, help="Number of paths, instead of a relative error.")
+@click.option("--duration", type=TIME, help="Length of each path after its burn-in, with --paths.")
 @click.option(
     "--random-numbers", type=click.Choice(["common", "independent"]), default="common",
     show_default=True,

@@ -382,7 +382,7 @@ class _Job:
         three = self._three_sigma()
         if self.scene.impact_pairs:
             self.report(0.9, "recommended clearance")
-            self._hits_beside(clearance.value)
+            self._hits_or_warning(clearance.value)
         self._warn(clearance.value)
         crossings = self.curve.crossings
         found = Sizing(
@@ -645,7 +645,7 @@ class _Job:
             self.unfinished.pop(clearance, None)
         return found.exceedance_rate(name, limit)
 
-    def _hits_beside(self, clearance: float) -> Tried | None:
+    def _hits_or_warning(self, clearance: float) -> Tried | None:
         """Hits for information alone; None and a warning where they are not found."""
         if self.deadline.interrupted:
             self.warnings.append(f"the hits at {1e3 * clearance:.4g} mm were not simulated")
@@ -660,7 +660,7 @@ class _Job:
         self.report(0.7, "three sigma")
         clearance = 3.0 * self.sigma
         index = int(np.argmin(np.abs(self.curve.clearances - clearance)))
-        tried = self._hits_beside(clearance) if self.scene.impact_pairs else None
+        tried = self._hits_or_warning(clearance) if self.scene.impact_pairs else None
         return ThreeSigma(
             clearance=clearance,
             probability=self.curve.probabilities[index],

@@ -382,7 +382,7 @@ class TabulatedPlan:
         """
         sums = Sums.zeros(paths, self.contacts).table
         controls = np.zeros((len(self._controls), paths))
-        beside = [(stop.side, stop.position - self.model.rest) for stop in self.model.stops]
+        sides = [(stop.side, stop.position - self.model.rest) for stop in self.model.stops]
         for number in range(self.blocks_per_path):
             check_flag()
             block_record = None
@@ -393,7 +393,7 @@ class TabulatedPlan:
                 log = log._replace(start=number * self._counted_samples * self.step)
             free = self.free_response(seed, first_path, paths, number)
             if self._controls:
-                add_free_motion(free, self._counted_samples, np.array(beside), controls)
+                add_free_motion(free, self._counted_samples, np.array(sides), controls)
             self.add_impacts(
                 free,
                 self.warm_up_samples,

@@ -112,12 +112,12 @@ def with_stiffness(keys: Mapping[str, Any]) -> dict[str, Any]:
     except ValueError as error:
         raise SceneError([("shore_a", str(error))]) from None
     stiffness = modulus * area / thickness
-    said = (
+    conversion = (
         f"stiffness {stiffness:.4g} N/m of a pad of {1e4 * area:.4g} cm² and {1e3 * thickness:.4g} "
         f"mm, free to bulge, with E = {modulus / 1e6:.3g} MPa at {hardness:g} Shore A (Gent 1958, "
         "good to some 20 %)"
     )
-    return _told(keys, PAD, said) | {"stiffness": stiffness}
+    return _converted(keys, PAD, conversion) | {"stiffness": stiffness}
 
 
 def with_damping_ratio(keys: Mapping[str, Any]) -> dict[str, Any]:
@@ -138,7 +138,7 @@ def with_damping_ratio(keys: Mapping[str, Any]) -> dict[str, Any]:
     value = _positive(keys, name)
     if name == "loss_factor":
         ratio = value / 2.0
-        said = (
+        conversion = (
             f"damping ratio {ratio:.4g}, half the loss factor {value:g} at the frequency of the "
             "contact, sqrt(stiffness / mass)"
         )
@@ -148,18 +148,20 @@ def with_damping_ratio(keys: Mapping[str, Any]) -> dict[str, Any]:
         except ValueError as error:
             raise SceneError([(name, str(error))]) from None
         at = "" if speed is None else f", measured at {_positive(keys, 'at_speed'):g} m/s"
-        said = (
+        conversion = (
             f"damping ratio {ratio:.4g}, at which a free mass has the restitution {value:g}{at}; "
             "this law has it at every speed"
         )
-    return _told(keys, (name, "at_speed"), said) | {"damping_ratio": ratio}
+    return _converted(keys, (name, "at_speed"), conversion) | {"damping_ratio": ratio}
 
 
-def _told(keys: Mapping[str, Any], converted: tuple[str, ...], said: str) -> dict[str, Any]:
-    """The keys without the converted ones, and with the conversion added to `source`."""
-    kept = {name: value for name, value in keys.items() if name not in converted}
+def _converted(
+    keys: Mapping[str, Any], replaced: tuple[str, ...], conversion: str
+) -> dict[str, Any]:
+    """The keys without the replaced ones, and with the conversion added to `source`."""
+    kept = {name: value for name, value in keys.items() if name not in replaced}
     before = f"{kept['source']}; " if kept.get("source") else ""
-    return kept | {"source": before + said}
+    return kept | {"source": before + conversion}
 
 
 def _positive(keys: Mapping[str, Any], name: str) -> float:

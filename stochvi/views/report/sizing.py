@@ -203,10 +203,12 @@ def _hits_statement(review: Review) -> str:
             f"{count_of(here.expected)} hits are to be expected "
             f"({count_of(here.expected_low)} to {count_of(here.expected_high)}, 95 %)"
         )
-    beside = ""
+    at_three_sigma = ""
     if there is not None and there.expected is not None:
-        beside = f"; {count_of(there.expected)} at 3 sigma = {_at(sizing.three_sigma.clearance)}"
-    return f"In {mission} at {_at(sizing.clearance.value)}: {text}{beside}."
+        at_three_sigma = (
+            f"; {count_of(there.expected)} at 3 sigma = {_at(sizing.three_sigma.clearance)}"
+        )
+    return f"In {mission} at {_at(sizing.clearance.value)}: {text}{at_three_sigma}."
 
 
 def _at(clearance: float) -> str:
