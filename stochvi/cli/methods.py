@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from stochvi.cli.options import BUDGET, SPEED, TIME, Common, barriers, common, numbers, shown
+from stochvi.cli.options import (
+    BUDGET,
+    SPEED,
+    TIME,
+    Common,
+    barriers,
+    common,
+    how_to_go_on,
+    keeping,
+    numbers,
+    shown,
+)
 from stochvi.cli.output import executor_at
 from stochvi.cli.program import FAILED, main, stop
 
@@ -169,20 +179,7 @@ def average(options: Common, scene: str, variant: str) -> None:
 @click.option("--duration", type=TIME, help="Length of each path after its burn-in, with --paths.")
 @click.option("--speed-threshold", type=SPEED, help="Slowest impact that a rate counts, m/s.")
 @click.option("--slow-impacts", is_flag=True, help="Refine steps near stops, for rates at R < 0.5.")
-@click.option(
-    "--checkpoint",
-    metavar="FILE",
-    help="Save the simulation to this file. It replaces a checkpoint there; a long one is kept as "
-    "FILE.earlier.",
-)
-@click.option(
-    "--checkpoint-interval", type=TIME, default=1.0, show_default=True, metavar="TIME",
-    help="Time between checkpoints: a crash loses at most this, and one task.",
-)  # fmt: skip
-@click.option(
-    "--resume", metavar="FILE",
-    help="Continue from a checkpoint, with its paths, duration and seed, and keep saving to it.",
-)  # fmt: skip
+@keeping
 @click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster, as tcp://host:8786.")
 @click.option(
     "--budget", type=TIME, metavar="TIME",
@@ -215,8 +212,7 @@ def simulate(
         so_far = getattr(reason, "response", None)  # Ctrl-C may come before there is a run
         if so_far is not None:
             show_response(options, so_far)
-        kept = checkpoint or resume
-        remedy = f"; go on with --resume {kept}" if kept and Path(kept).is_file() else ""
+        remedy = how_to_go_on({"checkpoint": checkpoint, "resume": resume})
         stop((str(reason) or "interrupted by Ctrl-C") + remedy, FAILED)
 
     def picture() -> Axes:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
@@ -153,10 +154,11 @@ class Common:
         """Progress of a calculation on standard error, unless --quiet is given."""
         return progress_bar(self.quiet, title)
 
-    def rest_unless(self, paths: int | None) -> float | None:
+    def rest_unless(self, given: Mapping[str, Any]) -> float | None:
         """The rest of the budget; without --budget the rest of `BUDGET`, or None if a number of
-        paths bounds the work."""
-        budget = BUDGET if self.budget is None and paths is None else self.budget
+        paths bounds the work, or a checkpoint keeps it."""
+        bounded = any(given.get(name) for name in ("paths", "checkpoint", "resume"))
+        budget = BUDGET if self.budget is None and not bounded else self.budget
         return self.until(budget).rest
 
     def show(
@@ -286,7 +288,12 @@ OPTIONS = {
     "open budget": click.option(
         "--budget", type=TIME, metavar="TIME",
         help="Largest time; the exit code is 1 if the answer is not accurate enough by then "
-        f"[{BUDGET:g}; no limit with --paths].",
+        f"[{BUDGET:g}; no limit with --paths, --checkpoint or --resume].",
+    ),
+    "kept budget": click.option(
+        "--budget", type=TIME, metavar="TIME",
+        help="Largest time; the exit code is 1 if the answer is not accurate enough by then "
+        f"[{BUDGET:g}; no limit with --checkpoint or --resume].",
     ),
     "force": click.option(
         "--force", is_flag=True, help="Replace the report of another scene or question in --out."
@@ -294,9 +301,9 @@ OPTIONS = {
     "quiet": click.option("--quiet", is_flag=True, help="Show neither tables nor progress."),
 }  # fmt: skip
 """The common options by name; "open budget" is --budget without a default, for a command that can
-end by a number of paths as well."""
+end by a number of paths as well or keep its work, "kept budget" for one that can keep it only."""
 
-FIELDS = {"json": "json_file", "open budget": "budget"}
+FIELDS = {"json": "json_file", "open budget": "budget", "kept budget": "budget"}
 """Fields of `Common` by their option, where the two names differ."""
 
 
@@ -350,16 +357,52 @@ def _question(given: Mapping[str, Any]) -> str:
     return hashlib.sha256(repr(words).encode()).hexdigest()[:16]
 
 
-def shown(solve: Callable[[], Found], show: Callable[[Found], None]) -> None:
+def keeping(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command --checkpoint, --checkpoint-interval and --resume."""
+    for option in (
+        click.option(
+            "--resume", metavar="FILE",
+            help="Continue from a checkpoint, with its options and seed, and keep saving to it.",
+        ),
+        click.option(
+            "--checkpoint-interval", type=TIME, default=1.0, show_default=True, metavar="TIME",
+            help="Time between checkpoints: a crash loses at most this, and one task.",
+        ),
+        click.option(
+            "--checkpoint", metavar="FILE",
+            help="Save the simulation to this file. It replaces a checkpoint there; a long one is "
+            "kept as FILE.earlier.",
+        ),
+    ):  # fmt: skip
+        command = option(command)
+    return command
+
+
+def how_to_go_on(given: Mapping[str, Any]) -> str:
+    """The remedy of a command that ended early and has kept its work; empty for others."""
+    kept = given.get("checkpoint") or given.get("resume")
+    return f"; go on with --resume {kept}" if kept and Path(kept).is_file() else ""
+
+
+def shown(
+    solve: Callable[[], Found],
+    show: Callable[[Found], None],
+    given: Mapping[str, Any] = MappingProxyType({}),
+) -> None:
     """Show an answer. If its accuracy was not reached or Ctrl-C ended it, show the answer so far,
-    and raise the error."""
+    and raise the error, with the file of the checkpoint if one was `given`."""
     from stochvi.results.errors import Interrupted, NotConverged
 
     try:
         found = solve()
-    except (NotConverged, Interrupted) as reason:
-        if reason.response is not None:
-            show(reason.response)
+    except (NotConverged, KeyboardInterrupt) as reason:
+        so_far = getattr(reason, "response", None)  # a second Ctrl-C carries none
+        if so_far is not None:
+            show(so_far)
+        if remedy := how_to_go_on(given):
+            kind = NotConverged if isinstance(reason, NotConverged) else Interrupted
+            message = str(reason) or "interrupted by Ctrl-C"
+            raise kind(message + remedy, so_far) from reason
         raise
     show(found)
 

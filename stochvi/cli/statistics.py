@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stochvi.cli.options import SPEED, TIME, Common, acceleration, barriers, common, shown
+from stochvi.cli.options import SPEED, TIME, Common, acceleration, barriers, common, keeping, shown
 from stochvi.cli.program import main
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option("--highest", type=float, metavar="HZ", help="Highest frequency [4 times the mode's].")
 @click.option("--segment", type=TIME, metavar="TIME", help="Length of a segment [21 / bandwidth].")
+@keeping
 @common("open budget", "seed", "threads", "json", "out", "quiet")
 def spectrum(options: Common, scene: str, **asked: Any) -> None:
     """Spectra of the response, transmissibility, coherence, with bands."""
@@ -39,7 +40,7 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
     def found() -> ResponseSpectrum:
         with options.progress("simulating") as report:
             return solve(
-                loaded, budget=options.rest_unless(asked["paths"]), seed=options.seed,
+                loaded, budget=options.rest_unless(asked), seed=options.seed,
                 threads=options.threads, progress=report, **asked,
             )  # fmt: skip
 
@@ -52,7 +53,7 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
         options.show(answer, print_spectrum, "spectrum")
         options.draw("spectrum", picture)
 
-    shown(found, show)
+    shown(found, show, asked)
 
 
 @main.command()
@@ -63,6 +64,7 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
 @click.option("--speed-threshold", type=SPEED, help="Slowest impact that counts, m/s.")
 @click.option("--slow-impacts", is_flag=True, help="Resolve impacts down to the threshold.")
 @click.option("--first-hits", is_flag=True, help="Simulate the rate of first hits, too.")
+@keeping
 @common("open budget", "seed", "threads", "json", "out", "quiet")
 def impacts(options: Common, scene: str, **asked: Any) -> None:
     """Impacts one by one: rates, intervals, speeds, energy, clusters."""
@@ -76,7 +78,7 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
     def found() -> ImpactStatistics:
         with options.progress("simulating") as report:
             return solve(
-                loaded, budget=options.rest_unless(asked["paths"]), seed=options.seed,
+                loaded, budget=options.rest_unless(asked), seed=options.seed,
                 threads=options.threads, progress=report, **asked,
             )  # fmt: skip
 
@@ -92,7 +94,7 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
         if any(pair.speeds is not None for pair in answer.pairs.values()):
             options.draw("impacts", picture)
 
-    shown(found, show)
+    shown(found, show, asked)
 
 
 @main.command()
@@ -163,7 +165,8 @@ def history(
 @click.option(
     "--rel-error", type=float, default=0.05, show_default=True, help="Relative standard error."
 )
-@common("budget", "seed", "threads", "json", "out", "force", "quiet")
+@keeping
+@common("kept budget", "seed", "threads", "json", "out", "force", "quiet")
 def reliability(
     options: Common, scene: str, barrier: str | None, peak_acceleration: str | None,
     way: str | None, **asked: Any,
@@ -191,7 +194,9 @@ def reliability(
                 peak_acceleration=acceleration(peak_acceleration),
                 way=way and way.replace("-", " "),  # type: ignore[arg-type]
                 progress=report,
-                **options.sampling,
+                seed=options.seed,
+                threads=options.threads,
+                budget=options.rest_unless(asked),
                 **asked,
             )
 
@@ -210,5 +215,5 @@ def reliability(
             origin = options.origin(scene, answer.provenance)
             write_reliability_report(answer, loaded, record, options.out, origin)
 
-    shown(found, show)
+    shown(found, show, asked)
     fail_unless_gaussian(record)

@@ -535,7 +535,7 @@ def test_a_checkpoint_of_a_row_that_is_damaged_is_left(tmp_path: Path) -> None:
     asked = {"paths": 64, "duration": 5.0}
     whole = sweep(oscillator(), {GAP: [1.0]}, out=tmp_path, **asked)
     (kept,) = (tmp_path / "rows").iterdir()
-    for damage in ("garbage", "stochvi checkpoint 2 cut sh"):
+    for damage in ("garbage", "stochvi checkpoint 3 cut sh"):
         kept.unlink()
         kept.with_suffix(".checkpoint").write_text(damage)
         with pytest.warns(UserWarning, match="checkpoint is .* computed again"):

@@ -24,13 +24,14 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
-from itertools import islice
-from typing import Any, TypeVar
+from itertools import chain, islice
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from stochvi.methods.monte_carlo.block_results import Block, Entry, kept_results
 from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.stop_flag import GivenUp, given_up_after
@@ -102,17 +103,20 @@ Piece = TypeVar("Piece")
 Averages = NDArray[np.float64]
 """Time averages (rows, paths)."""
 
-Block = tuple[int, int]
-"""Number of the first path of a block, and number of its paths."""
-
-
 Work = Callable[[int, int, Deadline], Any]
 """A function `work(first_path, paths, deadline)` of a block. Where the block takes long, it returns
 the results of the first paths when the deadline has passed, and raises `GivenUp` if there are
 none."""
 
-BlockDone = tuple[Block, list[Any], list[str]]
-"""A block with the result of every work on it, and the machines that computed them."""
+
+class BlockDone(NamedTuple):
+    """A block with the result of every work on it, the machines that computed them, and whether all
+    works certainly had the time to finish it."""
+
+    block: Block
+    results: list[Any]
+    machines: list[str]
+    whole: bool
 
 
 class WorkersLost(Exception):
@@ -121,12 +125,13 @@ class WorkersLost(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Done:
-    """Result of a task: the results of each of its blocks, the machine, and the CPU time in
-    seconds."""
+    """Result of a task: the results of each of its blocks, the machine, the CPU time in seconds,
+    and the number of the first blocks that no deadline can have cut short."""
 
     results: tuple[Any, ...]
     machine: str
     seconds: float
+    whole: int
 
 
 @cache
@@ -160,14 +165,20 @@ def do_blocks(
     """
     start = thread_seconds()
     results: list[Any] = []
+    whole = 0
     for first_path, paths in blocks:
         if deadline.passed() and (results or not needed):
             break
+        began = time.perf_counter()
         try:
             results.append(work(first_path, paths, deadline))
         except GivenUp:
             break
-    return Done(results=tuple(results), machine=machine(), seconds=thread_seconds() - start)
+        # a work leaves paths out where less time is left than one path takes, thus than all took
+        if whole == len(results) - 1 and deadline.left > time.perf_counter() - began:
+            whole = len(results)
+    seconds = thread_seconds() - start
+    return Done(results=tuple(results), machine=machine(), seconds=seconds, whole=whole)
 
 
 BlockStatistics = tuple[PathStatistics, StepPairs]
@@ -426,20 +437,71 @@ class Crew:
 
         The number of blocks may be infinite. Raises `NotConverged` if the executor loses its
         workers, and where a block is needed of which not even two paths were done in time
-        (`Interrupted` after Ctrl-C).
+        (`Interrupted` after Ctrl-C). Blocks whose results the run has kept are not done again.
         """
-        self.block_seconds = math.inf  # unknown for this work
+        kept, left = kept_results(), iter(blocks)
         total = len(blocks) if isinstance(blocks, Sequence) else math.inf
         handed_on = False
-        try:
-            done = self.do([work], iter(blocks), total, deadline, late, at_least)
-            for _, (result,), _ in done:
-                yield result
-                handed_on = True
-        except WorkersLost as error:
-            raise NotConverged(f"{error}; start workers that do the work, and ask again") from error
+        known = {} if kept is None else kept.of(work)
+        for block in left:
+            entry = known.get(block[0])
+            if entry is None or entry.blocks != [block]:
+                left = chain([block], left)
+                break
+            yield entry.value
+            handed_on, at_least = True, 0
+            total -= 1
+        for done in self._new_results(work, left, total, deadline, late, at_least):
+            if kept is not None and done.whole:
+                kept.add(known, Entry([done.block], done.results[0]))
+            yield done.results[0]
+            handed_on = True
         if at_least and not handed_on:
             raise deadline.fell_short("before two paths were simulated", "raise budget")
+
+    def merged(
+        self,
+        work: Work,
+        blocks: Sequence[Block],
+        merge: Callable[[Any, Any], Any],
+        deadline: Deadline = NEVER,
+        at_least: int = 0,
+    ) -> Iterator[Any]:
+        """The results of all blocks so far, merged in their order, after each block; see `results`.
+
+        A run that keeps results keeps the merged one alone, which may be much smaller.
+        """
+        kept = kept_results()
+        known = {} if kept is None else kept.of(work)
+        entry = known.get(blocks[0][0]) if blocks else None
+        if entry is None or entry.blocks != [*blocks[: len(entry.blocks)]]:
+            entry = Entry([], None)
+        total, left = entry.value, blocks[len(entry.blocks) :]
+        if entry.blocks:
+            yield total
+            at_least = 0
+        handed_on, whole = bool(entry.blocks), True
+        for done in self._new_results(work, iter(left), len(left), deadline, None, at_least):
+            total = merge(total, done.results[0]) if handed_on else done.results[0]
+            handed_on, whole = True, whole and done.whole
+            if kept is not None and whole:
+                entry.blocks.append(done.block)
+                entry.value = total
+                kept.add(known, entry)
+            yield total
+        if at_least and not handed_on:
+            raise deadline.fell_short("before two paths were simulated", "raise budget")
+
+    def _new_results(
+        self, work: Work, blocks: Iterator[Block], total: float, deadline: Deadline,
+        late: Callable[[], bool] | None, at_least: int,
+    ) -> Iterator[BlockDone]:  # fmt: skip
+        """Blocks that are done now; see `results`."""
+        self.block_seconds = math.inf  # unknown for this work
+        try:
+            yield from self.do([work], blocks, total, deadline, late, at_least)
+        except WorkersLost as error:
+            raise NotConverged(f"{error}; start workers that do the work, and ask again") from error
 
     def cancel(self) -> None:
         """Cancel every task that has not begun."""
@@ -466,7 +528,8 @@ class Crew:
         for number, block in enumerate(task.blocks):
             if any(number >= len(each.results) for each in done):
                 return False
-            yield block, [each.results[number] for each in done], where
+            whole = all(number < each.whole for each in done)
+            yield BlockDone(block, [each.results[number] for each in done], where, whole)
         return True
 
 

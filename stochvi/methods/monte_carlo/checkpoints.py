@@ -1,8 +1,9 @@
 """Checkpoints: the state of a run on disk, written atomically and bound to one scene.
 
-A checkpoint is one line, "stochvi checkpoint 2" and the SHA-256 of the rest of the file, followed
-by a JSON document with the scene, the arguments, the versions, the processor and the state. Floats
-are written with all their digits, so that a resumed run gives the same bits as one that was never
+A checkpoint is one line, "stochvi checkpoint 3" and the SHA-256 of the rest of the file, followed
+by a JSON document with the command, the scene, the arguments, the versions, the processor and the
+state: `State` of `simulate`, or the results of blocks (`block_results`) of all else. Floats are
+written with all their digits, so that a resumed run gives the same bits as one that was never
 stopped.
 """
 
@@ -11,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
+import math
 import os
 import re
 import time
@@ -18,29 +20,36 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
-from annotated_types import Ge
+from annotated_types import Ge, Len, MinLen
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
 from stochvi.mathematics.units import plain_number
+from stochvi.methods.monte_carlo.block_results import BlockResults
 from stochvi.methods.monte_carlo.blocks import BlockStatistics, machine
 from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.results.atomic_files import write_whole
+from stochvi.results.base import Result
 from stochvi.results.errors import CheckpointError
 from stochvi.results.intervals import PathMoments
 from stochvi.scenes.scene import Scene
 
-HEADER, FORMAT = "stochvi checkpoint", 2
+HEADER, FORMAT = "stochvi checkpoint", 3
 """First words of a checkpoint file, and the number of its format, which follows them."""
 
 LONG_SECONDS = 10.0
 """Seconds of simulation above which a checkpoint is renamed and not overwritten when a new run is
 given the same file."""
 
+WRITING_SHARE = 0.05
+"""Largest share of the time of a run that goes into writing checkpoints: large ones are written
+less often than asked for."""
+
+Answer = TypeVar("Answer", bound=Result)
 
 STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 """How a checkpoint is checked: no value is converted, no key left out or added."""
@@ -92,6 +101,11 @@ class Asked:
         """The arguments with NumPy numbers converted to Python numbers, which JSON can hold."""
         return Asked(**{name: plain_number(value) for name, value in asdict(self).items()})
 
+    def given(self) -> dict[str, Any]:
+        """Those that were not left out."""
+        named = asdict(self.plain()).items()
+        return {name: value for name, value in named if value is not None and value is not False}
+
 
 class AskedDocument(TypedDict):
     """`Asked` as plain types."""
@@ -105,15 +119,44 @@ class AskedDocument(TypedDict):
     slow_impacts: bool
 
 
-class Document(TypedDict):
-    """What the body of a checkpoint holds."""
+class SimulationDocument(TypedDict):
+    """What the body of a checkpoint of `simulate` holds."""
 
     __pydantic_config__ = STRICT  # type: ignore[misc]
+    command: str
     scene: dict[str, Any]
     asked: AskedDocument
     machine: str
     proof: str
     state: StateDocument
+
+
+class EntryDocument(TypedDict):
+    """An `Entry` of `block_results` as plain types."""
+
+    __pydantic_config__ = STRICT  # type: ignore[misc]
+    blocks: Annotated[list[Annotated[list[Count], Len(2, 2)]], MinLen(1)]
+    value: Any
+
+
+class ResultsDocument(TypedDict):
+    """The results of the blocks of a run as plain types, and the seconds that it took."""
+
+    __pydantic_config__ = STRICT  # type: ignore[misc]
+    results: dict[str, list[EntryDocument]]
+    seconds: Annotated[float, Ge(0.0)]
+
+
+class Document(TypedDict):
+    """What the body of a checkpoint of any other command holds."""
+
+    __pydantic_config__ = STRICT  # type: ignore[misc]
+    command: str
+    scene: dict[str, Any]
+    asked: dict[str, Any]
+    machine: str
+    proof: str
+    state: ResultsDocument
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -195,24 +238,37 @@ class State:
 
 @dataclass(frozen=True, kw_only=True)
 class Checkpoint:
-    """A scene and arguments, with the state of the run.
+    """A command, its scene and its arguments, with the state of the run.
 
-    `proof` is a digest of the averages of two short paths: it changes with the tables that a scene
-    names and with the arithmetic of the machine.
+    `proof` is a digest of what the scene alone does not tell: for `simulate` of the averages of two
+    short paths, which changes with the tables that a scene names and with the arithmetic of the
+    machine; for all else of the files that the scene names.
     """
 
     path: Path
+    command: str
     scene: Mapping[str, Any]
-    asked: Asked
+    asked: Mapping[str, Any]
     machine: str
     proof: str = ""
     state: Mapping[str, Any]
 
+    @classmethod
+    def begun(
+        cls, path: Path, command: str, scene: Scene, asked: Mapping[str, Any], proof: str = ""
+    ) -> Checkpoint:
+        """The checkpoint of a run on this machine, without a state yet."""
+        return cls(
+            path=path.resolve(), command=command, scene=plain_scene(scene), asked=asked,
+            machine=machine(), proof=proof, state={},
+        )  # fmt: skip
+
     def write(self) -> None:
         """Write the file as a whole or not at all; it is on the disk on return."""
         document = {
+            "command": self.command,
             "scene": self.scene,
-            "asked": asdict(self.asked),
+            "asked": self.asked,
             "machine": self.machine,
             "proof": self.proof,
             "state": self.state,
@@ -239,40 +295,55 @@ class Checkpoint:
                 "checksum does not match); start again without it"
             )
         try:
-            found: Any = TypeAdapter(Document).validate_python(json.loads(body))
+            document = json.loads(body)
+            simulated = isinstance(document, dict) and document.get("command") == "simulate"
+            kind: Any = SimulationDocument if simulated else Document
+            found: Any = TypeAdapter(kind).validate_python(document)
         except ValidationError as error:
             first = error.errors()[0]
             raise _incomplete(path, ".".join(map(str, first["loc"]))) from error
         except (ValueError, RecursionError) as error:
             raise _incomplete(path) from error
-        asked = Asked(**found["asked"])
-        if asked.paths is None and asked.rel_error is None:
+        asked = found["asked"]
+        if simulated and asked["paths"] is None and asked["rel_error"] is None:
             raise _incomplete(path, "asked")
-        return cls(path=path, **(found | {"asked": asked}))
+        return cls(path=path, **found)
 
-    def asked_again(self, given: Asked) -> Asked:
-        """The arguments of the earlier run; CheckpointError if some of `given` differ from them."""
-        for name, value in asdict(given.plain()).items():
-            before = getattr(self.asked, name)
-            if value is not None and value is not False and value != before:
+    def asked_again(self, given: Mapping[str, Any], required: Sequence[str] = ()) -> dict[str, Any]:
+        """The arguments of the earlier run; CheckpointError if some of those `given` now differ
+        from them. Those that are `required` cannot be left out."""
+        for name, value in given.items():
+            before = self.asked.get(name)
+            if value != before:
                 had = f"{self._instead_of(name)}, not with {name} {value}"
                 if before is not None:
                     had = f"{name} {before}, not {value}"
+                remedy = f"give {name} {before}" if name in required else f"leave {name} out"
                 raise CheckpointError(
-                    f"{self.path} is of a run with {had}; leave {name} out "
-                    "to go on with it, or start again without the checkpoint"
+                    f"{self.path} is of a run with {had}; {remedy} to go on with it, or start "
+                    "again without the checkpoint"
                 )
-        return self.asked
+        return dict(self.asked)
 
     def _instead_of(self, name: str) -> str:
         """Words for the arguments of the earlier run where it had no value for `name`."""
-        if name == "rel_error":
-            return f"{self.asked.paths} paths"
-        return f"rel_error {self.asked.rel_error}" if name == "paths" else f"no {name}"
+        for one, other in (("rel_error", "paths"), ("paths", "rel_error")):
+            if name == one and self.asked.get(other) is not None:
+                return (
+                    f"{self.asked[other]} paths"
+                    if one == "rel_error"
+                    else (f"rel_error {self.asked[other]}")
+                )
+        return f"no {name}"
 
-    def check(self, scene: Scene, proof: str = "") -> None:
-        """CheckpointError if it belongs to another scene, to other versions or to another
-        processor."""
+    def check(self, command: str, scene: Scene, proof: str = "") -> None:
+        """CheckpointError if it belongs to another command or scene, to other versions or to
+        another processor."""
+        if command != self.command:
+            raise CheckpointError(
+                f"{self.path} is of {self.command}, not of {command}; go on with it by "
+                f"{self.command}, or start again without it"
+            )
         if differing := _difference(self.scene, plain_scene(scene)):
             raise CheckpointError(f"{self.path} is of another scene: {differing}")
         if self.machine != machine():
@@ -287,11 +358,57 @@ class Checkpoint:
             )
 
     def resumed(self, plan: Plan) -> State:
-        """The state from which a run goes on; CheckpointError if it is incomplete."""
+        """The state from which a simulation goes on; CheckpointError if it is incomplete."""
         try:
             return State.from_document(self.state, plan.layout)
         except ValueError as error:
             raise _incomplete(self.path, str(error)) from error
+
+    def results(self) -> BlockResults:
+        """The results of blocks from which a run goes on; CheckpointError if they are
+        incomplete."""
+        found = BlockResults()
+        try:
+            found.take(self.state["results"])
+        except ValueError as error:
+            raise _incomplete(self.path, str(error)) from error
+        return found
+
+
+class Files(NamedTuple):
+    """The files of a run: its checkpoint, the seconds from one writing of it to the next, and the
+    checkpoint from which the run goes on."""
+
+    checkpoint: str | Path | None
+    interval: float
+    resume: str | Path | None
+
+    def check(self) -> None:
+        """ValueError for an empty name and for an interval that is not a time."""
+        for name, file in (("checkpoint", self.checkpoint), ("resume", self.resume)):
+            if file is not None and str(file) == "":
+                raise ValueError(f"{name} must name a file, got ''")
+        if not 0.0 < self.interval < math.inf:
+            raise ValueError(
+                f"checkpoint_interval must be a positive number of seconds, got {self.interval}"
+            )
+
+    @property
+    def target(self) -> Path | None:
+        """The file to which the run writes its checkpoints."""
+        target = self.resume if self.checkpoint is None else self.checkpoint
+        return None if target is None else Path(target)
+
+    @property
+    def new(self) -> bool:
+        """Whether that file is not the one from which the run goes on."""
+        if self.target is None or self.resume is None:
+            return True
+        return self.target.resolve() != Path(self.resume).resolve()
+
+    def before(self) -> Checkpoint | None:
+        """The checkpoint from which the run goes on; None for a run from the start."""
+        return None if self.resume is None else Checkpoint.read(Path(self.resume))
 
 
 class Keeper:
@@ -307,40 +424,55 @@ class Keeper:
     """
 
     def __init__(
-        self, path: Path, scene: Scene, asked: Asked, state: State, proof: str, interval: float,
-        new: bool = True,
-    ) -> None:  # fmt: skip
-        self.path, self.asked, self.proof, self.interval = path.resolve(), asked, proof, interval
-        self.scene, self.machine = plain_scene(scene), machine()
+        self, begun: Checkpoint, state: Mapping[str, Any], interval: float, new: bool = True
+    ) -> None:
+        self.begun, self.interval, self.failure = begun, interval, ""
+        path = begun.path
         try:
-            _check_place(self.path)
+            _check_place(path)
             if new:
-                _keep_damaged(self.path)
-                _set_aside(self.path)
-            self.keep(state)
+                _keep_damaged(path)
+                _set_aside(path)
+            self._write(state)
         except OSError as error:
             raise CheckpointError(
-                f"{self.path} cannot be written: {error.strerror or error}; name another file for "
+                f"{path} cannot be written: {error.strerror or error}; name another file for "
                 "the checkpoint"
             ) from error
 
     def due(self) -> bool:
         """Whether the interval since the last checkpoint is over."""
-        return time.perf_counter() - self.written >= self.interval
+        wait = max(self.interval, self.writing / WRITING_SHARE)
+        return time.perf_counter() - self.written >= wait
 
-    def keep(self, state: State) -> None:
-        """Write the checkpoint. After a failure the next attempt follows when the interval is
-        over."""
+    def keep(self, state: Mapping[str, Any]) -> None:
+        """Write the checkpoint now.
+
+        If that fails, for example on a full disk, `failure` gives the reason and the run goes on;
+        the next attempt follows when the interval is over.
+        """
+        try:
+            self._write(state)
+            self.failure = ""
+        except OSError as error:
+            reason = error.strerror or str(error)
+            self.failure = (
+                f"the checkpoint {self.begun.path} could not be written: {reason.lower()}; it "
+                "holds what it held before"
+            )
+
+    def _write(self, state: Mapping[str, Any]) -> None:
+        began = self.written = time.perf_counter()
+        self.writing = 0.0
+        replace(self.begun, state=state).write()
         self.written = time.perf_counter()
-        Checkpoint(
-            path=self.path,
-            scene=self.scene,
-            asked=self.asked,
-            machine=self.machine,
-            proof=self.proof,
-            state=state.document(),
-        ).write()
-        self.written = time.perf_counter()
+        self.writing = self.written - began
+
+    def noted(self, answer: Answer) -> Answer:
+        """The answer with a warning if the checkpoint does not hold it."""
+        if not self.failure or self.failure in answer.warnings:
+            return answer
+        return replace(answer, warnings=[*answer.warnings, self.failure])
 
 
 def _check_place(path: Path) -> None:
@@ -388,7 +520,8 @@ def _seconds_in(path: Path) -> float:
     """Seconds of simulation in a checkpoint; 0 if no run can resume from it."""
     try:
         state = Checkpoint.read(path).state
-        return float(state["seconds"]) if state["fine"]["count"] else 0.0
+        begun = state["results"] if "results" in state else state["fine"]["count"]
+        return float(state["seconds"]) if begun else 0.0
     except (CheckpointError, FileNotFoundError, KeyError, TypeError):
         return 0.0
 

@@ -126,7 +126,6 @@ class Run:
         self.merged_at = self.first_seconds
         self.shown_fraction = 0.0
         self.sentence, self.last_sentence_at = "", -math.inf
-        self.checkpoint_failure = ""
         self.whole_blocks: State | None = None
 
     @property
@@ -183,7 +182,7 @@ class Run:
         work = partial(block_statistics, self.plan, self.layout, self.seed)
         results = self.crew.do([work], left, total, deadline)
         with closing(results):  # closed at once, so that after an interrupt no further task begins
-            for (_, paths), (statistics,), where in results:
+            for (_, paths), (statistics,), where, _ in results:
                 if statistics[0].count < paths:
                     self._end_early(statistics, where)
                     break
@@ -211,22 +210,10 @@ class Run:
             self.merged_at = self.seconds
 
     def write_checkpoint(self) -> None:
-        """Write the checkpoint now, if there is one.
-
-        If that fails, for example on a full disk, `checkpoint_failure` gives the reason and the run
-        goes on.
-        """
-        if not self.keeper:
-            return
-        try:
-            self.keeper.keep(replace(self.whole_blocks or self.state, seconds=self.seconds))
-            self.checkpoint_failure = ""
-        except OSError as error:
-            reason = error.strerror or str(error)
-            self.checkpoint_failure = (
-                f"the checkpoint {self.keeper.path} could not be written: {reason.lower()}; it "
-                "holds what it held before"
-            )
+        """Write the checkpoint now, if there is one."""
+        if self.keeper:
+            state = replace(self.whole_blocks or self.state, seconds=self.seconds)
+            self.keeper.keep(state.document())
 
     def _report(self) -> None:
         if not self.progress:

@@ -7,9 +7,9 @@ import math
 import time
 from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from stochvi.methods.monte_carlo.blocks import (
     seconds_of_first_paths,
     start_crew,
 )
-from stochvi.methods.monte_carlo.checkpoints import Asked, Checkpoint, Keeper, State
+from stochvi.methods.monte_carlo.checkpoints import Asked, Checkpoint, Files, Keeper, State
 from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.quantities import (
@@ -200,45 +200,18 @@ def simulate(
     return _noted(run, run.response())
 
 
-class Files(NamedTuple):
-    """The files of a run: its checkpoint, the seconds from one writing of it to the next, and the
-    checkpoint from which the run goes on."""
-
-    checkpoint: str | Path | None
-    interval: float
-    resume: str | Path | None
-
-    def check(self) -> None:
-        """ValueError for an empty name and for an interval that is not a time."""
-        for name, file in (("checkpoint", self.checkpoint), ("resume", self.resume)):
-            if file is not None and str(file) == "":
-                raise ValueError(f"{name} must name a file, got ''")
-        _check_seconds(checkpoint_interval=self.interval)
-
-    @property
-    def target(self) -> Path | None:
-        """The file to which the run writes its checkpoints."""
-        target = self.resume if self.checkpoint is None else self.checkpoint
-        return None if target is None else Path(target)
-
-    @property
-    def new(self) -> bool:
-        """Whether that file is not the one from which the run goes on."""
-        if self.target is None or self.resume is None:
-            return True
-        return self.target.resolve() != Path(self.resume).resolve()
-
-
 def _begun(
     scene: Scene, asked: Asked, files: Files, threads: int | None, executor: Executor | None,
     progress: Progress | None, deadline: Deadline,
 ) -> tuple[Run, Asked]:  # fmt: skip
     """The run with compiled kernels and its first checkpoint, and its arguments with defaults
     filled in."""
-    before = None if files.resume is None else Checkpoint.read(Path(files.resume))
-    asked = asked.settled() if before is None else before.asked_again(asked)
-    if before is not None:
-        before.check(scene)
+    before = files.before()
+    if before is None:
+        asked = asked.settled()
+    else:
+        before.check("simulate", scene)
+        asked = Asked(**before.asked_again(asked.given()))
     model = model_of(scene)
     plan = make_plan(
         model, asked.speed_threshold, asked.duration, asked.slow_impacts, deadline=deadline
@@ -247,13 +220,14 @@ def _begun(
     keeper = None
     if files.target is not None:
         proof = "" if before is None else before.proof  # a new one takes time to compile
-        keeper = Keeper(files.target, scene, asked, state, proof, files.interval, files.new)
+        begun = Checkpoint.begun(files.target, "simulate", scene, asdict(asked), proof)
+        keeper = Keeper(begun, state.document(), files.interval, files.new)
     with compiling(progress):
         compile_time, proof = _compile(plan)
     if before is not None:
-        before.check(scene, proof)
+        before.check("simulate", scene, proof)
     if keeper is not None:
-        keeper.proof = proof
+        keeper.begun = replace(keeper.begun, proof=proof)
     crew = start_crew(executor, threads)
     return Run(scene, plan, asked.seed or 0, crew, progress, compile_time, state, keeper), asked
 
@@ -283,9 +257,7 @@ def _so_far(run: Run, warning: str, interrupted: bool = False) -> Response | Non
 
 def _noted(run: Run, response: Response) -> Response:
     """With a warning if the checkpoint does not hold it."""
-    if not run.checkpoint_failure or run.checkpoint_failure in response.warnings:
-        return response
-    return replace(response, warnings=[*response.warnings, run.checkpoint_failure])
+    return response if run.keeper is None else run.keeper.noted(response)
 
 
 def record_path(

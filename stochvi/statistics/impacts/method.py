@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_expone
 from stochvi.methods.monte_carlo.blocks import blocks_between, check_price, crew_of, in_pieces
 from stochvi.methods.monte_carlo.impact_logs import ImpactPlan, plan_impacts
 from stochvi.methods.monte_carlo.quantities import collapses
+from stochvi.methods.monte_carlo.resumable import resumable
 from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.methods.monte_carlo.step_bias import lossiest
@@ -110,6 +112,7 @@ left."""
 
 
 @shown_in_notebooks
+@resumable
 def impacts(
     scene: Scene,
     *,
@@ -124,6 +127,9 @@ def impacts(
     executor: Executor | None = None,
     budget: float | None = 60.0,
     progress: Progress | None = None,
+    checkpoint: str | Path | None = None,
+    checkpoint_interval: float = 1.0,
+    resume: str | Path | None = None,
 ) -> ImpactStatistics:
     """Rates, intervals, speeds, energy and clusters of the impacts of every pair.
 
@@ -146,7 +152,7 @@ def impacts(
         under Gaussian noise, a pair about its mean).
     seed
         Seed of the random numbers: the same seed gives the same digits.
-    threads, executor, progress
+    threads, executor, progress, checkpoint, checkpoint_interval, resume
         The same arguments as those of `simulate`.
     budget
         Seconds after which `NotConverged` is raised with the answer so far; None for no limit.

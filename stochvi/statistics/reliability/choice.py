@@ -10,7 +10,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from stochvi.methods.monte_carlo.blocks import Block, Crew, Work, blocks_between
+from stochvi.methods.monte_carlo.block_results import Block
+from stochvi.methods.monte_carlo.blocks import Crew, Work, blocks_between
 from stochvi.methods.monte_carlo.missions import MissionPlan
 from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.splitting import (

@@ -16,6 +16,7 @@ import math
 import time
 from concurrent.futures import Executor
 from dataclasses import replace
+from pathlib import Path
 
 from scipy.special import ndtr
 
@@ -27,6 +28,7 @@ from stochvi.methods.monte_carlo.missions import (
     passage_plan,
     settling_time,
 )
+from stochvi.methods.monte_carlo.resumable import resumable
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.coverage import beyond_one_oscillator, without_noise
 from stochvi.model.model import Model, model_of
@@ -63,6 +65,7 @@ AT_ONCE = 0.05
 
 
 @shown_in_notebooks
+@resumable
 def reliability(
     scene: Scene,
     *,
@@ -81,6 +84,9 @@ def reliability(
     executor: Executor | None = None,
     budget: float | None = 60.0,
     progress: Progress | None = None,
+    checkpoint: str | Path | None = None,
+    checkpoint_interval: float = 1.0,
+    resume: str | Path | None = None,
 ) -> Reliability:
     """P(any hit), P(too fast a hit), P(too high an acceleration) and expected hits in a mission.
 
@@ -116,7 +122,7 @@ def reliability(
         Confidence level of intervals.
     seed
         Seed of the random numbers: the same seed gives the same digits.
-    threads, executor, progress
+    threads, executor, progress, checkpoint, checkpoint_interval, resume
         The same arguments as those of `simulate`.
     budget
         Seconds for all of them together, compilation apart, after which `NotConverged` is raised;

@@ -21,6 +21,7 @@ import math
 import time
 from concurrent.futures import Executor
 from functools import partial
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.blocks import blocks_between, check_price, crew_of, in_pieces
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
+from stochvi.methods.monte_carlo.resumable import resumable
 from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.model import Model
@@ -86,6 +88,7 @@ higher."""
 
 
 @shown_in_notebooks
+@resumable
 def spectrum(
     scene: Scene,
     *,
@@ -99,6 +102,9 @@ def spectrum(
     executor: Executor | None = None,
     budget: float | None = 60.0,
     progress: Progress | None = None,
+    checkpoint: str | Path | None = None,
+    checkpoint_interval: float = 1.0,
+    resume: str | Path | None = None,
 ) -> ResponseSpectrum:
     """Power spectral densities of the stationary response, one-sided per hertz, with 95 % bands.
 
@@ -124,7 +130,7 @@ def spectrum(
         Length of a segment, s; by default 21 over the narrowest half-power bandwidth.
     seed
         Seed of the random numbers: the same seed gives the same digits.
-    threads, executor, progress
+    threads, executor, progress, checkpoint, checkpoint_interval, resume
         The same arguments as those of `simulate`.
     budget
         Seconds after which `NotConverged` is raised with the answer so far; None for no limit.
@@ -173,24 +179,22 @@ def spectrum(
         check_price([plan.plan], seed, deadline)
     target = FEWEST_PATHS if paths is None else paths
     moments: PathMoments | None = None
-    part: PathMoments | None = None  # of the round under way
     error = math.inf
 
     work = partial(_block, plan, layout, seed)
     with crew_of(executor, threads) as crew:
         while True:
+            part: PathMoments | None = None  # of the round under way
             first = 0 if moments is None else moments.count
             blocks = [*blocks_between(first, target, plan.block)]
             needed = 1 if moments is None else 0
-            for done in crew.results(work, blocks, deadline, at_least=needed):
-                part = done if part is None else part.merge(done)
+            for part in crew.merged(work, blocks, PathMoments.merge, deadline, needed):
                 if progress:
                     there = first + part.count
                     share = there / paths if paths else _share(part, asked, first, error)
                     progress(min(share, 1.0), f"{there} paths")
             if part is not None:  # time may run out before a block of a later round
                 moments = part if moments is None else moments.merge(part)
-            part = None
             assert moments is not None
             error = _median_error(moments)
             if progress and not paths:
