@@ -154,13 +154,6 @@ class Common:
         """Progress of a calculation on standard error, unless --quiet is given."""
         return progress_bar(self.quiet, title)
 
-    def rest_unless(self, given: Mapping[str, Any]) -> float | None:
-        """The rest of the budget; without --budget the rest of `BUDGET`, or None if a number of
-        paths bounds the work, or a checkpoint keeps it."""
-        bounded = any(given.get(name) for name in ("paths", "checkpoint", "resume"))
-        budget = BUDGET if self.budget is None and not bounded else self.budget
-        return self.until(budget).rest
-
     def show(
         self, found: Any, tell: Callable[[Console, Any], None], table: str | None = None,
         document: Mapping[str, Any] | None = None,
@@ -303,6 +296,10 @@ OPTIONS = {
 """The common options by name; "open budget" is --budget without a default, for a command that can
 end by a number of paths as well or keep its work, "kept budget" for one that can keep it only."""
 
+OPEN_BUDGETS, WITHOUT_BUDGET = {"open budget", "kept budget"}, ("paths", "checkpoint", "resume")
+"""Names of the options --budget without a default, and the arguments with which there is none: a
+number of paths bounds the work, and a checkpoint keeps it. Else the budget is `BUDGET`."""
+
 FIELDS = {"json": "json_file", "open budget": "budget", "kept budget": "budget"}
 """Fields of `Common` by their option, where the two names differ."""
 
@@ -315,6 +312,9 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
         @functools.wraps(command)
         def run(**given: Any) -> None:
             has_budget = "budget" in given
+            bounded = any(given.get(name) for name in WITHOUT_BUDGET)
+            if OPEN_BUDGETS.intersection(names) and given["budget"] is None and not bounded:
+                given["budget"] = BUDGET
             begun, budget = Deadline.after(0.0), given.get("budget", BUDGET)
             if budget is not None and not 0.0 < budget < math.inf:
                 raise ValueError(f"budget must be a positive number of seconds, got {budget}")

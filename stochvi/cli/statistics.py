@@ -40,7 +40,7 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
     def found() -> ResponseSpectrum:
         with options.progress("simulating") as report:
             return solve(
-                loaded, budget=options.rest_unless(asked), seed=options.seed,
+                loaded, budget=options.rest, seed=options.seed,
                 threads=options.threads, progress=report, **asked,
             )  # fmt: skip
 
@@ -78,7 +78,7 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
     def found() -> ImpactStatistics:
         with options.progress("simulating") as report:
             return solve(
-                loaded, budget=options.rest_unless(asked), seed=options.seed,
+                loaded, budget=options.rest, seed=options.seed,
                 threads=options.threads, progress=report, **asked,
             )  # fmt: skip
 
@@ -194,9 +194,7 @@ def reliability(
                 peak_acceleration=acceleration(peak_acceleration),
                 way=way and way.replace("-", " "),  # type: ignore[arg-type]
                 progress=report,
-                seed=options.seed,
-                threads=options.threads,
-                budget=options.rest_unless(asked),
+                **options.sampling,
                 **asked,
             )
 

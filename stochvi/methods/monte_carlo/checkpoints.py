@@ -327,13 +327,11 @@ class Checkpoint:
 
     def _instead_of(self, name: str) -> str:
         """Words for the arguments of the earlier run where it had no value for `name`."""
-        for one, other in (("rel_error", "paths"), ("paths", "rel_error")):
-            if name == one and self.asked.get(other) is not None:
-                return (
-                    f"{self.asked[other]} paths"
-                    if one == "rel_error"
-                    else (f"rel_error {self.asked[other]}")
-                )
+        paths, rel_error = self.asked.get("paths"), self.asked.get("rel_error")
+        if name == "rel_error" and paths is not None:
+            return f"{paths} paths"
+        if name == "paths" and rel_error is not None:
+            return f"rel_error {rel_error}"
         return f"no {name}"
 
     def check(self, command: str, scene: Scene, proof: str = "") -> None:
