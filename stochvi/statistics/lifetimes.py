@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.methods.monte_carlo.blocks import crew_of
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
@@ -25,11 +25,10 @@ from stochvi.methods.periodic.basins import Flown, Place
 from stochvi.methods.periodic.family import unmet
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
-from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.intervals import binomial_interval, poisson_interval
-from stochvi.results.machine import usable_cores
 from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.scenes.scene import Scene
 
@@ -285,26 +284,24 @@ def lifetimes(
     if conditions:
         raise NotApplicable("lifetimes", conditions)
     plan = plan_modal_tables(model, 0.0, None) if model.tables else plan_modal(model, 0.0, None)
-    number = threads or usable_cores()
-    with heeding_ctrl_c():
+    with crew_of(None, threads) as crew:
         place = Place(scene, 3, deadline)
-        known = _coexisting(place, number, deadline)
+        known = _coexisting(place, crew.workers, deadline)
         wanted = math.ceil(1.0 / rel_error**2)
         watch = Watch(place, known, plan)
         most = math.ceil(MORE_PATHS * wanted / GROUP)
         groups = watch.groups(regimes, most, seed)
-        with ThreadPoolExecutor(number) as pool:
-            while not deadline.passed():
-                behind = [of for of in groups if _left(of) < wanted]
-                if progress and behind:
-                    least = min(map(_left, behind))
-                    progress(least / wanted, f"{least} of {wanted} paths have left each regime")
-                waiting = [group for of in behind for group in of if not np.all(group.left)]
-                if not waiting:
-                    break
-                list(pool.map(Group.advance, waiting))
-                for of in behind:
-                    of += watch.more(of, most)
+        while not deadline.passed():
+            behind = [of for of in groups if _left(of) < wanted]
+            if progress and behind:
+                least = min(map(_left, behind))
+                progress(least / wanted, f"{least} of {wanted} paths have left each regime")
+            waiting = [group for of in behind for group in of if not np.all(group.left)]
+            if not waiting:
+                break
+            list(crew.executor.map(Group.advance, waiting))
+            for of in behind:
+                of += watch.more(of, most)
     answer = LifeTimes(
         regimes=watch.answers(groups),
         frequency_hz=1.0 / place.period,
@@ -314,7 +311,7 @@ def lifetimes(
             wall_time=time.perf_counter() - began,
             paths=sum(len(group.left) for of in groups for group in of),
             steps=sum(group.steps for of in groups for group in of),
-            threads=number,
+            threads=crew.workers,
         ),
         warnings=watch.warnings(groups),
         provenance=provenance(scene.document(), seed),
