@@ -454,10 +454,7 @@ def _play_curve(model: Model, found: Sequence[Performance]) -> list[PlayRatio]:
     stops = [stop for pair in model.pairs for stop in pair.stops]
     if np.any(model.constant_force) or not all(map(_scales, stops)):
         return []
-    plays = {
-        pair.upper.position - pair.lower.position if pair.upper and pair.lower else None
-        for pair in model.pairs
-    }
+    plays = {pair.play for pair in model.pairs}
     play = plays.pop() if len(plays) == 1 else None
     curve = []
     for each in sorted(found, key=lambda each: -each.level_db):

@@ -134,6 +134,13 @@ class Pair:
         return next((stop for stop in self.stops if stop.side == UPPER), None)
 
     @property
+    def play(self) -> float | None:
+        """Distance between the two stops, m; None of a pair with one stop."""
+        if self.lower is None or self.upper is None:
+            return None
+        return self.upper.position - self.lower.position
+
+    @property
     def rigid(self) -> bool:
         """Whether no stop gives way."""
         return all(stop.rigid for stop in self.stops)

@@ -391,9 +391,8 @@ def kinds_of(
     plan = crossing_plan(scene, HORIZONS)
     model = model_of(scene)
     stops = [
-        (sign, sign * (stop.position - model.rest))
-        for sign, stop in ((-1.0, model.lower), (1.0, model.upper))
-        if stop is not None
+        (float(stop.side), stop.side * (stop.position - model.rest))
+        for stop in model.stops_per_unit_mass
     ]
     if not stops or min(place for _, place in stops) <= 0.0:
         raise NotApplicable("rare hits", ["needs a stop, and none beyond the mean position"])

@@ -41,6 +41,8 @@ def test_an_oscillator_is_described_per_unit_mass() -> None:
     assert (model.intensity, model.load) == pytest.approx((0.4 / 4.0, -1.5))
     assert model.temperature == pytest.approx(0.4 / (2.0 * 0.6))
     assert [(stop.side, stop.position) for stop in model.stops] == [(-1, -1.0), (1, 0.5)]
+    one_sided = scene.model_copy(update={"impact_pairs": (ImpactPair(upper=0.5, law=WALL),)})
+    assert [model_of(each).pairs[0].play for each in (scene, one_sided)] == [1.5, None]
 
 
 @pytest.mark.parametrize("mass", [1.0, 2.5])

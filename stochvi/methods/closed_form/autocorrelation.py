@@ -82,9 +82,9 @@ def _neither(model: Model) -> list[str]:
     """Why the scene is neither a linear oscillator nor a box; empty if it is one."""
     if model.tables:
         return ["excitation must be white noise for an autocorrelation, got a tabulated density"]
-    if model.lower is None and model.upper is None:
+    if not model.stops:
         return []
-    box = model.lower is not None and model.upper is not None and not model.not_rigid()
+    box = len(model.stops) == 2 and not model.not_rigid()
     if model.omega == 0.0 and model.load == 0.0 and box:
         return []
     return [

@@ -107,10 +107,8 @@ def box_of(model: Model) -> Box | None:
     if len(model.coordinates) != 2 or len(model.pairs) != 1:
         return None
     (pair,) = model.pairs
-    if pair.lower is None or pair.upper is None:
-        return None
-    restitution = pair.upper.coefficient
-    if restitution is None or pair.lower.coefficient != restitution:
+    restitution = pair.stops[0].coefficient
+    if pair.play is None or restitution is None or pair.stops[1].coefficient != restitution:
         return None
     if model.signals or model.tables or np.any(model.constant_force):
         return None
@@ -133,7 +131,7 @@ def box_of(model: Model) -> Box | None:
             intensity=float(model.white[carrier, carrier]),
             loose_mass=float(model.mass[loose, loose]),
             pair=pair,
-            play=pair.upper.position - pair.lower.position,
+            play=pair.play,
             restitution=restitution,
         )
         place = box.place

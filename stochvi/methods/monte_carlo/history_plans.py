@@ -93,11 +93,7 @@ def histories_of(plan: Plan) -> HistoryPlan:
     """The plan of records by a plan of paths of the usual length."""
     model = plan.model
     speed = max(plan.speeds, default=0.0)
-    gaps = [
-        pair.upper.position - pair.lower.position
-        for pair in model.pairs
-        if pair.lower is not None and pair.upper is not None
-    ]
+    gaps = [pair.play for pair in model.pairs if pair.play is not None]
     frequencies = [model.modal.fastest, *(math.pi * speed / gap for gap in gaps)]
     if model.single and model.omega == 0.0 and speed > 0.0:
         frequencies.append(math.pi * abs(model.load) / speed)  # back after 2 speed / load

@@ -758,9 +758,8 @@ def _step(model: Model, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale
         fastest = float(np.linalg.eigvalsh(modes.damping)[-1])
         limits += [LARGEST_ANGLE / fastest] if fastest > 0.0 else []
     for pair, scale in zip(model.pairs, pairs, strict=True):
-        if pair.lower is not None and pair.upper is not None:
-            gap = pair.upper.position - pair.lower.position
-            limits.append(GAP_PER_STEP * gap / scale.speed)
+        if pair.play is not None:
+            limits.append(GAP_PER_STEP * pair.play / scale.speed)
         if scale.pressing > 0.0:
             limits.append(BOUNCE_PER_STEP * scale.speed / scale.pressing)
     return min(limits)

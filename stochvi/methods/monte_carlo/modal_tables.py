@@ -541,9 +541,8 @@ def _interval(model: Model, known: dict[str, Any]) -> float:
         fastest = max(float(table.frequency_hz[-1]) for table, _ in model.tables)
     limits: list[float] = [known["step"], 1.0 / fastest / SAMPLES_PER_PERIOD]
     for pair, scale in zip(model.pairs, known["pairs"], strict=True):
-        if pair.lower is not None and pair.upper is not None:
-            gap = pair.upper.position - pair.lower.position
-            limits.append(GAP_PER_SAMPLE * gap / scale.speed)
+        if pair.play is not None:
+            limits.append(GAP_PER_SAMPLE * pair.play / scale.speed)
     return min(limits)
 
 
