@@ -22,7 +22,10 @@ from stochvi import (
     WhiteNoise,
 )
 from stochvi.cli import main
-from stochvi.isolators.jolt_response import WINDOW_PERIODS, jolts
+from stochvi.isolators import jolt_response
+from stochvi.isolators.jolt_response import SETTLING_WINDOWS, WINDOW_PERIODS, jolts
+from stochvi.methods.monte_carlo.modal import plan_modal
+from stochvi.model.model import model_of
 
 OMEGA, DAMPING, DRIVE, AMPLITUDE = 62.8, 12.5, 628.0, 1e-4 * 628.0**2
 """The isolator of the book's section 9: 10 Hz, b = 12.5 1/s, a line of 0.1 mm at 100 Hz."""
@@ -57,6 +60,43 @@ def test_below_the_energy_boundary_jolts_are_caught_and_stay() -> None:
     # none of an exponential law is seen in 3.7 mean times in 2.5 % of cases
     assert high * found.watched.sum() == pytest.approx(-math.log(0.025), rel=1e-9)
     assert "none left it" in found.summary()
+
+
+def test_a_jolt_is_a_velocity_whatever_the_mass() -> None:
+    """Hits of ten periods, over which rounding does not grow to their size."""
+    one = mount(0.8 * BOUNDARY)
+    heavy = one.replace(
+        structure=Oscillator(mass=3.0, damping=3.0 * DAMPING, stiffness=3.0 * OMEGA**2),
+        excitations=[Sine(amplitude=3.0 * AMPLITUDE, frequency_hz=DRIVE / (2.0 * math.pi))],
+    )
+
+    def hits(scene: Scene, speed: float) -> np.ndarray:
+        plan, free = (
+            plan_modal(model, 0.0, None)
+            for model in (model_of(scene), model_of(scene.replace(impact_pairs=[])))
+        )
+        steps = math.ceil(10.0 * 2.0 * math.pi / DRIVE / plan.step)
+        return jolt_response._hits(plan, free, speed, 16, 1, steps, 0)
+
+    assert np.array_equal(hits(one, 0.3), hits(heavy, 0.3))
+    assert not np.array_equal(hits(one, 0.3), hits(heavy, 0.1))
+
+
+def test_a_path_that_leaves_within_a_window_left_in_its_middle(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """One path leaves in the fourth window after the jolt has settled, and one stays."""
+
+    def hits(*_: object) -> np.ndarray:
+        found = np.full((20, 2, 2), WINDOW_PERIODS)
+        found[SETTLING_WINDOWS + 3 :, :, 0] = 0
+        return found
+
+    monkeypatch.setattr(jolt_response, "_hits", hits)
+    window = WINDOW_PERIODS * 2.0 * math.pi / DRIVE
+    found = jolts(mount(0.8 * BOUNDARY), [0.3], paths=2, duration=20.0 * window)
+    assert found.watched[0] == pytest.approx([3.5 * window, (20 - SETTLING_WINDOWS) * window])
+    assert found.escape_rate()[0] == pytest.approx(1.0 / found.watched.sum())
 
 
 @pytest.mark.parametrize("part", [1.005, pytest.param(1.1, marks=pytest.mark.verify)])

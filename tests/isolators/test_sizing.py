@@ -28,6 +28,7 @@ from stochvi import (
 from stochvi.isolators.sizing import method
 from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.isolators.sizing.method import Sizing, at_clearance, size
+from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.methods.monte_carlo.kernels.rows import EXTREMES, FASTEST
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
@@ -96,6 +97,32 @@ def test_a_chance_near_certainty_has_a_clearance_too(wanted: float) -> None:
     with pytest.raises(AssertionError):
         assert_agrees(both, -math.log1p(-wanted) * math.exp(0.2 * sized.sigma * slope))
     assert half < 0.05 * sized.sigma
+
+
+@pytest.mark.parametrize("wanted", [1e-3, 0.3])
+def test_the_interval_of_a_clearance_follows_from_that_of_the_chance(wanted: float) -> None:
+    """With -ln(1 - P) = h e^(-c^2 / 2), c in sigma: dP / dc = -(1 - P) c h e^(-c^2 / 2)."""
+    many, clearances = 50.0, np.linspace(2.0, 6.0, 41)
+    clearances[20] = math.sqrt(-2.0 * math.log(-math.log1p(-wanted) / many))
+    clearances.sort()
+    hazards = many * np.exp(-(clearances**2) / 2.0)
+    errors = 0.02 * (1.0 - np.exp(-hazards))
+    curve = RiskCurve(
+        crossings=SimpleNamespace(rice_rate=hazards, displacement_std=1.0),  # type: ignore[arg-type]
+        mission=1.0,
+        clearances=clearances,
+        probabilities=[
+            Estimate(value=-math.expm1(-hazard), standard_error=error)
+            for hazard, error in zip(hazards, errors, strict=True)
+        ],
+        first_rates=[Estimate(value=hazard, standard_error=0.0) for hazard in hazards],
+    )
+    found, hazard = curve.clearance(wanted), -math.log1p(-wanted)
+    assert many * math.exp(-(found.value**2) / 2.0) == pytest.approx(hazard, rel=1e-9)
+    half = GAUSSIAN_95 * 0.02 * wanted / ((1.0 - wanted) * found.value * hazard)
+    # the slope is a central difference over 1e-3 sigma
+    assert found.upper - found.value == pytest.approx(half, rel=1e-5)
+    assert found.value - found.lower == pytest.approx(half, rel=1e-5)
 
 
 def test_a_mission_too_short_for_a_chance_says_so() -> None:

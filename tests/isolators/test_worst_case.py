@@ -11,12 +11,13 @@ import pytest
 
 from stochvi import ImpactPair, Isolator, Restitution, Scene, WhiteNoise
 from stochvi.isolators import size
+from stochvi.isolators.screening import screen_isolator
 from stochvi.isolators.sizing import exceedances as hard
 from stochvi.isolators.sizing.answer import Rounded, Sizing
 from stochvi.isolators.sizing.changes import Tolerances, changed_mount
 from stochvi.isolators.sizing.method import risk_curve
 from stochvi.isolators.sizing.review import Balance
-from stochvi.isolators.sizing.worst_case import COMBINED, worst_case
+from stochvi.isolators.sizing.worst_case import COMBINED, equal_clearance, worst_case
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 
@@ -61,6 +62,17 @@ def test_the_worst_combination_is_found_where_hits_have_no_rate_in_floating_poin
     assert sizing.screening.rice_rate(far.clearance.value) == 0.0
     last = worst_case(far, threads=1, budget=1e-6)["change"].iloc[-1]
     assert last == worst_case(sizing, threads=1, budget=1e-6)["change"].iloc[-1]
+
+
+@pytest.mark.parametrize(("frequency_hz", "zeta"), [(7.0, 0.2), (14.0, 0.1)])
+def test_an_equal_clearance_is_hit_equally_often(
+    sizing: Sizing, frequency_hz: float, zeta: float
+) -> None:
+    mount = Scene(structure=Isolator(frequency_hz=frequency_hz, zeta=zeta), excitations=[NOISE])
+    other, nominal = screen_isolator(mount), sizing.screening
+    clearance = 2.5 * sizing.sigma
+    equal = equal_clearance(other, nominal, clearance)
+    assert other.rice_rate(equal) == pytest.approx(nominal.rice_rate(clearance), rel=1e-9)
 
 
 def test_a_case_without_time_is_a_row_that_says_so(sizing: Sizing) -> None:

@@ -21,6 +21,7 @@ from stochvi.results.intervals import (
     normal_quantile,
     poisson_interval,
     ratio_and_error,
+    satterthwaite_degrees,
     student_quantile,
     upper_limit_unseen,
 )
@@ -143,3 +144,11 @@ def test_merged_moments_are_those_of_all_paths() -> None:
     assert merged.count == 30
     assert merged.mean == pytest.approx(moments(samples).mean)
     assert merged.scatter == pytest.approx(moments(samples).scatter)
+
+
+def test_degrees_of_freedom_of_a_sum_are_those_of_satterthwaite() -> None:
+    """Never fewer than those of the least known term, and fewer than of all samples together."""
+    found = satterthwaite_degrees([0.1, 0.3], [11, 41])
+    assert found == pytest.approx((0.01 + 0.09) ** 2 / (0.01**2 / 10.0 + 0.09**2 / 40.0))
+    assert satterthwaite_degrees([1e-9, 0.3], [11, 41]) == pytest.approx(40.0)
+    assert satterthwaite_degrees([0.0, 0.3], [11, 41]) == 40.0

@@ -9,10 +9,12 @@ from scipy.stats import chi2, kstest
 
 from stochvi.mathematics.impact_rates import corner_exponent
 from stochvi.methods.closed_form import exact
+from stochvi.methods.fokker_planck import first_passage
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog, plan_impacts
 from stochvi.methods.monte_carlo.kernels import flight
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import ratio_and_error
@@ -22,6 +24,7 @@ from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
 from stochvi.statistics.impacts import impacts, method
 from stochvi.statistics.impacts.method import CORNER_SHARE, SHIFT_PER_SHARE
+from stochvi.statistics.impacts.predictions import linear_gap, rice_rates, vanmarcke_rate
 from stochvi.statistics.impacts.tallies import (
     BINS,
     WINDOWS,
@@ -102,6 +105,19 @@ def test_vanmarcke_and_first_hits_at_two_deviations() -> None:
     assert math.isclose(far.clump_rate / far.rice_rates["both"], 0.43, abs_tol=5e-5)
     # the decay rate of the first passage, by the Fokker-Planck equation
     assert_agrees(far.first_hit_rate, 0.017595300)
+
+
+def test_vanmarcke_at_one_stop_is_far_closer_than_rice() -> None:
+    """To the decay rate of the first passage, by the Fokker-Planck equation."""
+    upper = scene(1.0, None, 3.0)
+    truth = first_passage(upper).decay_rate.value
+    model = model_of(upper)
+    (pair,) = model.pairs
+    gap = linear_gap(model, pair)
+    off = [abs(math.log(rate / truth)) for rate in (
+        vanmarcke_rate(gap, pair), rice_rates(gap, pair)["both"]
+    )]  # fmt: skip
+    assert off[0] < 0.25 * off[1]
 
 
 def test_overdispersion_and_what_the_interval_rests_on(elastic) -> None:

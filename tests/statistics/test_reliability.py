@@ -22,6 +22,7 @@ from stochvi import (
     reliability,
 )
 from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import logarithmic_interval
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics.bursts import bursts
 from stochvi.testing import assert_agrees
@@ -72,6 +73,10 @@ def test_a_stationary_start_is_a_matter_of_first_crossings() -> None:
     chance = found.chances["passage"]
     assert chance.way == "first crossings" and "need not be waited for" in chance.why
     assert_agrees(chance.estimate, truth)
+    ends = logarithmic_interval(
+        chance.estimate.value, chance.estimate.standard_error, chance.trials - 1.0
+    )
+    assert (chance.lower, chance.upper) == pytest.approx(ends, rel=1e-12)
 
 
 def test_missions_shorter_than_what_settles_them() -> None:

@@ -128,6 +128,19 @@ def test_regimes_are_named_by_their_impacts_and_periods() -> None:
     assert names == ["stops upper", "stops upper in 2 periods"]
 
 
+def test_disturbances_of_a_regime_of_several_periods_shrink_as_a_flight_shows() -> None:
+    (regime,) = basins(
+        hammer(4.0), {"displacement.x": [-0.3], "velocity.x": [0.1]}, threads=1
+    ).regimes
+    flown = lyapunov_exponent(
+        hammer(4.0), {"displacement.x": -0.3, "velocity.x": 0.1}, settling=200, periods=2000
+    )
+    assert regime.periods == 2 and regime.lyapunov.value < 0.0
+    assert abs(flown.value - regime.lyapunov.value) < 4.0 * flown.standard_error + 1e-3 * abs(
+        regime.lyapunov.value
+    )
+
+
 def test_shares_and_the_regime_at_a_point(mapped: Basins) -> None:
     for number, regime in enumerate(mapped.regimes):
         assert regime.share == pytest.approx(np.mean(mapped.ends == number))

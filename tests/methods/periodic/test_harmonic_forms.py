@@ -76,6 +76,22 @@ def test_two_stops_end_at_the_boundary_of_the_book() -> None:
         assert sum(bool(branch.stops) for branch in found.branches) == expected
 
 
+def test_of_two_regimes_between_two_stops_that_of_the_harder_impacts_is_stable() -> None:
+    """Exactly, and by force, where the amplitude grows with the stiffness of the impacts (10.8)."""
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=12.5, stiffness=62.8**2),
+        impact_pairs=[ImpactPair(clearance=3e-4, law=Restitution(coefficient=0.5))],
+        excitations=[Sine(amplitude=1e-4 * 628.0**2, frequency_hz=628.0 / (2.0 * math.pi))],
+    )
+    for form in ("exact", "force"):
+        soft, hard = sorted(
+            (float(branch.impact_speed[0].mean()), bool(branch.stable[0]))
+            for branch in harmonic_response(scene, form=form).branches
+            if len(branch.stops) == 2 and branch.periods == 1
+        )
+        assert (soft[1], hard[1]) == (False, True)
+
+
 @pytest.mark.parametrize("form", ["motion", "force"])
 @pytest.mark.parametrize("stops", [{"clearance": 1.0}, {"upper": 0.5}, {"upper": -0.2}])
 def test_one_stop_two_stops_and_a_preload_have_regimes_with_a_stated_error(
