@@ -9,7 +9,7 @@ import pytest
 
 from stochvi import Isolator, RoadNoise, Scene, SceneError, screen
 from stochvi.results.estimates import Estimate
-from stochvi.scenes.road_classes import ROUGHNESS, velocity_density
+from stochvi.scenes.road_density import ROUGHNESS, velocity_density
 from stochvi.testing import assert_agrees
 
 

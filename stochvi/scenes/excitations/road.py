@@ -11,13 +11,13 @@ from pydantic import PrivateAttr, model_validator
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import STANDARD_GRAVITY, power_ratio
 from stochvi.scenes.excitations.base import BASE, DensityNoise, band_of
-from stochvi.scenes.road_classes import ROUGHNESS, WAVENUMBERS, road_table
+from stochvi.scenes.road_density import ROUGHNESS, WAVENUMBERS, road_table
 from stochvi.scenes.validation import Band, Positive, given
 from stochvi.scenes.vehicles import QuarterCar
 
 
 class RoadNoise(DensityNoise):
-    """A base that follows a road of ISO 8608 at a constant speed (see `road_classes`).
+    """A base that follows a road of ISO 8608 at a constant speed (see `road_density`).
 
     Within `band_hz` the density of its vertical velocity is constant, and that of its acceleration
     rises as f^2. The mount stands on the road itself, or on the vehicle of the scene.
