@@ -26,6 +26,7 @@ from stochvi.isolators import jolt_response
 from stochvi.isolators.jolt_response import SETTLING_WINDOWS, WINDOW_PERIODS, jolts
 from stochvi.methods.monte_carlo.modal import plan_modal
 from stochvi.model.model import model_of
+from stochvi.results.deadline import NEVER
 
 OMEGA, DAMPING, DRIVE, AMPLITUDE = 62.8, 12.5, 628.0, 1e-4 * 628.0**2
 """The isolator of the book's section 9: 10 Hz, b = 12.5 1/s, a line of 0.1 mm at 100 Hz."""
@@ -76,7 +77,7 @@ def test_a_jolt_is_a_velocity_whatever_the_mass() -> None:
             for model in (model_of(scene), model_of(scene.replace(impact_pairs=[])))
         )
         steps = math.ceil(10.0 * 2.0 * math.pi / DRIVE / plan.step)
-        return jolt_response._hits(plan, free, speed, 16, 1, steps, 0)
+        return jolt_response._hits(plan, free, speed, 16, 1, steps, 0, NEVER, lambda _done: None)
 
     assert np.array_equal(hits(one, 0.3), hits(heavy, 0.3))
     assert not np.array_equal(hits(one, 0.3), hits(heavy, 0.1))
