@@ -329,7 +329,8 @@ class TabulatedPlan:
         """Records of the paths first_path, first_path + 1, ...: synthesised responses with
         impacts."""
         free = self.free_response(seed, first_path, paths, 0)
-        excitation = self._input_of(free)[: self.samples] if self.excitation_known else None
+        # a path may be shorter than the block that is synthesised
+        excitation = self._input_of(free)[: self.steps] if self.excitation_known else None
         record = np.zeros((self.steps, paths, 3))
         sums = Sums.zeros(paths, self.contacts).table
         self.add_impacts(free, self.warm_up_samples, self.steps, sums, record, log=log)
