@@ -21,6 +21,7 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import (
     cubic_at,
     cubic_between,
     interval_with_contacts,
+    stop_force,
     sub_step,
 )
 from stochvi.methods.monte_carlo.kernels.contact import PIECES
@@ -115,6 +116,22 @@ def test_a_free_contact_is_that_of_the_contact_formulas(law: Law, parts: int) ->
         assert found[TIME] == pytest.approx(expected.contact_time, rel=near)
         assert found[PEAK] == pytest.approx(expected.peak_force, rel=near)
         assert found[IMPULSE] == pytest.approx((1.0 + expected.restitution) * SPEED, rel=near)
+
+
+@pytest.mark.parametrize("law", [STEEL, BALL, RUBBER, BUMPER], ids=lambda law: law.kind)
+def test_the_force_of_a_stop_has_the_derivatives_that_are_stated(law: Law) -> None:
+    """Against central differences over 1e-5, whose error is of the order 1e-10."""
+    y, v, step = 0.31, 0.4, 1e-5
+    stop = kernel_stop(0.0, law.per_unit_mass(1.0))
+
+    def force(y: float, v: float) -> float:
+        return stop_force.py_func(y, v, stop.kind, stop.data)[0]
+
+    found, by_y, by_v = stop_force.py_func(y, v, stop.kind, stop.data)
+    assert found > 0.0
+    assert by_y == pytest.approx((force(y + step, v) - force(y - step, v)) / (2.0 * step), rel=1e-7)
+    changed = (force(y, v + step) - force(y, v - step)) / (2.0 * step)
+    assert by_v == pytest.approx(changed, rel=1e-7, abs=1e-9)
 
 
 def test_the_sub_stepper_is_of_fourth_order() -> None:
