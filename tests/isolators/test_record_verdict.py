@@ -17,7 +17,9 @@ from stochvi.isolators.record_verdict import (
     kurtosis_p_value,
     p_value_in_words,
     record_verdict,
+    response_law,
 )
+from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from support.commands import Run, one_document
 
@@ -213,3 +215,14 @@ def test_a_record_that_is_too_short_for_its_kurtosis_ends_with_1(
     assert run.code == 1
     assert run.out.startswith("THE RECORD IS TOO SHORT TO BE JUDGED")
     assert "is too short to be judged" in run.err
+
+
+def test_the_memory_of_a_response_is_the_integral_over_its_autocorrelation() -> None:
+    """Under flat noise rho = e^(-b t / 2) (cos W t + b / (2 W) sin W t); the sum over frequencies
+    ends at some multiple of the natural one, and leaves less than 1 %."""
+    omega, b = 2.0 * np.pi * 10.0, 6.0
+    flat = Table(frequency_hz=np.array([0.01, 1000.0]), density=np.ones(2))
+    law = response_law([flat], omega, b)
+    t, swing = np.linspace(0.0, 5.0, 200_001), np.sqrt(omega**2 - b**2 / 4.0)
+    rho = np.exp(-b * t / 2.0) * (np.cos(swing * t) + b / (2.0 * swing) * np.sin(swing * t))
+    assert law.memory == pytest.approx(2.0 * np.trapezoid(rho**4, t), rel=1e-2)

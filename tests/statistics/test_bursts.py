@@ -42,7 +42,7 @@ from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law
 from stochvi.statistics.burst_flights import widened
-from stochvi.statistics.bursts import Bursts, _far, bursts
+from stochvi.statistics.bursts import Bursts, _far, bursts, chance_of
 from stochvi.testing import assert_agrees
 from support.accuracies import rel_errors
 
@@ -253,3 +253,12 @@ def test_equally_far_stops_of_different_laws_are_hit_alike_from_either_side() ->
     # negative control: two stiff stops are sharp more often
     with pytest.raises(AssertionError):
         assert_agrees(apart(below, rate(stiff, stiff)), 0.0)
+
+
+def test_a_rare_chance_has_the_relative_biases_of_its_rate_and_of_the_ends_of_a_mission() -> None:
+    rate = Estimate(value=1e-6, standard_error=1e-7, bias=2e-8)
+    found = chance_of(rate, 100.0, reach=0.03)
+    # 1 - exp(-h) is h to a relative error of h
+    assert found.value == pytest.approx(1e-4, rel=1e-4)
+    assert found.standard_error == pytest.approx(1e-5, rel=2e-4)
+    assert found.bias == pytest.approx((0.02 + 0.03) * 1e-4, rel=2e-4)

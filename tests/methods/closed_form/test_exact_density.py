@@ -282,6 +282,9 @@ def test_the_linear_autocorrelation_solves_the_equation_of_motion(damping):
     residual = (after - 2 * here + before) / h**2 + damping * (after - before) / (2 * h) + here
     assert np.abs(residual).max() < 1e-5  # h^2 / 6 times fourth derivatives of some 10, at most
     assert autocorrelation(case, 0.0) == pytest.approx(1.0, rel=1e-14)
+    # a smooth function of time that starts without a slope, which is that of x' against x
+    flat = (float(autocorrelation(case, 1e-4)) - 1.0) / 1e-4
+    assert abs(flat) < 1e-4
     assert np.all(np.isfinite(autocorrelation(case, [1e-9, 1e4])))
 
 
