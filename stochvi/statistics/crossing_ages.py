@@ -121,7 +121,7 @@ class CrossingAges:
         half = self.horizon / 2.0
         few = self.outside + means[0] > 1.0 - FEWEST_SURVIVORS
         if mission > self.horizon:
-            few |= (1.0 - self.outside - means[1]) * half - means[2] < FEWEST_SURVIVORS * half
+            few |= (1.0 - self.outside) * half - means[2] < FEWEST_SURVIVORS * half
         return np.asarray(few)
 
     def _held(self, means: Vector) -> Vector:
@@ -129,7 +129,7 @@ class CrossingAges:
         leave that share."""
         half, left = self.horizon / 2.0, 1.0 - self.outside
         early = np.minimum(means[0], left - FEWEST_SURVIVORS)
-        area = np.minimum(means[2], (left - means[1] - FEWEST_SURVIVORS) * half)
+        area = np.minimum(means[2], (left - FEWEST_SURVIVORS) * half)
         return np.stack([early, means[1], area])
 
     def _estimates(
