@@ -95,7 +95,13 @@ def assert_as_counted(found: Bursts, known: dict[str, tuple[float, float]]) -> N
     ("name", "rel_error", "paths"),
     [
         ("two masses", 0.1, 256),
-        *(pytest.param(name, 0.03, 2048, marks=pytest.mark.verify) for name in SCENES),
+        # hits of the two masses are rarest, and of theirs the fewest are not first ones
+        *(
+            pytest.param(
+                name, 0.03, 2**17 if name == "two masses" else 2048, marks=pytest.mark.verify
+            )
+            for name in SCENES
+        ),
     ],
 )
 def test_rates_of_hits_agree_with_counting(name: str, rel_error: float, paths: int) -> None:
