@@ -67,6 +67,7 @@ class ImpactPair(Checked):
 
     Examples
     --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
     >>> from stochvi.scenes.impact_laws import Restitution
     >>> pair = ImpactPair(lower=-1.0, upper=2.0, law=Restitution(coefficient=0.8))
     >>> pair.law_of("upper").coefficient
@@ -205,6 +206,7 @@ class Scene(Checked):
 
     Examples
     --------
+    >>> from stochvi.scenes.excitations import WhiteNoise
     >>> from stochvi.scenes.impact_laws import Restitution
     >>> from stochvi.scenes.structures import Oscillator
     >>> scene = Scene(
