@@ -23,13 +23,14 @@ from stochvi.methods.monte_carlo.checkpoints import LONG_SECONDS, Checkpoint
 from stochvi.methods.monte_carlo.plain_values import digest_of, from_plain, to_plain
 from stochvi.results.errors import CheckpointError, NotConverged
 from stochvi.results.intervals import PathMoments
-from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
+from stochvi.scenes.excitations import TabulatedNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene
-from stochvi.scenes.structures import Isolator, Oscillator
+from stochvi.scenes.structures import Isolator
 from stochvi.statistics.impacts import impacts
 from stochvi.statistics.reliability import reliability
 from stochvi.statistics.spectra import spectrum
+from support.known import oscillator as between_stops
 
 CLOCK = ("cost", "seconds", "crude_seconds", "seconds_per_mission")
 """Keys of documents that hold times, which differ from run to run."""
@@ -49,12 +50,7 @@ intensity = 0.2
 
 
 def oscillator(restitution: float = 0.8) -> Scene:
-    pair = ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=restitution))
-    return Scene(
-        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
-        impact_pairs=[pair],
-        excitations=[WhiteNoise(intensity=0.2)],
-    )
+    return between_stops(-1.0, 1.0, restitution)
 
 
 def truck() -> Scene:
@@ -145,10 +141,10 @@ def test_a_stopped_run_goes_on_to_the_digits_of_one_that_never_stopped(
 def test_a_budget_that_cuts_blocks_short_leaves_no_trace(tmp_path: Path) -> None:
     """Blocks that end with the budget are left out of the checkpoint, as they hold fewer paths."""
     scene, kept = oscillator(), tmp_path / "run"
-    asked = {"paths": 20000, "duration": 200.0, "seed": 5}
+    asked = {"paths": 100_000, "duration": 200.0, "seed": 5}
     with pytest.raises(NotConverged) as reason:
-        impacts(scene, **asked, budget=0.15, checkpoint=kept)
-    assert reason.value.response.cost.paths < 20000
+        impacts(scene, **asked, budget=0.1, checkpoint=kept)
+    assert reason.value.response.cost.paths < 100_000
     assert digits(impacts(scene, resume=kept, budget=None)) == digits(
         impacts(scene, **asked, budget=None)
     )

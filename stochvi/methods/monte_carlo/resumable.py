@@ -85,17 +85,15 @@ class _Run:
     def answer(self, calculate: Callable[..., Answer]) -> Answer:
         """The answer, or the error with the answer so far; the checkpoint is written at the end."""
         try:
-            with keeping(self.results):
-                found = calculate(self.scene, **self.arguments)
-            self.begin()
+            try:
+                with keeping(self.results):
+                    found = calculate(self.scene, **self.arguments)
+                self.begin()
+            finally:
+                self.keep()
         except (NotConverged, Interrupted) as error:
-            self.keep()
             error.response = error.response and self.noted(error.response)
             raise
-        except BaseException:
-            self.keep()
-            raise
-        self.keep()
         return self.noted(found)
 
     def begin(self) -> None:

@@ -42,7 +42,8 @@ from stochvi.results.response import Response
 from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene
-from stochvi.scenes.structures import Isolator, Oscillator
+from stochvi.scenes.structures import Isolator
+from support.known import oscillator as between_stops
 
 SCENE = """\
 [structure]
@@ -61,12 +62,7 @@ intensity = 0.2
 
 
 def oscillator(restitution: float = 0.8) -> Scene:
-    pair = ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=restitution))
-    return Scene(
-        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
-        impact_pairs=[pair],
-        excitations=[WhiteNoise(intensity=0.2)],
-    )
+    return between_stops(-1.0, 1.0, restitution)
 
 
 def digits(response: Response) -> dict[str, object]:
