@@ -113,7 +113,8 @@ class LifeTime:
     left, paths
         Paths that left, of those that were simulated.
     watched
-        Seconds that paths spent in the regime, all together.
+        Seconds that paths spent in the regime, all together, as far as a departure in them would
+        have been noted: without the last `LifeTimes.outside` seconds of those that stayed.
     destinations
         The regimes to which these paths went, the most frequent first.
 
@@ -540,6 +541,11 @@ class Group:
         self.ends[here[gone]] = ends[gone]
 
     def watched(self) -> float:
-        """Seconds in the regime, all paths together."""
-        looks = np.where(self.left, self.left_at - 0.5, self.looks)
+        """Seconds in the regime in which a departure would have been noted, all paths together.
+
+        A departure is dated back to the start of the stay outside, so that one in the last
+        `Watch.outside` looks cannot have been noted yet: these looks are not counted.
+        """
+        noted = max(self.looks - self.watch.outside, 0)
+        looks = np.where(self.left, self.left_at - 0.5, noted)
         return float(looks.sum()) * BETWEEN_LOOKS * self.watch.place.period
