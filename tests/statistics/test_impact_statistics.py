@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.stats import chi2, kstest
 
 from stochvi.mathematics.impact_rates import corner_exponent
@@ -17,7 +18,7 @@ from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
-from stochvi.results.intervals import ratio_and_error
+from stochvi.results.intervals import mean_and_error, ratio_and_error
 from stochvi.scenes.excitations import ConstantLoad, Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution, Viscoelastic
 from stochvi.scenes.scene import ImpactPair, Scene
@@ -32,11 +33,14 @@ from stochvi.statistics.impacts.tallies import (
     Tally,
     dispersion,
     fitted_exponent,
+    histogram,
     passes_for_poisson,
     rate,
 )
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
+
+Vector = NDArray[np.float64]
 
 
 def scene(restitution: float, lower: float | None = -1.0, upper: float | None = 1.0) -> Scene:
@@ -275,13 +279,72 @@ def test_a_mass_that_a_load_alone_presses_on_a_stop() -> None:
         assert_agrees(rate, 1.1 * truth)
 
 
-def test_intervals_histogram_is_that_of_the_times() -> None:
-    log, grid = made_up(0.5, 1, 60, seed=5)
-    counts = Tally.of(log, 60, grid).intervals.sum(axis=0)
+def process_in_windows(waits: Vector, paths: int, duration: float) -> ImpactLog:
+    """Impacts of one long process with these waiting times, cut into paths that begin apart."""
+    times = np.cumsum(waits)
+    starts = times[-1] * np.arange(1, paths + 1) / (paths + 2)
+    first, last = (np.searchsorted(times, starts + end) for end in (0.0, duration))
+    path = np.repeat(np.arange(paths), last - first)
+    time = np.concatenate([times[a:b] for a, b in zip(first, last, strict=True)]) - starts[path]
+    return ImpactLog(path=path, time=time, speed=np.full(len(time), 0.1))
+
+
+@pytest.mark.parametrize(("duration", "paths"), [(12.0, 20000), (400.0, 2000)])
+@pytest.mark.parametrize("dependent", [False, True])
+def test_densities_of_intervals_hold_at_any_length_of_paths(duration, paths, dependent) -> None:
+    """A third of the waiting times are 0.1 s on average, the others 20 s; or each kind comes in
+    rows of eight. Counts of the intervals that end within a path are no density."""
+    random, number = np.random.default_rng(3), 2**21
+    quick = random.uniform(size=number // 8 if dependent else number) < 1.0 / 3.0
+    quick = np.repeat(quick, 8) if dependent else quick
+    waits = np.where(quick, 0.1, 20.0) * random.exponential(size=number)
+    edges = np.geomspace(1e-3, 0.8 * duration, BINS + 1)
+    grid = replace(made_up(0.5, 1, 2, 0)[1], intervals=edges, window=duration / WINDOWS)
+    log = process_in_windows(waits, paths, duration)
+    tally = Tally.of(log, paths, grid)
+    numbers = tally.numbers.sum(axis=1)
+    found = histogram(tally.intervals, edges, numbers)
+
+    def beyond(t: Vector) -> Vector:
+        return np.asarray(np.exp(-t / 0.1) / 3.0 + 2.0 / 3.0 * np.exp(-t / 20.0))
+
+    # five bins together, and all: what is left is outside
+    groups = [slice(first, first + 5) for first in range(0, BINS, 5)] + [slice(0, BINS)]
+    truths = [beyond(edges[each.start]) - beyond(edges[each.stop]) for each in groups]
     waited = np.diff(log.time)[np.diff(log.path) == 0]
-    assert counts.sum() == len(waited)
-    # of a Poisson process cut at 200 s they are nearly exponential
-    assert kstest(waited, "expon", args=(0.0, 2.0)).pvalue > 1e-3
+    seen = np.histogram(waited, edges)[0] / len(waited)
+    scores, plain = [], []
+    for each, truth in zip(groups, truths, strict=True):
+        value, error = ratio_and_error(tally.intervals[:, 1:-1][:, each].sum(axis=1), numbers)
+        assert math.isclose(value, (found.density * np.diff(edges))[each].sum())
+        scores.append((value - truth) / error)
+        plain.append((seen[each].sum() - truth) / error)
+    assert max(np.abs(scores)) < 4.5
+    assert math.isclose(found.outside, 1.0 - (found.density * np.diff(edges)).sum())
+    assert (max(np.abs(plain)) > 20.0) == (duration < 20.0)
+
+
+def test_times_between_impacts_agree_with_the_rate() -> None:
+    """Where paths hold few impacts: the chance that an impact follows a moment within a time is the
+    rate times the mean of the times between impacts, longer ones counted as that time."""
+    lossy, paths, duration = scene(0.5, -2.0, 2.0), 2048, 60.0
+    answer = impacts(lossy, paths=paths, duration=duration, seed=4, threads=1)
+    pair = answer.pairs["stops"]
+    found, rate = pair.intervals, pair.rates["both"].estimate
+    assert found.outside > 0.05 and any("outside the bins" in each for each in answer.warnings)
+    width, longest = np.diff(found.edges), found.edges[-1]
+    middles = 0.5 * (found.edges[1:] + found.edges[:-1])
+    mean = longest - float(np.sum(found.density * width * (longest - middles)))
+    log = plan_impacts(lossy, duration=duration).impacts(5, 0, paths)["stops"]
+    soon = np.zeros(paths)
+    soon[log.path[log.time < longest]] = 1.0
+    chance, error = mean_and_error(soon)
+    scatter = math.hypot(error, mean * rate.standard_error)
+    assert abs(chance - mean * rate.value) < 4.5 * scatter
+    # as if all intervals had ended in a path
+    inside = float(np.sum(found.density * width))
+    short = mean - found.outside * longest
+    assert abs(chance - short / inside * rate.value) > 10.0 * scatter
 
 
 def interval_shares(times: np.ndarray, path: np.ndarray, edges: np.ndarray, paths: int):

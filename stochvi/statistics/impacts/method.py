@@ -64,6 +64,13 @@ SHORTEST_ANGLE = 0.03
 """Shortest interval of a histogram, times the largest frequency of the motion, rad: a hundredth of
 the usual time between impacts on two stops."""
 
+LONGEST_SHARE = 0.8
+"""Longest interval of a histogram, in durations of a path: one of that length is seen once in five
+times, and the weight that makes up for it raises the error of the last bin to twice."""
+
+UNSEEN_INTERVALS = 0.05
+"""Share of the times between impacts beyond a histogram from which on a warning states it."""
+
 FIT_FROM, FIT_RANGE = 0.02, 6.0
 """Exponents are fitted to impacts from the threshold, or `FIT_FROM` rms speeds if that is faster,
 up to `FIT_RANGE` times that speed, and once more up to half of it."""
@@ -250,6 +257,7 @@ def impacts(
             *(["the accuracy asked for was not reached"] if short else []),
             *([NO_FIRST_HITS] if first_hits and late else []),
             *_unseen(pairs, done * plan.duration),
+            *_long_intervals(pairs),
             *_warnings(plan, model),
         ),
         cost=Cost(
@@ -320,13 +328,14 @@ def _grid(plan: ImpactPlan, pair: Pair) -> Grid:
     rms, threshold = plan.speeds[pair.name], plan.thresholds[pair.name]
     slowest = max(threshold, SLOWEST_SHARE * rms)
     start = max(threshold, FIT_FROM * rms)
-    shortest = SHORTEST_ANGLE / plan.fastest
+    longest = LONGEST_SHARE * plan.duration
+    shortest = min(SHORTEST_ANGLE / plan.fastest, 0.1 * longest)
     losses = {LOWER: 0.0, UPPER: 0.0} | {
         stop.side: 0.5 * pair.mass * (1.0 - stop.law.restitution**2) for stop in pair.stops
     }
     return Grid(
         speeds=np.geomspace(slowest, FASTEST_SHARE * rms, BINS + 1),
-        intervals=np.geomspace(shortest, max(plan.duration, 10.0 * shortest), BINS + 1),
+        intervals=np.geomspace(shortest, longest, BINS + 1),
         fits=((start, start * FIT_RANGE), (start, start * FIT_RANGE / 2.0)),
         window=plan.duration / WINDOWS,
         losses=(losses[LOWER], losses[UPPER]),
@@ -366,8 +375,10 @@ def _pair(scene: Scene, pair: Pair, plan: ImpactPlan, grid: Grid, tally: Tally) 
         speed_threshold=plan.thresholds[pair.name],
         rates=rates,
         dispersion=spread,
-        speeds=histogram(tally.speeds, grid.speeds) if hits else None,
-        intervals=histogram(tally.intervals, grid.intervals) if tally.intervals.any() else None,
+        speeds=histogram(tally.speeds, grid.speeds, tally.speeds.sum(axis=1)) if hits else None,
+        intervals=histogram(tally.intervals, grid.intervals, numbers)
+        if tally.intervals.any()
+        else None,
         speed_rms=None if square is None else _root(square, how),
         exponents=_exponents(pair, tally, grid, plan),
         energy=_ratio(loss, how),
@@ -460,6 +471,17 @@ def _unseen(pairs: dict[str, PairStatistics], exposure: float) -> list[str]:
         for name, pair in pairs.items()
         for side, found in pair.rates.items()
         if side != "both" and found.estimate.value == 0.0
+    ]
+
+
+def _long_intervals(pairs: dict[str, PairStatistics]) -> list[str]:
+    """Notes on times between impacts that are too long for the paths."""
+    return [
+        f"{name}: {100.0 * found.outside:.2g} % of the times between impacts lie outside the bins "
+        f"of their density, {found.edges[0]:.2g} to {found.edges[-1]:.3g} s; a longer duration "
+        "shows longer ones"
+        for name, pair in pairs.items()
+        if (found := pair.intervals) is not None and found.outside > UNSEEN_INTERVALS
     ]
 
 

@@ -35,8 +35,9 @@ this number and this number: an interval is then at most 12 % too narrow or too 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grid:
     """The classes in which the impacts of a pair are counted: edges of the bins of speeds (m/s) and
-    intervals (s), the two ranges of speeds, with one start, to which exponents are fitted, length
-    of a window (s), and loss of energy over w^2 at the lower and the upper stop."""
+    intervals (s; all of them shorter than a path), the two ranges of speeds, with one start, to
+    which exponents are fitted, length of a window (s), and loss of energy over w^2 at the lower and
+    the upper stop."""
 
     speeds: Vector
     intervals: Vector
@@ -51,6 +52,13 @@ class Tally:
     the upper stop.
 
     `fits` are numbers, sums of ln(w / start) and of w in both ranges, (paths, 2, 2 ranges, 3).
+
+    `intervals` are weights. In a stationary motion the interval after an impact, of length t, ends
+    within a path of length T where the impact falls into the first T - t seconds: a share
+    1 - t / T of such intervals is seen. Each counts T / (T - t)-fold (D. G. Horvitz and
+    D. J. Thompson, J. Am. Stat. Assoc. 47 (1952) 663), so that the weights of a bin have the mean
+    of the number of impacts that such an interval follows, however short the paths and however
+    intervals depend on each other.
     """
 
     numbers: Matrix
@@ -82,15 +90,17 @@ class Tally:
         window = np.minimum((log.time / grid.window).astype(np.int64), WINDOWS - 1)
         # between impacts of one path that follow each other
         waited, same = np.diff(log.time), np.diff(log.path) == 0
+        same &= waited <= grid.intervals[-1]
         places = log.path[1:][same] * (BINS + 2) + np.searchsorted(grid.intervals, waited[same])
-        intervals = np.bincount(places, minlength=paths * (BINS + 2)).reshape(paths, -1)
+        weights = 1.0 / (1.0 - waited[same] / (WINDOWS * grid.window))
+        intervals = np.bincount(places, weights, minlength=paths * (BINS + 2)).reshape(paths, -1)
         return cls(
             numbers=total(one, side, 2),
             squares=total(speed**2, side, 2),
             energies=total(np.array(grid.losses)[side] * speed**2, side, 2),
             fits=fits,
             speeds=total(one, np.searchsorted(grid.speeds, speed), BINS + 2),
-            intervals=intervals.astype(float),
+            intervals=intervals,
             windows=total(one, window, WINDOWS),
         )
 
@@ -172,17 +182,17 @@ class Histogram:
         return np.asarray(np.sqrt(self.edges[1:] * self.edges[:-1]))
 
 
-def histogram(counts: Matrix, edges: Vector) -> Histogram:
+def histogram(counts: Matrix, edges: Vector, all_of: Vector) -> Histogram:
     """The histogram of counts (paths, BINS + 2), whose first and last columns lie outside of the
-    bins."""
-    all_of = counts.sum(axis=1)
-    shares = [ratio_and_error(counts[:, k], all_of) for k in range(1, BINS + 1)]
+    bins, of `all_of` (paths,) that there are."""
+    inside = counts[:, 1:-1]
+    shares = [ratio_and_error(column, all_of) for column in inside.T]
     width = np.diff(edges)
     return Histogram(
         edges=edges,
         density=np.array([value for value, _ in shares]) / width,
         standard_error=np.array([error for _, error in shares]) / width,
-        outside=ratio_and_error(counts[:, 0] + counts[:, -1], all_of)[0],
+        outside=max(1.0 - float(inside.sum() / all_of.sum()), 0.0),
     )
 
 
