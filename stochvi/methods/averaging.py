@@ -178,7 +178,7 @@ def unmet(model: Model) -> list[str]:
     >>> unmet(model)
     []
     """
-    found = beyond_one_oscillator(model)
+    found = beyond_one_oscillator(model, white_only=True)
     if found:
         return found
     found = [*model.not_rigid(), *not_white(model), *without_dissipation(model)]

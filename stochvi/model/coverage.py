@@ -52,7 +52,11 @@ def unknown_dampers(model: Model) -> list[str]:
 
 
 def beyond_one_oscillator(
-    model: Model, *, with_functions: bool = False, with_filters: bool = False
+    model: Model,
+    *,
+    with_functions: bool = False,
+    with_filters: bool = False,
+    white_only: bool = False,
 ) -> list[str]:
     """The conditions of a method for one oscillator that a model does not meet.
 
@@ -62,6 +66,8 @@ def beyond_one_oscillator(
         Whether the method takes springs, dampers and restitutions that are functions.
     with_filters
         Whether the method takes filtered noise.
+    white_only
+        Whether the method takes no noise but white noise (see `not_white`).
     """
     found = [] if with_functions else functions(model)
     if len(model.coordinates) > 1:
@@ -71,8 +77,11 @@ def beyond_one_oscillator(
         )
     if len(model.pairs) > 1:
         found.append(f"the scene must have one impact pair, got {len(model.pairs)}")
-    covered = ["white", *["filtered"] * with_filters, *DENSITY_KINDS]
     kinds = {"sine" if signal.amplitude else "filtered" for signal in model.signals}
+    if white_only:
+        words = {"filtered": "filtered noise", "sine": "a sine"}
+        return found + [f"{WHITE}, got {words[kind]}" for kind in sorted(kinds)]
+    covered = ["white", *["filtered"] * with_filters, *DENSITY_KINDS]
     found += [
         f"excitation must be {', '.join(covered)} or constant, got {kind}"
         for kind in sorted(kinds - set(covered))
@@ -104,10 +113,14 @@ def without_free_response(model: Model) -> list[str]:
     ]
 
 
+WHITE = "excitation must be white noise"
+"""The condition of methods for white noise alone."""
+
+
 def not_white(model: Model) -> list[str]:
     """The conditions of a method for white noise that a model does not meet."""
     if model.tables:
-        return ["excitation must be white noise, got a tabulated density"]
+        return [f"{WHITE}, got a tabulated density"]
     return without_noise(model)
 
 

@@ -235,17 +235,9 @@ def absorbers_of(given: Any) -> list[Absorber]:
         If `given` is neither, the list is empty, or one of several absorbers names coordinates.
     """
     if not isinstance(given, list | tuple):
-        found = _at("absorber", Absorber, given) if isinstance(given, Mapping) else given
-        if not isinstance(found, Absorber):
-            raise SceneError([("absorber", f"must be a table of keys, got {found!r}")])
-        return [found]
-    entries = [
-        _at(f"absorber.{number}", Absorber, each) if isinstance(each, Mapping) else each
-        for number, each in enumerate(given)
-    ]
+        return [_at("absorber", given)]
+    entries = [_at(f"absorber.{number}", each) for number, each in enumerate(given)]
     for number, each in enumerate(entries):
-        if not isinstance(each, Absorber):
-            raise SceneError([(f"absorber.{number}", f"must be a table of keys, got {each!r}")])
         if each.mass_on:
             raise SceneError(
                 [(f"absorber.{number}", "in a list needs mass, play and law; for matrices, name "
@@ -253,16 +245,23 @@ def absorbers_of(given: Any) -> list[Absorber]:
             )  # fmt: skip
     if not entries:
         raise SceneError([("absorber", "needs at least one entry, got none")])
-    return [each for each in entries if isinstance(each, Absorber)]
+    return entries
 
 
-def _at(key: str, kind: type[Checked], entries: Mapping[str, Any]) -> Checked:
-    """A part of a scene from its keys; an error names the keys as parts of `key`."""
+def _at(key: str, given: Any) -> Absorber:
+    """An absorber, or that of its keys; an error names the keys as parts of `key`."""
     try:
-        return kind(**entries)
+        if isinstance(given, Mapping):
+            return Absorber(**given)
+        Absorber.refuse_subclass(given)
     except SceneError as error:
         problems = [(f"{key}.{inner}".rstrip("."), text) for inner, text in error.problems]
         raise SceneError(problems) from None
+    except ValueError as error:
+        raise SceneError([(key, str(error))]) from None
+    if not isinstance(given, Absorber):
+        raise SceneError([(key, f"must be a table of keys, got {given!r}")])
+    return given
 
 
 def _on_carrier(pair: Any) -> Any:

@@ -228,6 +228,12 @@ class Scene(Checked):
     absorber: Absorber | tuple[Absorber, ...] | None = None
     vehicle: QuarterCar | None = None
 
+    def __init_subclass__(cls, **_: Any) -> None:
+        raise TypeError(
+            "Scene cannot have subclasses, as methods make further scenes from its keys, which "
+            f"would not be of the class {cls.__name__}; write a function that returns a Scene"
+        )
+
     @field_validator("absorber", mode="before")
     @classmethod
     def _absorbers(cls, value: Any) -> Any:

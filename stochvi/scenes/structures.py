@@ -4,7 +4,7 @@ with a damping force c(x') and a restoring force g(x)."""
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -61,6 +61,8 @@ class Oscillator(Checked):
     >>> round(mount.omega, 4), round(mount.damping_rate / (2 * mount.omega), 4)
     (75.3982, 0.1)
     """
+
+    own: ClassVar[str] = "a spring or a damper of your own is a NonlinearOscillator"
 
     kind: Literal["oscillator"] = "oscillator"
     mass: Positive | None = None

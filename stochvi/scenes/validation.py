@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Callable, Sequence
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +15,10 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    ModelWrapValidatorHandler,
     PlainSerializer,
     ValidationError,
+    model_validator,
 )
 
 from stochvi.mathematics.units import Unit, unit
@@ -128,6 +130,28 @@ class Checked(BaseModel):
         frozen=True, extra="forbid", populate_by_name=True, hide_input_in_errors=True
     )
 
+    own: ClassVar[str] = "give its keys"
+    """What takes behaviour of a user's own in place of a subclass, in words."""
+
+    @model_validator(mode="wrap")  # the other modes do not see the class that a key asks for
+    @classmethod
+    def _of_this_class(cls, value: Any, validated: ModelWrapValidatorHandler[Self]) -> Self:
+        cls.refuse_subclass(value)
+        return validated(value)
+
+    @classmethod
+    def refuse_subclass(cls, value: Any) -> None:
+        """Raise a ValueError for a part of a user's subclass of this class.
+
+        Each method reads what it needs of a part, its numbers or its functions, so that what a
+        subclass overrides would act in some methods and not in others.
+        """
+        if isinstance(value, cls) and type(value) is not cls:
+            raise ValueError(
+                f"must be of the class {cls.__name__} itself, as methods would follow a subclass "
+                f"only in part, got {type(value).__name__}; {cls.own}"
+            )
+
     def __init__(self, *args: Any, **data: Any) -> None:
         if args:
             known = ", ".join(f"{name}=..." for name in type(self).model_fields if name != "kind")
@@ -188,7 +212,9 @@ def _problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str,
 PYTHON_ONLY = ("nonlinear", "speed-restitution")
 """Kinds of parts that hold functions, which a scene file cannot express."""
 
-KINDS_AFTER = {"structure": 1, "excitation": 2, "law": 1, "lower_law": 1, "upper_law": 1}
+KINDS_AFTER = {
+    "structure": 1, "excitation": 2, "excitations": 2, "law": 1, "lower_law": 1, "upper_law": 1
+}  # fmt: skip
 """Keys that hold parts of several kinds -> place of the kind in the path of an error."""
 
 
@@ -205,8 +231,38 @@ def _key(path: Sequence[Any]) -> str:
 def _unknown_key(key: str, model: type[BaseModel]) -> str:
     known = [field.alias or name for name, field in model.model_fields.items()]
     in_small = {name.lower(): name for name in known}
-    (near,) = difflib.get_close_matches(key.lower(), in_small, n=1, cutoff=0.0)
-    return f"is not a known key; did you mean {in_small[near]!r}? (known here: {', '.join(known)})"
+    (nearest,) = difflib.get_close_matches(key.lower(), in_small, n=1, cutoff=0.0)
+    near = next((name for name in SYMBOLS.get(key, ()) if name in known), in_small[nearest])
+    remark = ANGULAR if key in ("omega", "w") and near == "frequency_hz" else ""
+    return f"is not a known key; did you mean {near!r}{remark}? (known here: {', '.join(known)})"
+
+
+SYMBOLS: dict[str, tuple[str, ...]] = {
+    "S0": ("intensity",),
+    "psd": ("density", "profile"),
+    "omega": ("frequency_hz",),
+    "w": ("frequency_hz",),
+    "f": ("frequency_hz",),
+    "m": ("mass",),
+    "M": ("mass",),
+    "c": ("damping",),
+    "C": ("damping",),
+    "b": ("damping",),
+    "k": ("stiffness", "coefficient"),
+    "K": ("stiffness", "coefficient"),
+    "z": ("zeta", "damping_ratio"),
+    "zeta": ("damping_ratio",),
+    "R": ("coefficient", "restitution"),
+    "e": ("coefficient", "restitution"),
+    "restitution": ("coefficient",),
+    "gap": ("clearance", "play"),
+    "force": ("magnitude", "amplitude"),
+}
+"""Symbols and words of the field that are no keys, each with the keys that hold it, the likeliest
+first; no spelling leads from one to the other."""
+
+ANGULAR = " (omega / 2 pi)"
+"""What a frequency in hertz is of a circular frequency."""
 
 
 def _sentence(detail: Any) -> str:

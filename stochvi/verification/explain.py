@@ -68,8 +68,15 @@ class Explanation(Result):
     simulation: Prospect | None
 
     def summary(self) -> str:
-        """The effects that a simulation of the scene contains."""
+        """The effects that a simulation of the scene contains, or why there is none."""
+        if not self.simulated:
+            return f"not simulated: {self.methods['simulate']}"
         return f"simulated: {', '.join(self.effects)}"
+
+    @property
+    def simulated(self) -> bool:
+        """Whether `simulate` covers the scene."""
+        return self.methods["simulate"] == APPLIES
 
     def to_frame(self) -> pd.DataFrame:
         """One row per method: whether it applies, or the conditions that the scene does not

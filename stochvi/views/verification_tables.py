@@ -159,8 +159,12 @@ def _error_in_words(row: Comparison) -> str:
 
 def print_explanation(console: Console, explanation: Explanation) -> None:
     """Print which effects would be simulated, by which method, and the expected cost."""
-    console.print("simulated:     " + "; ".join(explanation.effects), highlight=False)
-    console.print("not simulated: " + ("; ".join(explanation.absent) or "-"), highlight=False)
+    words = ("simulated:", "not simulated:")
+    if not explanation.simulated:
+        words = ("in the scene:", "not in the scene:")
+    width = max(map(len, words)) + 1
+    for word, effects in zip(words, (explanation.effects, explanation.absent), strict=True):
+        console.print(f"{word:{width}}{'; '.join(effects) or '-'}", highlight=False)
     _print_modes(console, explanation)
     for method, verdict in explanation.methods.items():
         console.print(f"{method}: {verdict}", highlight=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import math
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -430,3 +431,33 @@ def test_a_clearance_is_two_stops_at_equal_distances() -> None:
     assert [side for side, _ in pair.stops()] == ["lower", "upper"]
     keys = pair.model_dump(mode="json", exclude_none=True)
     assert "clearance" not in keys and ImpactPair(**keys) == pair
+
+
+def spring(deflection: float) -> float:
+    return deflection
+
+
+@pytest.mark.parametrize(
+    ("make", "sentence"),
+    [
+        (lambda: WhiteNoise(S0=0.2), r"^S0 is not a known key; did you mean 'intensity'\?"),
+        (lambda: Oscillator(omega=1.0), r"did you mean 'frequency_hz' \(omega / 2 pi\)\?"),
+        (lambda: Oscillator(m=1.0, c=0.1, k=1.0), "(?s)mean 'mass'.*'damping'.*'stiffness'\\?"),
+        (lambda: Restitution(R=0.5), "did you mean 'coefficient'"),
+        (lambda: ImpactPair(gap=0.5), "did you mean 'clearance'"),
+        (
+            lambda: ImpactPair(upper=1.0, law=spring),
+            "^law must be an impact law, got the function spring; a force of your own is a Force",
+        ),
+        (
+            lambda: Scene(
+                structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+                excitations=[{"kind": "white", "S0": 1.0}],
+            ),
+            r"^excitations\.0\.S0 is not a known key; did you mean 'intensity'",
+        ),
+    ],
+)
+def test_symbols_of_the_field_lead_to_their_keys(make: Callable[[], object], sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        make()

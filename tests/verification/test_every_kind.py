@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, get_args, get_origin
@@ -18,13 +19,33 @@ from stochvi.methods.fokker_planck.scaled_motion import scaled_motion
 from stochvi.methods.linearisation.method import unmet as unmet_by_linearisation
 from stochvi.methods.monte_carlo.choose_plan import unmet as unmet_by_simulation
 from stochvi.model.model import Model, model_of
+from stochvi.results.errors import SceneError
 from stochvi.scenes import shipped_scene
-from stochvi.scenes.excitations import EXCITATIONS, DensityNoise, Excitation
-from stochvi.scenes.impact_laws import CompliantLaw, Hertz, Law
+from stochvi.scenes.absorbers import Absorber
+from stochvi.scenes.cross_densities import CrossDensity
+from stochvi.scenes.excitations import (
+    EXCITATIONS,
+    DensityNoise,
+    Excitation,
+    RecordedNoise,
+    RoadNoise,
+    TabulatedNoise,
+    WhiteNoise,
+)
+from stochvi.scenes.impact_laws import CompliantLaw, Hertz, Law, Restitution
 from stochvi.scenes.impact_laws.base import Form
 from stochvi.scenes.key_units import key_unit
+from stochvi.scenes.rigid_body import Mount, RigidBody
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene
-from stochvi.scenes.structures import Isolator
+from stochvi.scenes.structures import (
+    Isolator,
+    Matrices,
+    NonlinearOscillator,
+    Oscillator,
+    Structure,
+)
+from stochvi.scenes.validation import Checked
+from stochvi.scenes.vehicles import QuarterCar
 from stochvi.verification.explain import explain
 
 KEYS_OF_LAWS: dict[str, dict[str, Any]] = {
@@ -92,6 +113,103 @@ def scene_of(excitation: Excitation, law: Law) -> Scene:
         impact_pairs=[ImpactPair(upper=0.004, law=law)],
         excitations=[excitation],
     )
+
+
+UNIT = {"mass": 1.0, "damping": 0.1, "stiffness": 1.0}
+RIGID: dict[str, Any] = {"mass": 1.0, "inertia": [1.0, 1.0, 1.0]}
+MOUNTS: list[dict[str, Any]] = [
+    {"at": [x, y, 0.0], "stiffness": [1.0] * 3, "damping": [0.1] * 3}
+    for x, y in ((0.1, 0.1), (0.1, -0.1), (-0.1, 0.0))
+]
+BAND: dict[str, Any] = {"frequency_hz": [1.0, 9.0], "unit": "(m/s2)2/Hz"}
+ROAD = RoadNoise(road="A", speed=10.0)
+
+
+def of_unit_mass(**keys: Any) -> Scene:
+    return Scene(
+        **{"structure": Oscillator(**UNIT), "excitation": [WhiteNoise(intensity=1.0)]} | keys
+    )
+
+
+def on_axis(body: Any) -> Scene:
+    return of_unit_mass(structure=body, excitation=[WhiteNoise(intensity=1.0, axis="x")])
+
+
+OTHER_PARTS: dict[type[Checked], tuple[dict[str, Any], Callable[[Any], Any]]] = {
+    Oscillator: (UNIT, lambda part: of_unit_mass(structure=part)),
+    Isolator: (UNIT, lambda part: of_unit_mass(structure=part)),
+    NonlinearOscillator: (
+        {"mass": 1.0, "damping": 0.1, "restoring_force": lambda x: x},
+        lambda part: of_unit_mass(structure=part),
+    ),
+    Matrices: (
+        {"coordinates": ["x"], "mass": [[1.0]], "damping": [[0.1]], "stiffness": [[1.0]]},
+        lambda part: of_unit_mass(structure=part),
+    ),
+    RigidBody: (RIGID | {"mounts": MOUNTS}, on_axis),
+    Mount: (MOUNTS[0], lambda part: RigidBody(**RIGID, mounts=[part, *MOUNTS[1:]])),
+    ImpactPair: (
+        {"upper": 1.0, "law": Restitution(coefficient=0.8)},
+        lambda part: of_unit_mass(impact_pair=[part]),
+    ),
+    Absorber: (
+        {"mass": 0.1, "play": 1.0, "law": Restitution(coefficient=0.8)},
+        lambda part: of_unit_mass(absorber=part),
+    ),
+    QuarterCar: (
+        {"preset": "golden-car"},
+        lambda part: of_unit_mass(structure=Isolator(**UNIT), excitation=[ROAD], vehicle=part),
+    ),
+    CrossDensity: (
+        {"between": ["x", "z"], "real": [0.1, 0.1], "imaginary": [0.0, 0.0]} | BAND,
+        lambda part: of_unit_mass(
+            structure=RigidBody(**RIGID, mounts=MOUNTS),
+            excitation=[TabulatedNoise(**BAND, density=[0.3, 0.2], axis=axis) for axis in "xz"],
+            cross_density=[part],
+        ),
+    ),
+}
+"""Parts of a scene but laws and excitations: keys of an example, and what takes one."""
+
+
+def test_every_structure_is_among_the_parts() -> None:
+    assert set(members(Structure)) <= OTHER_PARTS.keys()
+
+
+def refused_subclass(part: type[Checked], keys: dict[str, Any], take: Callable[[Any], Any]) -> None:
+    """Methods read numbers of a part or its functions: an overridden one would count in some."""
+    take(part(**keys))
+    mine = type("Mine", (part,), {"__module__": __name__})
+    with pytest.raises(SceneError) as refused:
+        take(mine(**keys))
+    ((_, sentence),) = refused.value.problems
+    assert sentence.startswith(f"must be of the class {part.__name__} itself"), sentence
+    assert "got Mine; " in sentence
+
+
+def test_a_subclass_of_a_law_is_refused(law: Law) -> None:
+    keys = KEYS_OF_LAWS[law.kind]
+    refused_subclass(type(law), keys, lambda part: ImpactPair(upper=1.0, law=part))
+
+
+def test_a_subclass_of_an_excitation_is_refused(excitation: Excitation) -> None:
+    keys = {name: getattr(excitation, name) for name in KEYS_OF_EXCITATIONS[excitation.kind]}
+    if isinstance(excitation, RecordedNoise):
+        keys["file"] = excitation.file
+    mount = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
+    refused_subclass(
+        type(excitation), keys, lambda part: Scene(structure=mount, excitations=[part])
+    )
+
+
+@pytest.mark.parametrize("part", OTHER_PARTS, ids=lambda part: part.__name__)
+def test_a_subclass_of_another_part_is_refused(part: type[Checked]) -> None:
+    refused_subclass(part, *OTHER_PARTS[part])
+
+
+def test_a_scene_has_no_subclasses() -> None:
+    with pytest.raises(TypeError, match="write a function that returns a Scene"):
+        type("Mine", (Scene,), {})
 
 
 def test_a_law_in_other_units_is_the_same_law(law: Law) -> None:

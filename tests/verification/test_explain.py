@@ -1,23 +1,36 @@
 """`explain`: effects present and absent, methods, and a price that comes true."""
 
 import importlib
+import io
 import json
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from stochvi import (
+    FilteredNoise,
     Isolator,
     Matrices,
+    NonlinearOscillator,
+    NotApplicable,
     Oscillator,
     Scene,
+    Sine,
     TabulatedNoise,
     WhiteNoise,
+    average,
     explain,
+    first_passage,
+    fokker_planck,
     simulate,
+    transient,
 )
 from stochvi.verification import zoo
+from stochvi.views.verification_tables import print_explanation
 from support.known import oscillator
 
 simulation = importlib.import_module("stochvi.methods.monte_carlo.simulate")
@@ -175,3 +188,32 @@ def test_two_paths_that_take_all_the_time_of_a_pilot_are_not_begun(
     assert found is not None and bool(begun) is pilot
     steps = simulation.FEWEST_AT_ONCE * found.steps_per_path
     assert found.nanoseconds_per_step == pytest.approx(1e9 * price / steps)
+
+
+def test_a_scene_that_simulate_refuses_is_not_called_simulated() -> None:
+    """A spring that is a function: the equation covers it, a simulation does not."""
+    spring = NonlinearOscillator(mass=1.0, damping=0.1, restoring_force=lambda x: x + x**3)
+    told = explain(Scene(structure=spring, excitations=[WhiteNoise(intensity=0.2)]))
+    assert told.methods["fokker-planck"] == "applies"
+    assert told.summary().startswith("not simulated: structure.kind must not be 'nonlinear'")
+    printed = io.StringIO()
+    print_explanation(Console(file=printed, width=200), told)
+    assert printed.getvalue().startswith("in the scene:     white noise on x\nnot in the scene: ")
+    told = explain(oscillator(-1.0, 1.0, 0.8), threads=1)
+    assert told.summary().startswith("simulated: white noise on x")
+
+
+@pytest.mark.parametrize("method", [fokker_planck, average, first_passage, transient])
+def test_methods_for_white_noise_say_so_of_every_other_noise(method: Callable[..., Any]) -> None:
+    """A sentence that lists a kind as covered must not be followed by one that refuses it."""
+    unit = {"structure": Oscillator(mass=1.0, damping=0.1, stiffness=1.0)}
+    times = {"times": [1.0]} if method in (first_passage, transient) else {}
+    for noise, word in {
+        FilteredNoise(intensity=0.2, frequency_hz=1.0, zeta=0.1): "filtered noise",
+        TabulatedNoise(frequency_hz=[1.0, 9.0], density=[1.0, 1.0], unit="N2/Hz"): "a tabulated",
+        Sine(amplitude=1.0, frequency_hz=1.0): "a sine",
+    }.items():
+        with pytest.raises(NotApplicable) as refused:
+            method(Scene(**unit, excitations=[noise]), **times)
+        got = f"excitation must be white noise, got {word}"
+        assert any(each.startswith(got) for each in refused.value.conditions), refused.value

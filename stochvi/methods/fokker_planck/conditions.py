@@ -37,7 +37,7 @@ def unmet(model: Model) -> list[str]:
     >>> unmet(model)
     ['excitation must be white noise, got a tabulated density']
     """
-    found = beyond_one_oscillator(model, with_functions=True)
+    found = beyond_one_oscillator(model, with_functions=True, white_only=True)
     if found:
         return found
     found = [*not_white(model), *without_dissipation(model)]
@@ -76,7 +76,7 @@ def unmet_by_transient(model: Model) -> list[str]:
     >>> unmet_by_transient(model)
     []
     """
-    return beyond_one_oscillator(model) or [*unmet(model), *model.not_rigid()]
+    return beyond_one_oscillator(model, white_only=True) or [*unmet(model), *model.not_rigid()]
 
 
 def unmet_by_first_passage(model: Model, lower: float | None, upper: float | None) -> list[str]:
@@ -112,7 +112,7 @@ def unmet_by_first_passage(model: Model, lower: float | None, upper: float | Non
     []
     """
     # no stop acts before the first passage: their laws, also functions, do not matter
-    found = nonlinear(model) or beyond_one_oscillator(model, with_functions=True)
+    found = nonlinear(model) or beyond_one_oscillator(model, with_functions=True, white_only=True)
     if found:
         return found
     found = not_white(model)

@@ -90,6 +90,8 @@ class Disturbance(Checked):
         Axis along which it moves the base of a rigid body, "x", "y" or "z".
     """
 
+    own: ClassVar[str] = "a density of your own is a TabulatedNoise"
+
     between: tuple[str, str] | None = None
     axis: Literal["x", "y", "z"] | None = None
 

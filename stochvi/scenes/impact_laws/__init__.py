@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Annotated, Any
 
-from pydantic import Discriminator, Tag
+from pydantic import BeforeValidator, Discriminator, Tag
 
-from stochvi.scenes.impact_laws.base import CompliantLaw
+from stochvi.scenes.impact_laws.base import CompliantLaw, ImpactLaw
 from stochvi.scenes.impact_laws.force_table import ForceTable
 from stochvi.scenes.impact_laws.hertz import Hertz
 from stochvi.scenes.impact_laws.rigid import Restitution, SpeedRestitution
@@ -32,6 +32,13 @@ def _kind(value: Any) -> str:
     return str(getattr(value, "kind", "restitution") if kind is None else kind)
 
 
+def _no_function(value: Any) -> Any:
+    if callable(value):
+        name = getattr(value, "__name__", type(value).__name__)
+        raise ValueError(f"must be an impact law, got the function {name}; {ImpactLaw.own}")
+    return value
+
+
 def not_rigid(stops: Iterable[tuple[str, Law]]) -> list[str]:
     """The unmet conditions of a method that needs rigid stops; `stops` are pairs (side, law)."""
     return [
@@ -49,5 +56,6 @@ Law = Annotated[
     | Annotated[Hertz, Tag("hertz")]
     | Annotated[ForceTable, Tag("table")],
     Discriminator(_kind),
+    BeforeValidator(_no_function),
 ]
 """Every law that a stop may follow."""

@@ -34,6 +34,10 @@ class Form(NamedTuple):
 class ImpactLaw(Checked):
     """Base class of every impact law: what happens when the mass meets a stop."""
 
+    own: ClassVar[str] = (
+        "a force of your own is a ForceTable, a restitution of your own a SpeedRestitution"
+    )
+
     word: ClassVar[str]
     """Word for a stop with this law in the effects of a scene."""
 
