@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics import rounding
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.stop_flag import GivenUp, given_up_after
@@ -233,7 +234,7 @@ def jolts(
     free = plan_modal(replace(model, pairs=()), 0.0, None)
     period = 1.0 / sine.frequency_hz
     window = WINDOW_PERIODS * period
-    windows = 10 * SETTLING_WINDOWS if duration is None else math.ceil(duration / window)
+    windows = 10 * SETTLING_WINDOWS if duration is None else rounding.ceil(duration / window)
     windows = max(windows, SETTLING_WINDOWS + 1)
     steps = math.ceil(window / plan.step)
     plan = plan.with_step(window / steps)

@@ -289,4 +289,5 @@ def welch(
         total += np.abs(np.fft.rfft(window * (segment - segment.mean()))) ** 2
     density = total / (len(starts) * rate * np.sum(window**2))
     density[1 : (length + 1) // 2] *= 2.0  # not at 0 Hz, nor at half the rate for an even length
-    return np.asarray(np.fft.rfftfreq(length, 1.0 / rate), float), density
+    # whole frequencies stay whole, unlike those from 1 / rate
+    return np.arange(length // 2 + 1) * rate / length, density

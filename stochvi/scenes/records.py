@@ -61,6 +61,10 @@ RATES_EQUAL = 1e-6
 """Relative difference of a fitted sampling rate from the true one that counts as a rounding error:
 it must not lengthen a segment by a sample."""
 
+ROUNDING_ERRORS = 3.0
+"""Largest distance of a sampling rate from the fitted one, in standard errors that rounded times
+leave it, at which it counts as supported by the times."""
+
 GAPS_LISTED = 3
 """Largest number of gaps that a sentence lists."""
 
@@ -434,7 +438,12 @@ def _sampling(times: Vector, path: Path, columns: Columns) -> tuple[float, Vecto
         raise SceneError(
             f"{path} must be sampled evenly, but it has no two samples without a gap; give fs"
         )
-    slope = float(centred @ offset / (centred @ centred))
+    # sums with one rounding: those of a dot product depend on the processor
+    squares = math.fsum(centred**2)
+    slope = math.fsum(centred * offset) / squares
+    doubt = ROUNDING_ERRORS * digit / math.sqrt(12.0 * squares)
+    doubt += 4.0 * float(np.spacing(np.abs(times).max())) / float(np.ptp(centred))
+    slope = _shortest(slope, doubt / slope)
     off = offset - slope * centred
     starts = np.flatnonzero(np.diff(segment, prepend=-1))
     spread = 0.5 * (np.maximum.reduceat(off, starts) - np.minimum.reduceat(off, starts))
@@ -449,6 +458,19 @@ def _sampling(times: Vector, path: Path, columns: Columns) -> tuple[float, Vecto
     breaks = np.where(apart, steps - slope, 0.0)
     rounded = f"its times have a last digit of {digit:g} s; the rate is fitted to all of them"
     return 1.0 / slope, breaks, (rounded,) if digit > UNEVEN * slope else ()
+
+
+def _shortest(interval: float, doubt: float) -> float:
+    """The interval within the relative doubt that has the fewest digits, or whose rate has.
+
+    >>> 1.0 / _shortest(0.005000000000000001, 1e-12), 1.0 / _shortest(0.01953125, 1e-6)
+    (200.0, 51.2)
+    """
+    for digits in range(1, 18):
+        for found in (1.0 / float(f"{1.0 / interval:.{digits}g}"), float(f"{interval:.{digits}g}")):
+            if abs(found / interval - 1.0) <= doubt:
+                return found
+    return interval
 
 
 def _last_digit(times: Vector, interval: float) -> float:

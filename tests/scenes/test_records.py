@@ -13,7 +13,7 @@ from stochvi import RecordedNoise, SceneError, TabulatedNoise, screen
 from stochvi.mathematics.spectra import response_moments
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.readers import TIME_RESPONSE
-from stochvi.scenes.records import Record, response_error, wanted_resolution
+from stochvi.scenes.records import Record, read_record, response_error, wanted_resolution
 from stochvi.scenes.scene import load_scene
 from stochvi.testing import assert_agrees
 from support.uff import write_uff
@@ -202,6 +202,27 @@ def test_a_record_is_not_read_again_for_another_level(tmp_path: Path) -> None:
     np.testing.assert_array_equal(loud.table.density, read_again.table.density)
     np.testing.assert_array_equal(loud.record.values, read_again.record.values)
     assert quiet.record.rms < loud.record.rms
+
+
+@pytest.mark.parametrize("interval", [0.1, 0.3, 0.007, 1.0 / 3.0])
+@pytest.mark.parametrize("rate", [100.0, 200.0, 400.0, 819.2, 1000.0, 44100.0, 51200.0])
+def test_times_that_hold_a_rate_give_exactly_it(tmp_path, rate, interval) -> None:
+    # a fit by dot products is off in its last digits, in others on another processor
+    start, count = interval * rate, min(round(4.0 * rate), 10_000)
+    times = start + np.arange(count) / rate
+    values = np.random.default_rng(2).normal(size=count)
+    path = tmp_path / "run.csv"
+    np.savetxt(path, np.column_stack([times, values]), delimiter=",")
+    record, _ = read_record(path)
+    assert record.fs == rate
+
+
+def test_a_rate_without_a_short_number_stays_as_fitted(tmp_path: Path) -> None:
+    rate = 1234.56789
+    times = np.arange(4000) / rate
+    np.savetxt(tmp_path / "run.csv", np.column_stack([times, np.sin(times)]), delimiter=",")
+    record, _ = read_record(tmp_path / "run.csv")
+    assert record.fs == pytest.approx(rate, rel=1e-12)
 
 
 def test_a_band_cuts_the_density(tmp_path: Path) -> None:

@@ -19,6 +19,7 @@ from stochvi.isolators.environment import (
     transmissibility,
 )
 from stochvi.isolators.sizing.hits_at_clearance import at_clearance
+from stochvi.mathematics.rounding import ROUNDING
 from stochvi.mathematics.spectra import welch
 from stochvi.methods.monte_carlo import record_path
 from stochvi.model.model import model_of
@@ -246,7 +247,7 @@ def _largest_change(model: Model, apparent: pd.DataFrame | None) -> float | None
     frequency = apparent["frequency_hz"].to_numpy()
     power = apparent["transmissibility"].to_numpy() ** 2
     known = transmissibility(model, frequency) ** 2
-    band = np.floor(3.0 * np.log2(frequency)).astype(int)
+    band = np.floor(3.0 * np.log2(frequency) + ROUNDING).astype(int)
     changes = [
         math.sqrt(float(power[band == each].sum() / known[band == each].sum())) - 1.0
         for each in np.unique(band)

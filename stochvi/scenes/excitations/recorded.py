@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, PrivateAttr, model_validator
 
+from stochvi.mathematics.rounding import within
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import STANDARD_GRAVITY, Unit, power_ratio
 from stochvi.scenes.excitations.base import (
@@ -64,7 +65,8 @@ class RecordedNoise(DensityNoise):
     dataset
         Number of the dataset of a UFF file, from 1, if several fit.
     band_hz
-        Lowest and highest frequency of the density that is kept, Hz.
+        Lowest and highest frequency of the density that is kept, Hz; a line within 1e-9 of its
+        frequency from an end counts as on it.
     resolution_hz
         Width of a bin of the density, Hz.
 
@@ -116,8 +118,8 @@ class RecordedNoise(DensityNoise):
                 f"its unit, {self._unit.name}, is the one that {columns.stated_in} states",
             )
         self._as_read = record
-        if self.resolution_hz is not None and not (
-            1.0 / record.duration <= self.resolution_hz <= record.fs / FEWEST_BINS
+        if self.resolution_hz is not None and not within(
+            self.resolution_hz, 1.0 / record.duration, record.fs / FEWEST_BINS
         ):
             raise ValueError(
                 f"has resolution_hz = {self.resolution_hz:g}, expected "
@@ -142,7 +144,7 @@ class RecordedNoise(DensityNoise):
         if self.band_hz is None:
             return table
         low, high = self.band_hz
-        kept = (table.frequency_hz >= low) & (table.frequency_hz <= high)
+        kept = within(table.frequency_hz, low, high)
         if kept.sum() < 2:
             raise ValueError(
                 f"has band_hz = [{low:g}, {high:g}], but the record reaches from "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import prev_fast_len, rfft
 
+from stochvi.mathematics import rounding
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan
 from stochvi.results.intervals import PathMoments
 
@@ -73,7 +73,7 @@ def layout_of(plan: HistoryPlan, method: str, length: float, top: float) -> Layo
         tapers = dpss(size, TIME_HALF_BANDWIDTH, TAPERS, sym=False)
     tapers = tapers / np.sqrt(np.sum(tapers**2, axis=1, keepdims=True))
     beside = 2 * half
-    last = min(math.ceil(top * size * plan.step), size // 2 - beside)
+    last = min(rounding.ceil(top * size * plan.step), size // 2 - beside)
     # |W|^2 at whole bins, which add up to one
     near = np.arange(-half, half + 1)
     turns = np.exp(-2j * np.pi / size * np.outer(near, np.arange(size)))
