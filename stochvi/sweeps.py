@@ -29,7 +29,15 @@ from stochvi.results.errors import (
     NotConverged,
     StochviError,
 )
-from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.estimates import (
+    BIAS,
+    BIAS_ERROR,
+    ERROR,
+    LIMIT,
+    Cost,
+    Estimate,
+    provenance,
+)
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.progress import Progress, shown_in_notebooks
 from stochvi.results.response import Response
@@ -48,21 +56,19 @@ if TYPE_CHECKING:
     from stochvi.statistics.reliability import Reliability
 
 METHODS = (
-    "simulate", "exact", "closure", "fokker-planck", "average", "size", "reliability", "replay"
+    "simulate", "exact", "closure", "linearise", "fokker-planck", "average", "size", "reliability",
+    "replay",
 )  # fmt: skip
-"""Methods that can answer for a row; "closure" is a form of linearisation."""
+"""Methods that can answer for a row; "closure" is "linearise" with its form "closure"."""
 
 MOST_ROWS = 10_000
 """Largest number of rows of a sweep, whose table takes some 10 kB for each row while it grows."""
-
-ERROR, BIAS, LIMIT = "standard_error", "bias", "upper_95"
-"""Endings of the names of columns that hold the errors of a quantity."""
 
 
 @shown_in_notebooks
 def sweep(
     scene: Scene | str | Path,
-    vary: Mapping[str, Sequence[float]],
+    vary: Mapping[str, Sequence[float]] | pd.DataFrame,
     *,
     method: str = "simulate",
     out: str | Path | None = None,
@@ -75,20 +81,25 @@ def sweep(
     """Answer for each combination of values of some keys of a scene: one row for each scene.
 
     The columns are the keys; then for each quantity ("stops.collision_rate", in SI units) its
-    value, "stops.collision_rate.standard_error" and "stops.collision_rate.bias", and where a row
-    saw no such event "stops.collision_rate.upper_95", the upper 95 % limit; the method, the
-    seed, the number of paths, and the seconds that the row took. A column "note" says why a row
-    holds no answer, or not the accuracy that was asked for.
+    value, "stops.collision_rate.standard_error", "stops.collision_rate.bias" and
+    "stops.collision_rate.bias_error", as an `Estimate` has them, and where a row saw no such event
+    "stops.collision_rate.upper_95", the upper 95 % limit; for each impact pair
+    "stops.speed_threshold", the slowest impact that its rates count, m/s, which may differ between
+    rows; the method, the seed, the number of paths, and the seconds that the row took. A column
+    "note" says why a row holds no answer, or not the accuracy that was asked for.
 
     Parameters
     ----------
     scene
         The scene.
     vary
-        The values of each key of the scene file. In a key a number counts the entries of a list.
+        The values of each key of the scene file, of which all combinations are taken; or a table of
+        samples, a column for each key and a row for each scene. In a key a number counts the
+        entries of a list.
     method
-        One of `METHODS`. "size" gives the clearance, 3 sigma and the expected hits, "reliability"
-        chances of events and expected hits of a mission, "replay" what the record itself does.
+        One of `METHODS`. "linearise" takes a `form` and a `variant`; "size" gives the clearance, 3
+        sigma and the expected hits, "reliability" chances of events and expected hits of a mission,
+        "replay" what the record itself does.
     out
         Folder in which rows are kept. A row that is kept there already, of the same scene,
         arguments and versions, is not computed again, and a row that was being simulated goes on
@@ -105,7 +116,8 @@ def sweep(
         Called now and then with what is done and what was reached.
     **arguments
         Passed to the method: rel_error, paths, duration, threads, budget for "simulate"; the
-        target and mission for "size"; mission and limits for "reliability".
+        target and mission for "size"; mission and limits for "reliability"; for "fokker-planck" a
+        `speed_threshold`, which then is that of all rows.
 
     Returns
     -------
@@ -147,6 +159,11 @@ def sweep(
 
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    if method == "closure" and "form" in arguments:
+        raise ValueError(
+            f"form must be left out of method 'closure', got {arguments['form']!r}; for other "
+            "forms take method='linearise'"
+        )
     loaded = scene if isinstance(scene, Scene) else load_scene(scene)
     document = loaded.document(as_written=True)
     _check_seed(seed)
@@ -154,9 +171,7 @@ def sweep(
         raise ValueError(f"{own[0]} is not for a sweep, which keeps its rows in the folder out")
     if out is not None and str(out) == "":
         raise ValueError("out must name a folder, got ''")
-    ranges = _ranges(vary)
-    _check_size({key: len(values) for key, values in ranges.items()})
-    grid = [tuple(zip(ranges, point, strict=True)) for point in itertools.product(*ranges.values())]
+    grid = _grid(vary)
     for change in grid:  # a value that the scene refuses ends the sweep before its first row
         changed_scene(document, change)
     folder = None if out is None else folder_in(Path(out), "rows")
@@ -179,6 +194,19 @@ def sweep(
     return pd.DataFrame(rows).astype({"seed": "Int64", "paths": "Int64", "seconds": float})
 
 
+def _grid(vary: Any) -> list[Change]:
+    """The changes of each row: all combinations of the values of a mapping, the rows of a table."""
+    together = hasattr(vary, "iloc")
+    ranges = _ranges(vary)
+    if together:
+        _check_size({"samples": len(vary)})
+        points: Iterable[tuple[float, ...]] = zip(*ranges.values(), strict=True)
+    else:
+        _check_size({key: len(values) for key, values in ranges.items()})
+        points = itertools.product(*ranges.values())
+    return [tuple(zip(ranges, point, strict=True)) for point in points]
+
+
 def _check_size(numbers: Mapping[str, int]) -> None:
     """ValueError where there are more combinations of values than a sweep may have rows."""
     rows = math.prod(numbers.values())
@@ -195,9 +223,9 @@ def _check_seed(seed: Any) -> None:
         raise ValueError(f"seed must be a whole number in [0, 2^63), got {seed!r}")
 
 
-def _ranges(vary: Mapping[str, Iterable[float]]) -> dict[str, list[float]]:
+def _ranges(vary: Any) -> dict[str, list[float]]:
     """The keys as they are usually written, each with its values as plain Python numbers."""
-    if not isinstance(vary, Mapping) or not vary:
+    if not (isinstance(vary, Mapping) or hasattr(vary, "iloc")) or not len(vary.keys()):
         raise ValueError(f"vary must map at least one key of the scene to values, got {vary!r}")
     return dict(once([(written_key(key), _values(key, values)) for key, values in vary.items()]))
 
@@ -301,10 +329,10 @@ class Job:
                 from stochvi.methods.closed_form import exact
 
                 return exact(self.scene, **self.arguments)
-            case "closure":
+            case "closure" | "linearise":
                 from stochvi.methods.linearisation import linearise
 
-                return linearise(self.scene, form="closure", **self.arguments)
+                return linearise(self.scene, **self.arguments)
             case "fokker-planck":
                 from stochvi.methods.fokker_planck import fokker_planck
 
@@ -350,8 +378,11 @@ class Job:
             found[f"{owner}.{name}"] = estimate.value
             found[f"{owner}.{name}.{ERROR}"] = estimate.standard_error
             found[f"{owner}.{name}.{BIAS}"] = estimate.bias
+            found[f"{owner}.{name}.{BIAS_ERROR}"] = estimate.bias_error
             if estimate.upper_95 is not None:
                 found[f"{owner}.{name}.{LIMIT}"] = estimate.upper_95
+        for owner, pair in response.impact_pairs.items() if isinstance(response, Response) else ():
+            found[f"{owner}.speed_threshold"] = pair.speed_threshold
         return found | {
             "method": self.method,
             "seed": self.seed if self.method in SAMPLING else None,

@@ -13,6 +13,9 @@ from typing import Any, ClassVar
 
 from stochvi.results.intervals import GAUSSIAN_95
 
+ERROR, BIAS, BIAS_ERROR, LIMIT = "standard_error", "bias", "bias_error", "upper_95"
+"""Fields of an `Estimate`, behind whose value tables name their columns so."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Estimate:

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import BIAS, BIAS_ERROR, ERROR, LIMIT, Estimate
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import QUANTITY_UNITS
 from stochvi.scenes.key_units import KEY_UNITS
@@ -28,9 +28,6 @@ SIZE = (7.2, 4.4)
 
 MOST_IN_A_LEGEND = 12
 """Largest number of lines of a picture that a legend names; more would cover the picture."""
-
-ERROR, BIAS, LIMIT = "standard_error", "bias", "upper_95"
-"""Endings of the columns of a table that hold the errors of a quantity."""
 
 SUMMARY_UNITS = {
     "displacement_max": "m",
@@ -112,9 +109,8 @@ def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     found = table[list(keys)].rename(columns={key: _with_unit_of_key(key) for key in keys})
     for quantity in quantities(table):
         if quantity.rsplit(".", 1)[1] in ON_TERMINAL:
-            columns = table.reindex(columns=[f"{quantity}{end}" for end in ENDS]).itertuples(
-                index=False, name=None
-            )
+            shown = [quantity, *(f"{quantity}.{end}" for end in (ERROR, BIAS, LIMIT))]
+            columns = table.reindex(columns=shown).itertuples(index=False, name=None)
             found[_named(table, quantity)] = [cell(*numbers) for numbers in columns]
     return found.assign(seconds=table["seconds"])
 
@@ -278,7 +274,7 @@ def write_sweep(
         try_picture(partial(draw_sheet, table, keys, title), folder / "sweep.png")
 
 
-ENDS = ("", f".{ERROR}", f".{BIAS}", f".{LIMIT}")
+ENDS = ("", *(f".{name}" for name in (ERROR, BIAS, BIAS_ERROR, LIMIT)))
 """Endings that the columns of a quantity may have behind its name."""
 
 
@@ -292,4 +288,6 @@ def with_units(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     for quantity in quantities(table):
         named = with_unit(quantity, UNITS.get(quantity.rsplit(".", 1)[1], "1"))
         names |= {f"{quantity}{end}": f"{named}{end}" for end in ENDS}
+    thresholds = [str(name) for name in table if str(name).endswith(".speed_threshold")]
+    names |= {name: with_unit(name, "m/s") for name in thresholds}
     return table.rename(columns={old: "_".join(new.split()) for old, new in names.items()})

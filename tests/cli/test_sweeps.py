@@ -18,6 +18,7 @@ import stochvi.methods.monte_carlo
 from stochvi.cli import main
 from stochvi.isolators import size
 from stochvi.methods.closed_form import exact
+from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.results.deadline import heeding_ctrl_c
@@ -64,6 +65,58 @@ def test_a_row_is_what_the_method_says_of_its_scene() -> None:
     rate = exact(scene).impact_pairs["stops"]["collision_rate"]
     assert table["stops.collision_rate"].iloc[3] == rate.value
     assert set(table["note"]) == {""}
+
+
+def test_rates_stand_beside_the_speed_above_which_they_count() -> None:
+    """It is 5 % of the rms velocity, which changes with the restitution: from row to row."""
+    values = {R: [0.4, 0.8]}
+    table = sweep(oscillator(0.8), values, method="fokker-planck")
+    for row, value in enumerate(values[R]):
+        pair = fokker_planck(oscillator(value)).impact_pairs["stops"]
+        assert table["stops.speed_threshold"].iloc[row] == pair.speed_threshold > 0.0
+    assert table["stops.speed_threshold"].nunique() == 2
+    fixed = sweep(oscillator(0.8), values, method="fokker-planck", speed_threshold=0.01)
+    assert fixed["stops.speed_threshold"].tolist() == [0.01, 0.01]
+
+
+def test_the_error_of_a_bias_is_a_column(tmp_path: Path) -> None:
+    asked = {"paths": 64, "duration": 200.0, "seed": 1}
+    table = sweep(oscillator(0.6), {R: [0.6]}, **asked)
+    rate = simulate(oscillator(0.6), **asked).impact_pairs["stops"].collision_rate
+    assert rate is not None and rate.bias_error > 0.0
+    assert table["stops.collision_rate.bias_error"].tolist() == [rate.bias_error]
+    assert table["stops.collision_rate.bias"].tolist() == [rate.bias]
+    write_sweep(table, [R], tmp_path)
+    header = (tmp_path / "sweep.csv").read_text().splitlines()[0].split(",")
+    assert "stops.collision_rate_per_s.bias_error" in header
+    assert "stops.speed_threshold_m_s" in header
+
+
+@pytest.mark.parametrize("form", ["closure", "clumps", "motion", "force"])
+def test_a_sweep_takes_the_forms_of_linearisation(form: str) -> None:
+    scene = oscillator(0.8)
+    table = sweep(scene, {R: [0.8]}, method="linearise", form=form)
+    velocity = linearise(scene, form=form).coordinates["x"].velocity_std
+    assert velocity is not None and table["x.velocity_std"].tolist() == [velocity.value]
+
+
+def test_a_table_of_samples_has_a_scene_for_each_row() -> None:
+    samples = pd.DataFrame({GAP: [0.5, 2.0, 1.0], "structure.damping": [0.1, 0.4, 0.2]})
+    table = sweep(oscillator(), samples, method="exact")
+    pd.testing.assert_frame_equal(table[list(samples)], samples)
+    pairs = sweep(oscillator(), samples.to_dict("list"), method="exact")
+    assert len(pairs) == 9
+    same = pairs.merge(samples)
+    assert sorted(same["x.velocity_std"]) == sorted(table["x.velocity_std"])
+    twice = pd.DataFrame([[1.0, 2.0]], columns=[GAP, GAP])
+    for wrong, said in (
+        (twice, "is given twice"),
+        (samples.iloc[:0], "has no values"),
+        (pd.DataFrame(index=[0, 1]), "at least one key"),
+        (samples.assign(**{GAP: [0.5, np.nan, 1.0]}), "finite number, got nan"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            sweep(oscillator(), wrong, method="exact")
 
 
 def test_a_rate_that_was_never_seen_has_an_upper_limit_in_the_table(tmp_path: Path) -> None:
@@ -571,6 +624,7 @@ def test_ranges_that_are_none_are_refused(vary: object, said: str) -> None:
         ({"seed": 1.5}, "seed must be a whole number"),
         ({"out": ""}, "out must name a folder"),
         ({"checkpoint": "run"}, "checkpoint is not for a sweep"),
+        ({"method": "closure", "form": "clumps"}, "form must be left out .* method='linearise'"),
     ],
 )
 def test_arguments_that_make_no_sense_are_refused(asked: dict, said: str) -> None:
