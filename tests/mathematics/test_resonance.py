@@ -178,6 +178,27 @@ def test_beyond_the_energy_boundary_no_kick_starts_a_regime(restitution):
         assert lasted == expected
 
 
+@pytest.mark.parametrize("frequency", [0.3, 0.6, 0.95, 1.3])
+def test_no_regime_with_an_impact_speed_above_0_is_beyond_the_boundary(frequency):
+    """All phases of the impact, of which some have a negative speed: below resonance the fold."""
+    case = mount(0.5, omega=1.0, damping_rate=0.1, amplitude=1.0, frequency=frequency)
+    flight = Flight(case, 1.0)
+    half = expm(np.array([[0.0, 1.0], [-1.0, -0.1]]) * math.pi / frequency)
+    widest = 0.0
+    for time in np.linspace(0.0, 2.0 * math.pi / frequency, 20_001):
+        place, speed = flight.forced(time)
+        # x = forced + free, and half a period after the impact the motion is its own mirror image
+        free = np.linalg.solve(np.eye(2) + half, [0.0, -1.5])
+        before = -half @ free
+        impact = speed / (1.0 - before[1])
+        if impact > 0.0:
+            widest = max(widest, place + before[0] * impact)
+    assert case.energy_boundary == pytest.approx(widest, rel=1e-3)
+    loss = (0.1 + 0.75 * frequency / math.pi) * frequency
+    expected = 1.0 / math.hypot(max(1.0 - frequency**2, 0.0), loss)
+    assert case.harmonic_boundary == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("restitution", [0.0, 0.4, 1.0])
 def test_a_regime_is_admissible_where_its_motion_stays_between_the_stops(restitution):
     """By samples of the motion; at R = 0 a mass that is pressed on does not leave the stop."""

@@ -73,9 +73,14 @@ class Harmonic:
 
     @property
     def boundary(self) -> float:
-        """Amplitude a_p / ((b + beta) w) that no regime exceeds (B 9.15), m."""
+        """Amplitude a_p / ((b + beta) w) that no regime exceeds (B 9.15), m.
+
+        Stops only add stiffness, so that below resonance it does not vanish, and the amplitude is
+        a_p / |omega^2 - w^2 + i (b + beta) w|.
+        """
         loss = (self.damping_rate + self.impact_damping) * self.frequency
-        return self.peak / loss if loss else math.inf
+        stiffness = max(self.omega**2 - self.frequency**2, 0.0)
+        return self.peak / math.hypot(stiffness, loss) if stiffness or loss else math.inf
 
 
 class Law(Protocol):

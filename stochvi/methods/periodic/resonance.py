@@ -26,6 +26,9 @@ Vector = NDArray[np.float64]
 BOTH = (0, 1)
 """Impacts of a regime between two stops, in their order: on the upper one and on the lower one."""
 
+BELOW = 1e-6
+"""Relative distance below the fold of a resonant regime at which its impact speeds are looked at."""
+
 HARMONICS = 63
 """Number of harmonics of the velocity of a regime. Those beyond have 0.6 % of the power of a jump,
 whose harmonics fall like 1/m."""
@@ -135,10 +138,15 @@ class HarmonicResonance:
     def energy_boundary(self) -> float:
         """Largest clearance with a regime, m (B 3.17).
 
-        Beyond it the force cannot supply what impacts and damper take at any phase.
+        Beyond it the force cannot supply what impacts and damper take at any phase. Where
+        the impact speed of B 3.17 is negative, as just below resonance, regimes end at the
+        amplitude without stops, at which the speed falls to 0.
         """
-        clearance = self.free_amplitude
-        return clearance * widest(self._between(clearance), BOTH, self.periods)
+        free = self.free_amplitude
+        clearance = free * widest(self._between(free), BOTH, self.periods)
+        if clearance == math.inf or self.regimes((1.0 - BELOW) * clearance):
+            return clearance
+        return free
 
     @property
     def harmonic_boundary(self) -> float:
