@@ -27,7 +27,7 @@ BOTH = (0, 1)
 """Impacts of a regime between two stops, in their order: on the upper one and on the lower one."""
 
 BELOW = 1e-6
-"""Relative distance below the fold of a resonant regime at which its impact speeds are looked at."""
+"""Relative distance below a fold at which the impact speeds of its regimes are looked at."""
 
 HARMONICS = 63
 """Number of harmonics of the velocity of a regime. Those beyond have 0.6 % of the power of a jump,
