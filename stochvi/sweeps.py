@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochvi.mathematics.units import MEASURED, measured_in, plain_number
+from stochvi.model.calculations import calculation
 from stochvi.results.base import plain
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import (
@@ -39,7 +40,7 @@ from stochvi.results.estimates import (
     provenance,
 )
 from stochvi.results.intervals import GAUSSIAN_95
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.results.response import Response
 from stochvi.scenes.key_units import key_unit
 from stochvi.scenes.keys import Change, changed_scene, holder_of, is_place, unknown_key, written_key
@@ -65,7 +66,7 @@ MOST_ROWS = 10_000
 """Largest number of rows of a sweep, whose table takes some 10 kB for each row while it grows."""
 
 
-@shown_in_notebooks
+@calculation
 def sweep(
     scene: Scene | str | Path,
     vary: Mapping[str, Sequence[float]] | pd.DataFrame,

@@ -17,12 +17,13 @@ from stochvi.absorbers.performance import linear_rms, without_absorber
 from stochvi.absorbers.tuned_damper import TunedDamper, tuned_damper
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.simulate import compile_kernels
+from stochvi.model.calculations import calculation
 from stochvi.results.base import Result, total_cost
 from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import GAUSSIAN_95
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.impact_laws import Restitution
@@ -128,7 +129,7 @@ class Design(Result):
         return {"method": "absorber design", **found, "scene": self.scene.document()}
 
 
-@shown_in_notebooks
+@calculation
 def design_absorber(
     structure: Scene,
     *,

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from stochvi.absorbers.tuned_damper import TunedDamper, tuned_damper
 from stochvi.methods.monte_carlo import record_paths, simulate
 from stochvi.methods.monte_carlo.simulate import compile_kernels
+from stochvi.model.calculations import calculation
 from stochvi.model.modal import linear_law
 from stochvi.model.model import Model, Pair, Stop, model_of
 from stochvi.results.base import Result, total_cost
@@ -22,7 +23,7 @@ from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, format_with_error, provenance
 from stochvi.results.intervals import mean_and_error
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.results.response import PairResponse, Response
 from stochvi.scenes.excitations import BASE, ConstantLoad, Excitation
 from stochvi.scenes.impact_laws import CompliantLaw
@@ -185,7 +186,7 @@ class AbsorberReport(Result):
         return {"method": "absorber", "levels": found.pop("performances"), **found}
 
 
-@shown_in_notebooks
+@calculation
 def absorber(
     scene: Scene,
     *,

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.absorbers.performance import own_name, without_absorber
 from stochvi.methods.periodic import HarmonicResponse, harmonic_response
 from stochvi.methods.periodic.family import Family, forced, parts_of
+from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline, as_far_as_it_got
@@ -211,6 +212,7 @@ def _mm(metres: float) -> str:
     return f"{1e3 * metres:.4g} mm"
 
 
+@calculation
 def absorber_sine(
     scene: Scene,
     frequency_hz: ArrayLike | None = None,

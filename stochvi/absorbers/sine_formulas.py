@@ -9,6 +9,7 @@ import numpy as np
 
 from stochvi.methods.periodic.even import even_regimes
 from stochvi.methods.periodic.family import Numbers
+from stochvi.model.calculations import calculation
 
 UPPER_LOWER = (0, 1)
 """Numbers of the walls that are hit in a period, in their order: the upper one, then the lower
@@ -51,6 +52,7 @@ class SymmetricRegime:
     stable: bool
 
 
+@calculation
 def tuned_force(mass: float, play: float, omega: float, law: str = "flight") -> float:
     """Amplitude of the sine force (N) whose first harmonic a mass that loses nothing cancels.
 
@@ -88,6 +90,7 @@ def tuned_force(mass: float, play: float, omega: float, law: str = "flight") -> 
     return mass * omega**2 * _relative_amplitude(play, law)
 
 
+@calculation
 def residual_vibration(play: float, restitution: float, law: str = "flight") -> float:
     """Amplitude (m) of a structure in resonance under `tuned_force`, with a light loose mass.
 
@@ -132,6 +135,7 @@ def residual_vibration(play: float, restitution: float, law: str = "flight") -> 
     return play / math.pi * (1.0 - restitution) / (1.0 + restitution)
 
 
+@calculation
 def symmetric_regimes(
     *,
     mass: float,

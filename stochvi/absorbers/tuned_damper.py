@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from stochvi.model.calculations import calculation
 from stochvi.model.modal import linear_law
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
@@ -115,6 +116,7 @@ def den_hartog_tuning(mass_ratio: float) -> tuple[float, float]:
     return 1.0 / whole, math.sqrt(3.0 * mass_ratio / (8.0 * whole**3))
 
 
+@calculation
 def tuned_damper(structure: Scene, carrier: str, mass: float) -> TunedDamper | None:
     """The tuned damper of a mass on a structure without stops, under what shakes it.
 

@@ -40,7 +40,7 @@ def fail_unless_gaussian(record: RecordVerdict | None) -> None:
 
 @main.command()
 @click.argument("scene")
-@common("json", "out", "quiet")
+@common("budget", "json", "out", "quiet")
 def screen(options: Common, scene: str) -> None:
     """Linear screening: rms, 3 sigma, Rice's rate of hits; Miles' equation for an isolator."""
     from stochvi.isolators.screening import screen as solve
@@ -48,7 +48,7 @@ def screen(options: Common, scene: str) -> None:
     from stochvi.scenes.scene import load_scene
     from stochvi.views.isolator_tables import print_screening, print_structure_screening
 
-    found = solve(load_scene(scene))
+    found = solve(load_scene(scene), budget=options.rest)
     document = {"method": "screen", **found.to_dict()}
     if isinstance(found, StructureScreening):
         options.show(found, print_structure_screening, "screening", document)

@@ -43,7 +43,7 @@ def show_response(options: Common, found: Response) -> None:
 
 @main.command()
 @click.argument("scene")
-@common("json", "out", "quiet")
+@common("budget", "json", "out", "quiet")
 def exact(options: Common, scene: str) -> None:
     """Closed form, where one is known: white noise, elastic stops."""
     from stochvi.methods.closed_form import exact as solve
@@ -55,10 +55,10 @@ def exact(options: Common, scene: str) -> None:
     def density() -> Axes:
         from stochvi.views.density import draw_density
 
-        return draw_density(loaded, exact_density(loaded))
+        return draw_density(loaded, exact_density(loaded, budget=options.rest))
 
     loaded = load_scene(scene)
-    show_response(options, solve(loaded))
+    show_response(options, solve(loaded, budget=options.rest))
     model = model_of(loaded)
     if not beyond_one_oscillator(model) and not model.tables:
         options.draw("density", density)
@@ -71,7 +71,7 @@ def exact(options: Common, scene: str) -> None:
     help="Relative error of deviations, F1 and F2; 1e-6 takes a second or so.",
 )  # fmt: skip
 @click.option("--speed-threshold", type=SPEED, help="Slowest impact that a rate counts, m/s.")
-@common("json", "out", "quiet")
+@common("budget", "json", "out", "quiet")
 def fokker_planck(options: Common, scene: str, **asked: Any) -> None:
     """Fokker-Planck equation: one oscillator, white noise, stops of any law."""
     from stochvi.methods.fokker_planck import fokker_planck as solve
@@ -81,10 +81,13 @@ def fokker_planck(options: Common, scene: str, **asked: Any) -> None:
     def density() -> Axes:
         from stochvi.views.density import draw_density
 
-        return draw_density(loaded, fokker_planck_density(loaded, **asked))
+        return draw_density(loaded, fokker_planck_density(loaded, **asked, budget=options.rest))
 
     loaded = load_scene(scene)
-    shown(lambda: solve(loaded, **asked), lambda found: show_response(options, found))
+    shown(
+        lambda: solve(loaded, **asked, budget=options.rest),
+        lambda found: show_response(options, found),
+    )
     options.draw("density", density)
 
 
@@ -103,7 +106,7 @@ def fokker_planck(options: Common, scene: str, **asked: Any) -> None:
     help="Start at rest, or in the stationary law without barriers.",
 )  # fmt: skip
 @click.option("--rtol", type=float, default=1e-4, show_default=True, help="Relative error.")
-@common("json", "out", "quiet")
+@common("budget", "json", "out", "quiet")
 def first_passage(
     options: Common, scene: str, barrier: str | None, times: str | None, mission: float | None,
     **asked: Any,
@@ -133,7 +136,7 @@ def first_passage(
         options.show(found, print_first_passage, "first_passage")
         options.draw("first_passage", picture)
 
-    shown(lambda: solve(loaded, lower, upper, times=moments, **asked), show)
+    shown(lambda: solve(loaded, lower, upper, times=moments, **asked, budget=options.rest), show)
 
 
 @main.command()
@@ -147,13 +150,13 @@ def first_passage(
     show_default=True,
     help="Coefficients: consistent with the balances, as printed in the book, or for a box.",
 )  # fmt: skip
-@common("json", "out", "quiet")
+@common("budget", "json", "out", "quiet")
 def linearise(options: Common, scene: str, **asked: Any) -> None:
     """Statistical linearisation: milliseconds, approximate."""
     from stochvi.methods.linearisation import linearise as solve
     from stochvi.scenes.scene import load_scene
 
-    show_response(options, solve(load_scene(scene), **asked))
+    show_response(options, solve(load_scene(scene), **asked, budget=options.rest))
 
 
 @main.command()
@@ -163,13 +166,14 @@ def linearise(options: Common, scene: str, **asked: Any) -> None:
     default="finite-jumps", show_default=True,
     help="Impacts as jumps of the energy, as a loss spread over a cycle, or as a damper.",
 )  # fmt: skip
-@common("json", "out", "quiet")
+@common("budget", "json", "out", "quiet")
 def average(options: Common, scene: str, variant: str) -> None:
     """Averaging of the energy: milliseconds, approximate, for light damping."""
     from stochvi.methods.averaging import average as solve
     from stochvi.scenes.scene import load_scene
 
-    show_response(options, solve(load_scene(scene), variant=variant.replace("-", " ")))
+    variant = variant.replace("-", " ")
+    show_response(options, solve(load_scene(scene), variant=variant, budget=options.rest))
 
 
 @main.command()

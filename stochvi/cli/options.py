@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from stochvi.cli.output import console_for, progress_bar
+from stochvi.cli.output import console_for, echo, progress_bar
 from stochvi.cli.program import FAILED, stop
 from stochvi.results.deadline import Deadline, asked_for, heeding_ctrl_c
+from stochvi.results.progress import showing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -322,7 +323,8 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
                 **{field: given.pop(field) for field in fields},
                 question=_question(given), begun=begun,
             )  # fmt: skip
-            with checked_targets(options, given):
+            quiet = options.quiet
+            with checked_targets(options, given), showing(None if quiet else _say_only):
                 if not has_budget:
                     command(options, **given)
                     return
@@ -336,6 +338,11 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
         return run
 
     return decorate
+
+
+def _say_only(done: float, text: str) -> None:
+    """Print what is announced while no progress is shown."""
+    echo(text)
 
 
 def _scenes(given: Mapping[str, Any]) -> list[Path]:

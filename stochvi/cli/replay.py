@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     help="Distances of the stops from the position of rest, with commas: 2mm,3mm (or in m) "
     "[the stops of the scene].",
 )  # fmt: skip
-@common("threads", "json", "out", "force", "quiet")
+@common("budget", "threads", "json", "out", "force", "quiet")
 def replay(options: Common, scene: str, clearances: str | None) -> None:
     """A measured record itself through the mount and its stops: hits, speeds, x(t).
 
@@ -34,7 +34,7 @@ def replay(options: Common, scene: str, clearances: str | None) -> None:
 
     loaded = load_scene(scene)
     places = None if clearances is None else lengths("--clearances", clearances)
-    found = solve(loaded, places, threads=options.threads)
+    found = solve(loaded, places, threads=options.threads, budget=options.rest)
     record = record_verdict(loaded)
 
     def picture() -> Axes:

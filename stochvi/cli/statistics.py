@@ -109,7 +109,7 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
 @click.option("--path", type=int, default=0, show_default=True, help="Number of the realisation.")
 @click.option("--rate", type=float, metavar="HZ", help="Samples per second [one per time step].")
 @click.option("--animate", is_flag=True, help="Also draw history.gif: masses between their stops.")
-@common("seed", "json", "out", "quiet")
+@common("budget", "seed", "json", "out", "quiet")
 def history(
     options: Common, scene: str, duration: float, animate: bool, path: int, rate: float | None
 ) -> None:
@@ -125,7 +125,9 @@ def history(
     if animate and options.out is None:
         raise ValueError("--animate writes history.gif into a folder: give --out DIR as well")
     loaded = load_scene(scene)
-    found = solve(loaded, duration=duration, seed=options.seed, path=path, rate=rate)
+    found = solve(
+        loaded, duration=duration, seed=options.seed, path=path, rate=rate, budget=options.rest
+    )
     options.show(found, print_history, "history")
     if options.out is not None:
         write_table(found.impacts, options.out / "impacts.csv")

@@ -120,18 +120,25 @@ def cost(options: Common, scene: str, budget: float) -> None:
     options.draw("cost", picture)
 
 
+EXPLAIN_BUDGET = 3.0
+"""Time of an explanation, s, unless --budget is given."""
+
+
 @main.command()
 @click.argument("scene")
+@click.option(
+    "--budget", type=TIME, default=EXPLAIN_BUDGET, show_default=True, metavar="TIME",
+    help="Largest time, without compiling; the trial simulation gets what is left of it.",
+)  # fmt: skip
 @common("threads", "json", "quiet")
-def explain(options: Common, scene: str) -> None:
+def explain(options: Common, scene: str, budget: float) -> None:
     """What would be simulated, what not, which methods apply, and how long they take."""
     from stochvi.scenes.scene import load_scene
-    from stochvi.verification.explain import SECONDS
     from stochvi.verification.explain import explain as explain_scene
     from stochvi.views.verification_tables import print_explanation
 
     loaded = load_scene(scene)
-    left = options.until(SECONDS).left
+    left = options.until(budget).rest or budget
     found = explain_scene(loaded, threads=options.threads, budget=left)
     options.show(found, print_explanation)
 

@@ -17,6 +17,7 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.stop_flag import GivenUp, given_up_after
 from stochvi.methods.periodic.resonance import HarmonicResonance
+from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
@@ -24,7 +25,7 @@ from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
 from stochvi.results.intervals import binomial_interval, poisson_interval
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.scenes.excitations import BASE, Sine
 from stochvi.scenes.scene import Scene
 
@@ -159,7 +160,7 @@ class Jolts(Result):
         return found
 
 
-@shown_in_notebooks
+@calculation
 def jolts(
     scene: Scene,
     speeds: Sequence[float],

@@ -20,6 +20,7 @@ from stochvi.mathematics.units import STANDARD_GRAVITY, density_from_intensity
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.calculations import calculation
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator, without_noise
 from stochvi.model.model import model_of
@@ -27,7 +28,7 @@ from stochvi.results.base import COMMON, Result
 from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, provenance
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Law
 from stochvi.scenes.scene import ImpactPair, Scene
@@ -101,7 +102,12 @@ class Screening(Result):
         return (*self.notes, *self.warnings)
 
 
-def screen(scene: Scene) -> Screening | StructureScreening:
+@calculation
+def screen(
+    scene: Scene,
+    *,
+    budget: float | None = None,
+) -> Screening | StructureScreening:
     """Linear screening of a scene, stops left out.
 
     An isolator on its moving base is screened as `screen_isolator` says, a structure of several
@@ -111,6 +117,8 @@ def screen(scene: Scene) -> Screening | StructureScreening:
     ----------
     scene
         The scene.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------
@@ -237,7 +245,7 @@ def with_clearances(scene: Scene, clearances: Vector) -> Scene:
     return whole.model_copy(update={"impact_pairs": tuple(pairs)})
 
 
-@shown_in_notebooks
+@calculation
 def clearance_curve(
     scene: Scene,
     clearances: Sequence[float] | Matrix,

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from stochvi.model.build_response import StationaryMoments
+from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator, not_white, without_dissipation
 from stochvi.model.energy_law import (
     CONTINUOUS,
@@ -26,7 +27,13 @@ from stochvi.scenes.scene import Scene
 __all__ = ["CONTINUOUS", "FINITE_JUMPS", "UNFOLDED", "VARIANTS", "average", "unmet"]
 
 
-def average(scene: Scene, *, variant: str = FINITE_JUMPS) -> Response:
+@calculation
+def average(
+    scene: Scene,
+    *,
+    variant: str = FINITE_JUMPS,
+    budget: float | None = None,
+) -> Response:
     """Stationary response by stochastic averaging of the energy, approximate.
 
     Noise, damping and impacts are spread over a cycle. With every loss small the energy diffuses
@@ -52,6 +59,8 @@ def average(scene: Scene, *, variant: str = FINITE_JUMPS) -> Response:
         The scene.
     variant
         "finite jumps", "continuous" or "unfolded".
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------

@@ -1,30 +1,79 @@
-"""The clock of all deadlines stands still while numba compiles: no budget pays for that.
+"""Compiling is announced, and no budget pays for it: the clock of all deadlines stands still.
 
 Kernels are compiled once on each machine. The time in which compiled kernels are loaded from the
-disk counts for a budget, as any other time does.
+disk counts for a budget, as any other time does. Ctrl-C ends compiling at the next of its passes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from functools import cache
+from threading import Timer
+from typing import Any
 
 from numba.core.event import Event, Listener, register
 
-from stochvi.results.deadline import start_clock, stop_clock
+from stochvi.methods.kernel_cache import around_waiting
+from stochvi.results.deadline import ctrl_c_was_heard, start_clock, stop_clock
+from stochvi.results.errors import Interrupted
+from stochvi.results.progress import announce
+
+ANNOUNCED_SECONDS = 1.0
+"""Seconds of compiling after which it is announced."""
+
+
+@contextmanager
+def outside_budgets() -> Iterator[Callable[[], None]]:
+    """Stop the clock of all deadlines within the `with` block, and announce it if it takes long.
+
+    Yields a function to call now and then, which raises `Interrupted` after Ctrl-C.
+    """
+    speaker = Timer(ANNOUNCED_SECONDS, announce, ["compiling, once on each machine"])
+    speaker.daemon = True
+    speaker.start()
+    stop_clock()
+    try:
+        yield check_ctrl_c
+    finally:
+        start_clock()
+        speaker.cancel()
+
+
+def check_ctrl_c() -> None:
+    """Raise `Interrupted` if Ctrl-C was heard, whose answer nobody waits for in compiling."""
+    if ctrl_c_was_heard():
+        raise Interrupted("interrupted by Ctrl-C while kernels were compiled; nothing was kept")
 
 
 class _Compiling(Listener):  # type: ignore[misc]
     """Listener that numba calls before and after it compiles a function and the functions that this
     one calls."""
 
+    def __init__(self) -> None:
+        self.under_way: list[AbstractContextManager[Any]] = []
+
     def on_start(self, event: Event) -> None:
-        stop_clock()
+        self.under_way.append(outside_budgets())
+        self.under_way[-1].__enter__()
 
     def on_end(self, event: Event) -> None:
-        start_clock()
+        self.under_way.pop().__exit__(None, None, None)
+
+
+class _Passing(Listener):  # type: ignore[misc]
+    """Listener that numba calls before each of the some forty passes of compiling a function."""
+
+    def on_start(self, event: Event) -> None:
+        check_ctrl_c()
+
+    def on_end(self, event: Event) -> None:
+        pass
 
 
 @cache
 def leave_out_of_budgets() -> None:
     """Let no deadline of this process count the time in which numba compiles from now on."""
     register("numba:compile", _Compiling())
+    register("numba:run_pass", _Passing())
+    around_waiting[:] = [outside_budgets]

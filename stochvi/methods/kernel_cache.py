@@ -21,12 +21,13 @@ import hashlib
 import os
 import time
 import zlib
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import cache
 from pathlib import Path
 
 from numba.core import caching, dispatcher
+from numba.core.errors import NumbaError
 
 try:
     import fcntl
@@ -40,6 +41,13 @@ other one may have been suspended."""
 
 BETWEEN_ATTEMPTS = 0.02
 """Time, s, between two attempts to get a lock that another process has."""
+
+
+around_waiting: list[Callable[[], AbstractContextManager[Callable[[], None]]]] = [
+    lambda: nullcontext(lambda: None)
+]
+"""What makes the context in which another process is waited for, as the only entry; the function
+that the context gives is called before each attempt, and may end the waiting by an exception."""
 
 
 @cache
@@ -69,6 +77,17 @@ def lock_file(folder: str) -> int | None:
     return None
 
 
+def locked(file: int, byte: int) -> bool | None:
+    """Whether this process has the lock now; None in a file system without locks."""
+    try:
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
+    except (BlockingIOError, PermissionError):
+        return False
+    except OSError:
+        return None
+    return True
+
+
 @contextmanager
 def in_turn(kept, work: str) -> Iterator[None]:
     """Let other processes wait with the same work on the cache of a watched function."""
@@ -78,15 +97,12 @@ def in_turn(kept, work: str) -> Iterator[None]:
         yield
         return
     byte = zlib.crc32(f"{kept._impl.filename_base} {work}".encode())
-    end = time.monotonic() + PATIENCE
-    while time.monotonic() < end:
-        try:
-            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
-            break
-        except (BlockingIOError, PermissionError):  # another process has it
-            time.sleep(BETWEEN_ATTEMPTS)
-        except OSError:  # a file system without locks
-            break
+    if locked(file, byte) is False:  # another process has it
+        end = time.monotonic() + PATIENCE
+        with around_waiting[0]() as look:
+            while locked(file, byte) is False and time.monotonic() < end:
+                look()
+                time.sleep(BETWEEN_ATTEMPTS)
     try:
         yield
     finally:
@@ -106,6 +122,14 @@ def without_collections() -> Iterator[None]:
             gc.enable()
 
 
+def empty(kept) -> None:
+    """Forget what the cache of a function holds; where that cannot be written, do without it."""
+    try:
+        kept.flush()
+    except OSError:
+        kept.disable()
+
+
 @cache
 def compile_in_turn() -> None:
     """Have numba wait for other processes that compile the same kernel or write the same index."""
@@ -115,7 +139,13 @@ def compile_in_turn() -> None:
     @functools.wraps(compile_alone)
     def compile(self, sig):
         with in_turn(self._cache, str(sig)), without_collections():
-            return compile_alone(self, sig)
+            try:
+                return compile_alone(self, sig)
+            except NumbaError:
+                raise
+            except Exception:  # what the cache holds cannot be loaded: anything may be raised
+                empty(self._cache)
+                return compile_alone(self, sig)
 
     @functools.wraps(save_alone)
     def save_overload(self, sig, data):

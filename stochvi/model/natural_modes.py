@@ -89,7 +89,8 @@ def _motion(model: Model, shape: np.ndarray) -> str:
     if model.coordinates == tuple(MOTIONS):
         return motion_in_words(shape, model.mass)
     shares = energy_shares(shape, model.mass)
-    order = [k for k in np.argsort(-shares, kind="stable") if shares[k] >= LEAST_SHARE]
+    least = min(LEAST_SHARE, shares.max())  # of many coordinates none may have a large share
+    order = [k for k in np.argsort(-shares, kind="stable") if shares[k] >= least]
     names = [model.coordinates[k] for k in order]
     return f"{names[0]} with {', '.join(names[1:])}" if names[1:] else names[0]
 

@@ -5,6 +5,7 @@ Ctrl-C acts like a deadline that passes: a calculation under way ends with the r
 
 from __future__ import annotations
 
+import ctypes
 import math
 import signal
 import threading
@@ -32,6 +33,14 @@ _heard = [0]
 _heeded_from: list[int] = []
 """Value of `_heard` when `heeding_ctrl_c` was entered, as the only entry; empty outside it."""
 
+
+OVERDUE_SHARE, OVERDUE_SECONDS = 0.1, 1.5
+"""Time after the deadline, or after Ctrl-C, at which a calculation that has not ended by itself is
+ended by an exception: this share of its budget, and these seconds. A command ends within 2 s after
+1.2 budgets, and within 2 s after Ctrl-C."""
+
+LOOK_SECONDS = 0.05
+"""Seconds between two looks at the clock while a calculation is watched."""
 
 _stood_still = [0.0]
 """Seconds for which the clock of all deadlines stood still in this process, as the only entry."""
@@ -212,6 +221,9 @@ def heeding_ctrl_c() -> Iterator[None]:
         return
 
     def hear(*_: Any) -> None:
+        if _raise_overdue:
+            _raise_overdue.clear()
+            raise Overdue
         _heard[0] += 1
         signal.signal(signal.SIGINT, usual)
 
@@ -222,3 +234,92 @@ def heeding_ctrl_c() -> Iterator[None]:
     finally:
         signal.signal(signal.SIGINT, usual)
         _heeded_from.clear()
+        _raise_overdue.clear()
+
+
+def ctrl_c_was_heard() -> bool:
+    """Whether Ctrl-C was heard in the `heeding_ctrl_c` block that is entered now."""
+    return bool(_heeded_from) and _heard[0] > _heeded_from[0]
+
+
+class Overdue(KeyboardInterrupt):
+    """Ends a calculation that has not ended by itself after its deadline, as a second Ctrl-C."""
+
+
+_raise_overdue: list[bool] = []
+"""Not empty while the next SIGINT of the main thread means `Overdue`, and no Ctrl-C."""
+
+_watched = threading.local()
+"""Number of blocks of `ended_by` in which a thread is, as `blocks`."""
+
+
+def watched() -> bool:
+    """Whether this thread is within a block of `ended_by`."""
+    return getattr(_watched, "blocks", 0) > 0
+
+
+@contextmanager
+def ended_by(budget: float | None, patience: float = OVERDUE_SECONDS) -> Iterator[None]:
+    """End the calculation within the `with` block once its budget, or Ctrl-C, is long over.
+
+    A calculation looks at its own deadline, and ends with what it has. Where one of its steps takes
+    longer than was thought, `Overdue` is raised in it between two instructions of Python, and again
+    while it goes on. It becomes the error of the deadline, with the answer so far if there is one.
+
+    `patience` is the time after the deadline, s, for which a calculation may go on.
+    """
+    with heeding_ctrl_c():
+        deadline, ended, fired = Deadline.after(budget), threading.Event(), threading.Event()
+        thread, lock = threading.get_ident(), threading.Lock()
+
+        def watch() -> None:
+            end: Deadline | None = None
+            while not ended.wait(LOOK_SECONDS):
+                if end is None and deadline.passed():
+                    share = 0.0 if deadline.interrupted else OVERDUE_SHARE * (budget or 0.0)
+                    end = Deadline(time.time() + patience + share)
+                if end is not None and end.passed():
+                    with lock:
+                        if not ended.is_set():
+                            fired.set()
+                            _raise_in(thread)
+                    end = Deadline(time.time() + OVERDUE_SECONDS)
+
+        def close() -> None:
+            while True:
+                try:
+                    with lock:
+                        ended.set()
+                    watched()  # what was raised before arrives in this call at the latest
+                    return
+                except KeyboardInterrupt:
+                    continue
+
+        _watched.blocks = getattr(_watched, "blocks", 0) + 1
+        threading.Thread(target=watch, daemon=True).start()
+        try:
+            try:
+                yield
+            finally:
+                _watched.blocks -= 1
+                close()
+        except KeyboardInterrupt as reason:
+            close()
+            if not fired.is_set():
+                raise
+            answer = getattr(reason, "response", None)
+            if hasattr(answer, "interrupted") and is_dataclass(answer):
+                answer = replace(answer, interrupted=False)  # type: ignore[type-var]
+            where = "before there was an answer" if answer is None else "on the way"
+            raise deadline.fell_short(where, "raise budget", answer) from None
+
+
+def _raise_in(thread: int) -> None:
+    """Raise `Overdue` in a thread, whose locks are not waited for where it is the main thread."""
+    main = threading.main_thread().ident
+    if thread == main and _heeded_from and hasattr(signal, "pthread_kill"):
+        _raise_overdue[:] = [True]
+        signal.pthread_kill(thread, signal.SIGINT)
+    else:
+        raise_at = ctypes.pythonapi.PyThreadState_SetAsyncExc
+        raise_at(ctypes.c_ulong(thread), ctypes.py_object(Overdue))

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import functools
 import html
 import math
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from threading import Lock
-from typing import Any, ParamSpec, TypeVar
+from typing import Any
 
 Progress = Callable[[float, str], None]
 """A function that is called with the fraction done (0 to 1) and a sentence about the progress."""
-
-P = ParamSpec("P")
-T = TypeVar("T")
 
 FIRST_SECONDS = 1.0
 """Seconds after which a notebook shows the progress of a calculation: in a shorter calculation the
@@ -57,26 +54,57 @@ class Pace:
         return f"{self.title}: {100.0 * done:.0f} %, {text}{words}"
 
 
-def shown_in_notebooks(function: Callable[P, T]) -> Callable[P, T]:
-    """Let a function show its progress in a notebook, if its argument `progress` is left out.
+_announcers: list[Callable[[str], None]] = []
+"""What shows a sentence of the calculations under way, outermost first."""
 
-    Outside notebooks the function stays silent, as programs expect it.
+
+@contextmanager
+def showing(progress: Progress | None) -> Iterator[Progress | None]:
+    """Show there, too, what is announced within the `with` block; None changes nothing.
+
+    Yields what the calculation calls instead: it keeps the fraction that was done last.
     """
+    if progress is None:
+        yield None
+        return
+    last = [0.0]
 
-    @functools.wraps(function)
-    def run(*args: P.args, **kwargs: P.kwargs) -> T:
-        display = _display_of_notebook()
-        if display is None or kwargs.get("progress") or not _CELL.acquire(blocking=False):
-            return function(*args, **kwargs)
-        bar = _Bar(function.__name__, display)
-        kwargs["progress"] = bar
-        try:
-            return function(*args, **kwargs)
-        finally:
-            bar.clear()
-            _CELL.release()
+    def show(done: float, text: str) -> None:
+        last[0] = done
+        progress(done, text)
 
-    return run
+    def say(text: str) -> None:
+        progress(last[0], text)
+
+    _announcers.append(say)
+    try:
+        yield show
+    finally:
+        _announcers.remove(say)
+
+
+def announce(text: str) -> None:
+    """Show a sentence where the innermost calculation under way shows its progress."""
+    if _announcers:
+        _announcers[-1](text)
+
+
+@contextmanager
+def shown_in_notebooks(title: str, progress: Progress | None) -> Iterator[Progress | None]:
+    """Progress of a calculation in a notebook, if its argument `progress` was left out.
+
+    Outside notebooks the calculation stays silent, as programs expect it.
+    """
+    display = _display_of_notebook()
+    if display is None or progress or not _CELL.acquire(blocking=False):
+        yield progress
+        return
+    bar = _Bar(title, display)
+    try:
+        yield bar
+    finally:
+        bar.clear()
+        _CELL.release()
 
 
 def _display_of_notebook() -> Callable[..., Any] | None:

@@ -38,10 +38,11 @@ from stochvi.methods.monte_carlo.tabulated import (
     TabulatedPlan,
     plan_tabulated,
 )
+from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator, without_free_response, without_noise
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import STRIDES, CrossingAges, until_accurate
 
@@ -86,7 +87,7 @@ class FirstCrossings(CrossingAges):
     velocity_std: float
 
 
-@shown_in_notebooks
+@calculation
 def first_crossings(
     scene: Scene,
     clearances: ArrayLike | None = None,

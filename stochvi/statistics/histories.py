@@ -23,6 +23,7 @@ from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_historie
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
 from stochvi.methods.monte_carlo.plan import Histories, Plan
 from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.calculations import calculation
 from stochvi.model.model import Model
 from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable
@@ -173,8 +174,15 @@ class History(Result):
         return head | {"samples": len(self.samples)} | super()._document()
 
 
+@calculation
 def history(
-    scene: Scene, *, duration: float, seed: int = 0, path: int = 0, rate: float | None = None
+    scene: Scene,
+    *,
+    duration: float,
+    seed: int = 0,
+    path: int = 0,
+    rate: float | None = None,
+    budget: float | None = None,
 ) -> History:
     """One realisation of what `simulate` samples: motion, base, contact forces and impacts.
 
@@ -194,6 +202,8 @@ def history(
     rate
         Samples per second. The step of the simulation if not given; every k-th step where it is
         lower, k the largest that keeps the rate; a finer simulation where it is higher.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------

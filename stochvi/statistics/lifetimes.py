@@ -23,13 +23,14 @@ from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.methods.periodic.attractors import PERIODIC, Attractors
 from stochvi.methods.periodic.basins import Flown, Place
 from stochvi.methods.periodic.family import unmet
+from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.intervals import binomial_interval, poisson_interval
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -211,7 +212,7 @@ def _sentence(each: LifeTime) -> str:
     )
 
 
-@shown_in_notebooks
+@calculation
 def lifetimes(
     scene: Scene,
     regimes: Sequence[str] | None = None,

@@ -24,11 +24,12 @@ from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.monte_carlo.gap_response import GapResponse, plan_gaps
 from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
 from stochvi.methods.monte_carlo.tabulated import MOST_SAMPLES
+from stochvi.model.calculations import calculation
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import STRIDES, CrossingAges, until_accurate
 from stochvi.statistics.first_crossings import (
@@ -120,7 +121,7 @@ class PairCrossings(CrossingAges):
         )
 
 
-@shown_in_notebooks
+@calculation
 def pair_crossings(
     scene: Scene,
     *,

@@ -14,6 +14,7 @@ from stochvi.methods.fokker_planck import unmet as unmet_by_fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.base import COMMON, Result, total_cost
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
@@ -25,7 +26,7 @@ from stochvi.results.intervals import (
     satterthwaite_degrees,
     student_quantile,
 )
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
@@ -189,7 +190,7 @@ class MethodResponses:
         return compared + sum(len(response.identities) for response in self.responses)
 
 
-@shown_in_notebooks
+@calculation
 def check(
     scene: Scene,
     *,

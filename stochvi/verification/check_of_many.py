@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.calculations import calculation
 from stochvi.results.base import Result, total_cost
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.intervals import normal_quantile
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.scenes.datasets import zoo_files
 from stochvi.scenes.scene import Scene, load_scene
 from stochvi.verification.check import (
@@ -205,7 +206,7 @@ def _word(verdict: Check) -> str:
     return "stopped early" if verdict.stopped_early else "not judged"
 
 
-@shown_in_notebooks
+@calculation
 def check_many(
     scenes: Mapping[str, Scene],
     *,

@@ -31,13 +31,14 @@ from stochvi.methods.monte_carlo.quantities import (
 from stochvi.methods.monte_carlo.rigid_white import LARGEST_ANGLE
 from stochvi.methods.monte_carlo.rounds import FEWEST_PATHS
 from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import thread_seconds
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 from stochvi.verification.check import FOR_SOLVER, ROUNDING, approximations
@@ -312,7 +313,7 @@ def spoken_time(seconds: float) -> str:
     return f"{amount:.2g} {name}" if amount < 100.0 else f"{amount:.0f} {name}"
 
 
-@shown_in_notebooks
+@calculation
 def cost(
     scene: Scene,
     *,

@@ -12,16 +12,17 @@ from stochvi.methods.averaging import unmet as unmet_by_averaging
 from stochvi.methods.closed_form import unmet as unmet_by_closed_form
 from stochvi.methods.fokker_planck import unmet as unmet_by_fokker_planck
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.linearisation.method import unmet as unmet_by_linearisation
 from stochvi.methods.monte_carlo import Prospect, prospect
 from stochvi.methods.monte_carlo.choose_plan import unmet as unmet_by_simulation
 from stochvi.methods.monte_carlo.modal_tables import seconds_of_plan
+from stochvi.methods.monte_carlo.simulate import LEAST_PILOT_SECONDS
+from stochvi.model.calculations import calculation
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.model.natural_modes import NaturalMode, RestingGap, at_rest, natural_modes
 from stochvi.results.base import COMMON, Result
-from stochvi.results.deadline import Deadline
+from stochvi.results.deadline import Deadline, ended_by
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import provenance
 from stochvi.scenes.excitations import BASE, RecordedNoise, TabulatedNoise
@@ -35,9 +36,9 @@ APPLIES = "applies"
 SECONDS = 3.0
 """Largest number of seconds that an explanation takes, if no kernel must be compiled."""
 
-MOST_BREAKPOINTS = 10_000
-"""Number of breakpoints of all tables from which on no linearisation is tried, since it would
-integrate over them a hundred times."""
+FOR_LINEARISATION = 0.3
+"""Largest share of the budget in which a linearisation is tried; a method that is not through by
+then applies all the same."""
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -98,6 +99,7 @@ class Explanation(Result):
         return {"method": "explain", **super()._document()}
 
 
+@calculation
 def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS) -> Explanation:
     """List the effects, the methods that apply, and the expected price of a simulation.
 
@@ -142,28 +144,32 @@ def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS
         "average": "; ".join(unmet_by_averaging(model)) or APPLIES,
         "linearise": APPLIES,
     }
-    if sum(len(table.frequency_hz) for table, _ in model.tables) > MOST_BREAKPOINTS:
-        methods["linearise"] = "; ".join(unmet_by_linearisation(model)) or APPLIES
-    else:
-        try:
+    trial = Deadline.after(deadline.part(FOR_LINEARISATION))
+    try:
+        with ended_by(trial.rest, patience=0.0):
             linearise(scene)
-        except (NotApplicable, NotConverged) as reason:
+    except (NotApplicable, NotConverged) as reason:
+        if isinstance(reason, NotApplicable) or not trial.passed():
             methods["linearise"] = _conditions(reason)
     simulation, notes = None, [] if beyond_one_oscillator(model) else list(scene_notes(model))
     planning = seconds_of_plan(model)
     if planning > MOST_OF_THE_REST * deadline.left:
         methods["simulate"] = "; ".join(unmet_by_simulation(model)) or APPLIES
         notes.append(
-            "the price of a simulation was not measured: its plan alone, for these coordinates and "
-            f"lines of tables, takes about {planning:.2g} s of the {deadline.left:.2g} s that were "
-            "left; raise budget"
+            "the price of a simulation was not measured: its plan alone, for these coordinates "
+            f"and lines of tables, takes about {planning:.2g} s, more than is left of the budget "
+            f"of {budget:.2g} s; raise budget"
         )
     else:
         try:
-            simulation = prospect(scene, threads=threads, budget=deadline.rest)
+            with ended_by(deadline.rest, patience=LEAST_PILOT_SECONDS):
+                simulation = prospect(scene, threads=threads, budget=deadline.rest)
             methods["simulate"] = APPLIES
         except NotApplicable as reason:
             methods["simulate"] = _conditions(reason)
+        except NotConverged as reason:
+            methods["simulate"] = APPLIES
+            notes.append(f"the price of a simulation was not measured: {reason}")
     modes = natural_modes(model)
     rest, rest_of_gaps = at_rest(model)
     return Explanation(

@@ -40,6 +40,15 @@ QUESTIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "jolt": {"": ("--speeds", "0.1,0.2,0.3", "--paths", "100000")},
     "check": {"": TIGHT},
     "cost": {"": ()},
+    "exact": {"": ()},
+    "linearise": {"": ()},
+    "average": {"": ()},
+    "screen": {"": ()},
+    "fokker-planck": {"": ("--rtol", "1e-12")},
+    "first-passage": {"": ("--mission", "3600", "--rtol", "1e-12")},
+    "history": {"": ("--duration", "20000")},
+    "replay": {"": ()},
+    "explain": {"": ()},
     "sweep": {
         "simulate": TIGHT,
         "size": ("--method", "size", "--probability", "0.01", *TIGHT),
@@ -49,13 +58,9 @@ QUESTIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
 """What is asked of each command with a budget, by a name for the question."""
 
 WITHOUT_BUDGET = {
-    "screen", "exact", "linearise", "average", "fokker-planck", "first-passage", "history",
-    "replay", "profiles", "new", "demo", "problems", "judge", "schema",
+    "profiles", "new", "demo", "problems", "judge", "schema",
 }  # fmt: skip
 """Commands that have no budget: what is asked of them bounds their work."""
-
-EXPLAIN_SECONDS = 3.0
-"""The limit that `explain` has of its own."""
 
 
 class Case(NamedTuple):
@@ -69,15 +74,13 @@ class Case(NamedTuple):
 
 def cases() -> Iterator[Case]:
     """Every question to every command; `RuntimeError` where a command of the program has none."""
-    known = {*QUESTIONS, *WITHOUT_BUDGET, "explain"}
+    known = {*QUESTIONS, *WITHOUT_BUDGET}
     if forgotten := main.commands.keys() - known:
         raise RuntimeError(f"{', '.join(sorted(forgotten))} has no question in cases.py")
     for name, command in main.commands.items():
         has_budget = any(option.name == "budget" for option in command.params)
         if has_budget != (name in QUESTIONS):
             raise RuntimeError(f"{name} stands on the wrong list of cases.py")
-        if name == "explain":
-            yield Case(name, "", (), False)
         for question, arguments in QUESTIONS.get(name, {}).items():
             yield Case(name, question, arguments, True)
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import pandas as pd
-from cases import EXPLAIN_SECONDS, Case, cases, scenes, vary
+from cases import Case, cases, scenes, vary
 
 import stochvi
 from stochvi.cli import main
@@ -36,8 +36,6 @@ LONGEST = 400.0
 
 def limit_of(case: Case, budget: float) -> float | None:
     """Seconds in which a command should end; None where it has no limit."""
-    if case.command == "explain":
-        return EXPLAIN_SECONDS
     return SHARE * budget + SECONDS if case.budgeted else None
 
 

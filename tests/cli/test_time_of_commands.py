@@ -74,6 +74,15 @@ HANDED_ON = [
     ("jolt --speeds 0.3", "stochvi.isolators.jolt_response.jolts", MOUNT),
     ("absorber --sine", "stochvi.absorbers.absorber_sine", BOX),
     ("sweep --vary structure.stiffness=1,2", "stochvi.sweeps.sweep", ELASTIC),
+    ("exact", "stochvi.methods.closed_form.exact", ELASTIC),
+    ("linearise", "stochvi.methods.linearisation.linearise", ELASTIC),
+    ("average", "stochvi.methods.averaging.average", ELASTIC),
+    ("fokker-planck", "stochvi.methods.fokker_planck.fokker_planck", ELASTIC),
+    ("first-passage --times 10", "stochvi.methods.fokker_planck.first_passage", ELASTIC),
+    ("history --duration 10", "stochvi.statistics.histories.history", ELASTIC),
+    ("replay", "stochvi.methods.replay.replay", str(shipped_scene("isolator-record"))),
+    ("screen", "stochvi.isolators.screening.screen", ELASTIC),
+    ("explain", "stochvi.verification.explain.explain", ELASTIC),
 ]  # fmt: skip
 """Commands, and the functions that they call."""
 

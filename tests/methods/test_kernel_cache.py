@@ -85,6 +85,17 @@ def test_of_two_processes_that_need_a_kernel_at_once_one_compiles_it(tmp_path: P
     assert sorted(each.communicate()[0].split() for each in both) == [["11", "0"], ["11", "1"]]
 
 
+@pytest.mark.parametrize("kind", ["nbi", "nbc"])
+@pytest.mark.parametrize("damage", [b"", b"\x80\x05garbage", b"\x00" * 300])
+def test_a_damaged_cache_is_compiled_again(tmp_path: Path, kind: str, damage: bytes):
+    package = made_package(tmp_path)
+    run(tmp_path)
+    for file in (package / "__pycache__").glob(f"*.{kind}"):
+        file.write_bytes(damage)
+    assert run(tmp_path)[:2] == (11, 0)
+    assert run(tmp_path)[:2] == (11, 1)
+
+
 @pytest.mark.verify
 def test_numba_alone_keeps_the_old_kernel(tmp_path: Path):
     """The control: once numba looks at imported files itself, the stamps can go."""

@@ -4,11 +4,22 @@ from __future__ import annotations
 
 import pickle
 import signal
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 from types import SimpleNamespace
 
 import pytest
 
-from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c, start_clock, stop_clock
+from stochvi.results.deadline import (
+    NEVER,
+    Deadline,
+    Overdue,
+    ended_by,
+    heeding_ctrl_c,
+    start_clock,
+    stop_clock,
+)
+from stochvi.results.errors import Interrupted, NotConverged
 
 
 def test_ctrl_c_ends_also_what_begins_after_it_within_the_same_command() -> None:
@@ -61,3 +72,76 @@ def test_a_deadline_may_be_put_off_but_never_brought_forward_so(now: list[float]
     now[0] += 9.0
     assert deadline.in_no_less_than(3.0).left == 3.0 and deadline.left == 1.0
     assert deadline.in_no_less_than(3.0).budget == 10.0
+
+
+def spin() -> None:
+    """A calculation that never looks at a deadline."""
+    for _ in range(10**9):
+        pass
+
+
+def ended(work: Callable[[], None], budget: float | None = 0.01) -> None:
+    """A calculation with a budget, after which it may not go on."""
+    with ended_by(budget, patience=0.0):
+        work()
+
+
+def test_what_does_not_look_at_its_deadline_is_ended() -> None:
+    with pytest.raises(NotConverged, match=r"budget of 0.01 s ended before there was an answer"):
+        ended(spin)
+    ended(lambda: None)  # what ends by itself is not
+
+
+def test_a_thread_that_is_not_the_main_one_is_ended_too() -> None:
+    with ThreadPoolExecutor(1) as pool, pytest.raises(NotConverged):
+        pool.submit(ended, spin).result()
+
+
+def test_what_waits_for_others_is_ended() -> None:
+    with pytest.raises(NotConverged):
+        ended(Future[None]().result)  # of work that nobody does
+
+
+def test_what_is_ended_leaves_its_answer_so_far() -> None:
+    def work() -> None:
+        try:
+            spin()
+        except KeyboardInterrupt:
+            raise Interrupted("interrupted by Ctrl-C", 41.0) from None
+
+    with pytest.raises(NotConverged, match="on the way") as reached:
+        ended(work)
+    assert reached.value.response == 41.0
+
+
+def test_what_goes_on_all_the_same_is_ended_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stochvi.results.deadline.OVERDUE_SECONDS", 0.1)
+    heard = []
+
+    def work() -> None:
+        for _ in range(3):
+            try:
+                spin()
+            except Overdue as reason:
+                heard.append(reason)
+        spin()
+
+    with pytest.raises(NotConverged):
+        ended(work)
+    assert len(heard) == 3
+
+
+def test_a_part_is_ended_without_the_whole() -> None:
+    with ended_by(60.0), pytest.raises(NotConverged):
+        ended(spin)
+    with pytest.raises(KeyboardInterrupt):  # Ctrl-C is what it was
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_ctrl_c_ends_what_does_not_look_at_its_deadline() -> None:
+    def work() -> None:
+        signal.raise_signal(signal.SIGINT)
+        spin()
+
+    with pytest.raises(Interrupted, match="interrupted by Ctrl-C before there was an answer"):
+        ended(work, None)

@@ -9,8 +9,9 @@ from typing import Any
 
 import pytest
 
+from stochvi.model.calculations import calculation
 from stochvi.results import progress as module
-from stochvi.results.progress import Pace, Progress, shown_in_notebooks
+from stochvi.results.progress import Pace, Progress
 
 
 def test_the_time_left_is_that_at_the_pace_since_the_first_report(
@@ -27,14 +28,14 @@ def test_the_time_left_is_that_at_the_pace_since_the_first_report(
     assert pace(0.6, "first crossings") == "size: 60 %, first crossings, 8 s left"
 
 
-@shown_in_notebooks
+@calculation
 def inner(*, progress: Progress | None = None) -> bool:
     if progress:
         progress(0.5, "inside")
     return progress is not None
 
 
-@shown_in_notebooks
+@calculation
 def outer(*, progress: Progress | None = None) -> tuple[bool, bool]:
     if progress:
         progress(0.25, "100 paths < 200")
@@ -77,7 +78,7 @@ def test_a_notebook_shows_one_bar_for_a_calculation_and_what_it_calls(
 def test_a_calculation_that_fails_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch) -> None:
     notebook = Notebook(monkeypatch, kernel=object())
 
-    @shown_in_notebooks
+    @calculation
     def failing(*, progress: Progress | None = None) -> None:
         assert progress
         progress(0.1, "begun")

@@ -20,12 +20,13 @@ from stochvi.isolators.sizing.hits_at_clearance import at_clearance
 from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
+from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.intervals import jackknife_ratio, mean_and_error
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.scenes.impact_laws import Elastic, Viscoelastic
 from stochvi.scenes.scene import Scene
 
@@ -44,7 +45,7 @@ MOST_ROUNDS = 12
 """Largest number of rounds; each simulates as many windows as the last error asks for."""
 
 
-@shown_in_notebooks
+@calculation
 def clatter(
     scene: Scene,
     clearances: Sequence[float],

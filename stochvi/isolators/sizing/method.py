@@ -31,6 +31,7 @@ from stochvi.isolators.sizing.pairs import size_pairs
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.isolators.sizing.targets import check_laws, limit_of_pairs, target_of, widening
+from stochvi.model.calculations import calculation
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
@@ -38,7 +39,7 @@ from stochvi.results.deadline import Deadline, as_far_as_it_got, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import FAR, UNFINISHED, bursts, chance_of
 from stochvi.statistics.crossing_ages import largest_error
@@ -149,7 +150,7 @@ SIMULATED = (
 """Columns of `Sizing.simulated`."""
 
 
-@shown_in_notebooks
+@calculation
 def size(
     scene: Scene,
     *,

@@ -17,10 +17,11 @@ from stochvi.isolators.sizing.changes import Tolerances, changed_stops, ends_of
 from stochvi.isolators.sizing.method import risk_curve, size
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.mathematics.spectra import Table
+from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged, StochviError
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene
 
@@ -68,7 +69,7 @@ MODULATION_NODES = 200
 """Nodes of the Gauss-Laguerre rule over the variance of slow bursts."""
 
 
-@shown_in_notebooks
+@calculation
 def sensitivity(
     sizing: Sizing,
     *,

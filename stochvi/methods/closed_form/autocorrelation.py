@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import zeta
 
 from stochvi.methods.closed_form.method import unmet
+from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NoExactSolution
@@ -21,6 +22,7 @@ MOST_TERMS = 2000
 variance."""
 
 
+@calculation
 def autocorrelation(scene: Scene, lag: ArrayLike) -> Vector:
     """Stationary autocovariance of the displacement, E (x(t) - m)(x(t + lag) - m), m^2.
 

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stochvi.methods.closed_form import one_coordinate
 from stochvi.methods.closed_form.method import exact, one_oscillator, unmet
+from stochvi.model.calculations import calculation
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.model import model_of
 from stochvi.results.errors import NoExactSolution
@@ -121,13 +122,20 @@ class ExactDensity:
         raise ValueError(f"side must be that of a stop of the scene, got {side!r}")
 
 
-def exact_density(scene: Scene) -> ExactDensity:
+@calculation
+def exact_density(
+    scene: Scene,
+    *,
+    budget: float | None = None,
+) -> ExactDensity:
     """The exact law of one oscillator; conditions as for `exact`.
 
     Parameters
     ----------
     scene
         The scene.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------
@@ -164,6 +172,7 @@ def exact_density(scene: Scene) -> ExactDensity:
     return ExactDensity(response=response, law=_law(scene, response), mass=model.unit_mass)
 
 
+@calculation
 def displacement_density(scene: Scene, x: ArrayLike) -> Vector:
     """Exact probability density of the displacement, 1/m; conditions as for `exact`.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 from stochvi.methods.closed_form import one_coordinate, several_coordinates
+from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NoExactSolution
@@ -12,7 +13,12 @@ from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
 
-def exact(scene: Scene) -> Response:
+@calculation
+def exact(
+    scene: Scene,
+    *,
+    budget: float | None = None,
+) -> Response:
     """Exact stationary response (B 13.38-13.44, for any spring, any stops and a constant load).
 
     White force noise of intensity S = 2 theta C, C the damping, leaves the Gibbs density
@@ -32,6 +38,8 @@ def exact(scene: Scene) -> Response:
     ----------
     scene
         The scene.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------

@@ -152,3 +152,13 @@ def _held(model: Model) -> bool:
     except NotApplicable:
         return False
     return True
+
+
+LEAST_RTOL = 1e-12
+"""Smallest relative error that may be asked for: rounding leaves no smaller one."""
+
+
+def check_rtol(rtol: float) -> None:
+    """Raise ValueError if a relative error is out of range."""
+    if not LEAST_RTOL <= rtol < math.inf:
+        raise ValueError(f"rtol must be at least {LEAST_RTOL:g}, got {rtol:g}")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, ContactStatistics, StopStatistics
 from stochvi.methods.fokker_planck.basis import Array
-from stochvi.methods.fokker_planck.conditions import unmet
+from stochvi.methods.fokker_planck.conditions import check_rtol, unmet
 from stochvi.methods.fokker_planck.density import Averages, StationaryDensity
 from stochvi.methods.fokker_planck.fixed_meshes import (
     LEVELS,
@@ -32,6 +32,7 @@ from stochvi.methods.fokker_planck.refinement import (
     worst_relative_error,
 )
 from stochvi.model.build_response import StationaryMoments
+from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
@@ -55,6 +56,7 @@ COLLAPSES = (
 """Warning where impacts without end bring the mass to rest on a stop."""
 
 
+@calculation
 def fokker_planck(
     scene: Scene, *, rtol: float = 0.01, speed_threshold: float | None = None,
     budget: float | None = None,
@@ -128,8 +130,13 @@ def fokker_planck(
     return _response(scene, found, rtol, speed_threshold, how, started, balances, deadline)
 
 
+@calculation
 def fokker_planck_density(
-    scene: Scene, *, rtol: float = 1e-4, speed_threshold: float | None = None
+    scene: Scene,
+    *,
+    rtol: float = 1e-4,
+    speed_threshold: float | None = None,
+    budget: float | None = None,
 ) -> StationaryDensity:
     """The stationary density itself, with its response; arguments and errors of `fokker_planck`.
 
@@ -141,6 +148,8 @@ def fokker_planck_density(
         Relative error of deviations, F1 and F2.
     speed_threshold
         Slowest impact that a rate counts, m/s.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------
@@ -169,15 +178,17 @@ def fokker_planck_density(
     >>> print(f"{found.limit_rate('upper').value:.4f} impacts per second")
     0.0966 impacts per second
     """
-    started = time.perf_counter()
+    started, deadline = time.perf_counter(), Deadline.after(budget)
     motion = _motion(scene, rtol, speed_threshold)
     if speed_threshold is None:
         speed_threshold = _slow(motion)
     rates = _finite_rates(motion.model, speed_threshold)
-    answered = refine(motion, rtol, speed_threshold, rates)
+    answered = refine(motion, rtol, speed_threshold, rates, deadline)
     found = answered.averages, answered.errors
     balances = _balances(answered) if functions(motion.model) else None
-    response = _response(scene, found, rtol, speed_threshold, "refined Galerkin", started, balances)
+    response = _response(
+        scene, found, rtol, speed_threshold, "refined Galerkin", started, balances, deadline
+    )
     return StationaryDensity(response=response, fine=answered.field, coarse=answered.coarser)
 
 
@@ -396,8 +407,7 @@ def _shaped(found: Moments, shape: tuple[int, ...]) -> Moments:
 
 
 def _check_arguments(rtol: float, speed_threshold: float | None) -> None:
-    if not rtol > 0.0:
-        raise ValueError(f"rtol must be greater than 0, got {rtol:g}")
+    check_rtol(rtol)
     if speed_threshold is not None and not 0.0 <= speed_threshold < math.inf:
         raise ValueError(f"speed_threshold must be finite and at least 0, got {speed_threshold:g}")
 

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.fokker_planck.basis import Array
-from stochvi.methods.fokker_planck.conditions import barriers, unmet_by_first_passage
+from stochvi.methods.fokker_planck.conditions import barriers, check_rtol, unmet_by_first_passage
 from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.evolution import (
@@ -48,8 +48,11 @@ from stochvi.methods.fokker_planck.meshes_in_time import (
     passage_layout,
 )
 from stochvi.methods.fokker_planck.operators import Operator
+from stochvi.methods.fokker_planck.refinement import LONGER
+from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import Result
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, format_with_error, provenance
 from stochvi.scenes.scene import Scene
@@ -138,6 +141,7 @@ class FirstPassage(Result):
         return "\n".join([f"<{self.method}", *lines]) + ">"
 
 
+@calculation
 def first_passage(
     scene: Scene,
     lower: float | None = None,
@@ -146,6 +150,7 @@ def first_passage(
     times: ArrayLike = (),
     start: StartChoice = "rest",
     rtol: float = 1e-4,
+    budget: float | None = None,
 ) -> FirstPassage:
     """P(a barrier is reached before t), its mean time and its decay rate, for one oscillator.
 
@@ -170,6 +175,8 @@ def first_passage(
         P(t) may be smaller than 1 - exp(-lambda (t + three natural periods)); its error is then
         allowed to be rtol of that larger number. Where the probability is known to be smaller than
         the allowed error (`passages_at_most`), the bound on it is given as both value and bias.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------
@@ -199,9 +206,8 @@ def first_passage(
     >>> print(f"{found.probability[0].value:.4f} in ten periods, on average {found.mean_time.value:.1f} s")
     0.0785 in ten periods, on average 570.4 s
     """  # noqa: E501
-    started = time.perf_counter()
-    if not rtol > 0.0:
-        raise ValueError(f"rtol must be greater than 0, got {rtol:g}")
+    started, deadline = time.perf_counter(), Deadline.after(budget)
+    check_rtol(rtol)
     moments = np.asarray(times, dtype=float).reshape(-1)
     if not (np.isfinite(moments).all() and (moments >= 0.0).all()):
         raise ValueError("times must be finite and at least 0 s")
@@ -218,7 +224,7 @@ def first_passage(
     _check_start(begin, low, high)
     layout = passage_layout(model, low, high, begin)
     most = passages_at_most(model, begin, low, high, moments)
-    values, bounds = _refined(layout, begin, low, high, moments, most, rtol)
+    values, bounds = _refined(layout, begin, low, high, moments, most, rtol, deadline)
     numbers = [values.mean_time, values.rate, bounds.mean_time, bounds.rate]
     if not np.isfinite([*numbers, *values.probability, *bounds.probability]).all():
         raise NotConverged(
@@ -247,6 +253,12 @@ def first_passage(
         provenance=provenance(scene.document()),
     )
     worst = _worst(values, bounds)
+    if worst > rtol and deadline.left <= LONGER * (time.perf_counter() - started):
+        raise deadline.fell_short(
+            f"at a relative error of {worst:.2g} by {METHOD}, asked for {rtol:g}",
+            "raise budget or rtol",
+            found,
+        )
     if worst > rtol:
         raise NotConverged(
             f"{METHOD} reached a relative error of {worst:.2g} on its finest mesh, not {rtol:g}; "
@@ -302,14 +314,18 @@ periods), in the probability that errors are relative to."""
 
 def _refined(
     layout: Layout, start: Start, lower: float, upper: float, times: Array, most: Array,
-    rtol: float,
+    rtol: float, deadline: Deadline,
 ) -> tuple[_Values, _Values]:  # fmt: skip
     """Values and bounds on their errors, on the first level that reaches rtol or the last."""
     coarse: tuple[_Values, Array] | None = None
     values = bounds = None
+    took = 0.0
     for level in LEVELS:
-        if values is not None and mesh(layout, level).unknowns > MOST_UNKNOWNS:
+        if values is not None and (
+            mesh(layout, level).unknowns > MOST_UNKNOWNS or deadline.left <= LONGER * took
+        ):
             break
+        began = time.perf_counter()
         fine, doubt = _on_level(layout, level, start, lower, upper, times, most, rtol)
         if coarse is not None:
             allowed = rtol * fine.scale
@@ -318,7 +334,7 @@ def _refined(
             # a finer mesh may have no modes that grow, but mends no other error of the projection
             if _worst(values, bounds) <= rtol or not (before | now).all():
                 break
-        coarse = fine, doubt
+        coarse, took = (fine, doubt), time.perf_counter() - began
     assert values is not None
     assert bounds is not None
     return values, bounds

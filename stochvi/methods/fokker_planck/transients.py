@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck.basis import Array
-from stochvi.methods.fokker_planck.conditions import unmet_by_transient
+from stochvi.methods.fokker_planck.conditions import check_rtol, unmet_by_transient
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.evolution import projections, time_groups
 from stochvi.methods.fokker_planck.initial_states import (
@@ -40,9 +40,12 @@ from stochvi.methods.fokker_planck.meshes_in_time import (
 )
 from stochvi.methods.fokker_planck.method import SLOW_IMPACTS
 from stochvi.methods.fokker_planck.operators import Factors, Operator, Walls
+from stochvi.methods.fokker_planck.refinement import LONGER
+from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.results.base import Result
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, provenance
 from stochvi.scenes.scene import Scene
@@ -167,6 +170,7 @@ class _State(NamedTuple):
         return self.operator.displacement_density(self.coefficients, x)
 
 
+@calculation
 def transient(
     scene: Scene,
     times: ArrayLike,
@@ -174,6 +178,7 @@ def transient(
     *,
     rtol: float = 1e-3,
     speed_threshold: float | None = None,
+    budget: float | None = None,
 ) -> Transient:
     """The density of displacement and velocity in time, between rigid stops of any restitution.
 
@@ -190,6 +195,8 @@ def transient(
         of each, relative to the largest value over the times.
     speed_threshold
         Slowest impact that rates count, m/s; default as in `fokker_planck`.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------
@@ -222,18 +229,17 @@ def transient(
     >>> [f"{variance:.3f}" for variance in found.values.variance]
     ['0.051', '0.204', '0.283']
     """
-    started = time.perf_counter()
+    started, deadline = time.perf_counter(), Deadline.after(budget)
     moments = np.asarray(times, dtype=float).reshape(-1)
     if not (len(moments) and np.isfinite(moments).all() and (moments > 0.0).all()):
         raise ValueError("times must be finite and greater than 0 s, at least one of them")
-    if not rtol > 0.0:
-        raise ValueError(f"rtol must be greater than 0, got {rtol:g}")
+    check_rtol(rtol)
     model = model_of(scene)
     unmet = unmet_by_transient(model)
     if unmet:
         raise NotApplicable(METHOD, unmet)
     problem = _problem(model, moments, start, speed_threshold)
-    values, errors, states = _refined(problem, rtol)
+    values, errors, states = _refined(problem, rtol, deadline)
     found = Transient(
         times=tuple(moments.tolist()),
         values=values,
@@ -246,6 +252,12 @@ def transient(
         _states=states,
     )
     worst = _worst(values, errors)
+    if worst > rtol and deadline.left <= LONGER * (time.perf_counter() - started):
+        raise deadline.fell_short(
+            f"at a relative error of {worst:.2g} by {METHOD}, asked for {rtol:g}",
+            "raise budget or rtol",
+            found,
+        )
     if worst > rtol:
         raise NotConverged(
             f"{METHOD} reached a relative error of {worst:.2g} on its finest mesh, not {rtol:g}; "
@@ -409,20 +421,26 @@ def _on_level(
     return _averages(found, problem), Moments(*gaps), operator, states / found[:, :1]
 
 
-def _refined(problem: _Problem, rtol: float) -> tuple[Moments, Moments, tuple[_State, ...]]:
+def _refined(
+    problem: _Problem, rtol: float, deadline: Deadline
+) -> tuple[Moments, Moments, tuple[_State, ...]]:
     """Averages, bounds on their errors and densities, on the first level that reaches rtol."""
     coarse: Moments | None = None
     values = errors = operator = states = None
+    took = 0.0
     for level in LEVELS:
-        if values is not None and mesh(problem.layout, level).unknowns > MOST_UNKNOWNS:
+        if values is not None and (
+            mesh(problem.layout, level).unknowns > MOST_UNKNOWNS or deadline.left <= LONGER * took
+        ):
             break
+        began = time.perf_counter()
         fine, projected, operator, states = _on_level(problem, level, rtol)
         fine = _with_early(fine, problem)
         if coarse is not None:
             values, errors = fine, _bounds(coarse, fine, projected)
             if _worst(values, errors) <= rtol:
                 break
-        coarse = fine
+        coarse, took = fine, time.perf_counter() - began
     assert values is not None
     assert errors is not None
     assert states is not None

@@ -12,6 +12,7 @@ from scipy.optimize import minimize_scalar
 from stochvi.mathematics.spectra import squared_gain
 from stochvi.methods.linearisation.candidate import Candidate
 from stochvi.methods.linearisation.method import linear_oscillators
+from stochvi.model.calculations import calculation
 from stochvi.scenes.excitations.base import BASE, Density
 from stochvi.scenes.scene import Scene
 
@@ -122,6 +123,7 @@ class LinearisedOscillator:
         return np.asarray(sum((density(frequency_hz) for density in densities), nothing))
 
 
+@calculation
 def linearised_oscillators(
     scene: Scene, form: str = "closure", variant: str = "consistent"
 ) -> tuple[LinearisedOscillator, ...]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.mathematics.frequency_response import Force, gains
 from stochvi.mathematics.spectra import Filter
 from stochvi.methods.linearisation.structure_closure import solutions
+from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions
 from stochvi.model.modal import Matrix, Substitute, Vector
 from stochvi.model.model import Model, model_of
@@ -76,6 +77,7 @@ class LinearisedStructure:
         return np.asarray(w**2 * self.displacement_density(coordinate, frequency_hz))
 
 
+@calculation
 def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
     """The linear structures that stand for a scene in `linearise`, one for every solution.
 

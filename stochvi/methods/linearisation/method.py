@@ -18,6 +18,7 @@ from stochvi.methods.linearisation.scales import gibbs_law, linear_moments
 from stochvi.methods.linearisation.solver import solve
 from stochvi.methods.linearisation.structure_closure import closure
 from stochvi.model.build_response import linear_acceleration
+from stochvi.model.calculations import calculation
 from stochvi.model.coverage import (
     beyond_one_oscillator,
     functions,
@@ -36,7 +37,14 @@ FORMS = ("closure", "motion", "force", "clumps")
 VARIANTS = ("consistent", "book", "box")
 
 
-def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") -> Response:
+@calculation
+def linearise(
+    scene: Scene,
+    form: str = "closure",
+    variant: str = "consistent",
+    *,
+    budget: float | None = None,
+) -> Response:
     """Approximate stationary response by statistical linearisation (B section 8, 13).
 
     Parameters
@@ -52,6 +60,8 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
         "consistent"; "book": the factors of m_F and k as in (B 13.12) for "motion", and of beta
         as in (B 8.54) for "force"; "box" for the closure between two rigid stops: hits as those
         of a free mass in a box as far as impacts take the energy, nearly everywhere better.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------
@@ -92,8 +102,13 @@ def linearise(scene: Scene, form: str = "closure", variant: str = "consistent") 
     return linearise_all(scene, form, variant)[0]
 
 
+@calculation
 def linearise_all(
-    scene: Scene, form: str = "closure", variant: str = "consistent"
+    scene: Scene,
+    form: str = "closure",
+    variant: str = "consistent",
+    *,
+    budget: float | None = None,
 ) -> tuple[Response, ...]:
     """All responses that are their own linearisation; the first is that of `linearise`.
 
@@ -111,6 +126,8 @@ def linearise_all(
         Form of the linearisation, as for `linearise`.
     variant
         Variant of the form, as for `linearise`.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------

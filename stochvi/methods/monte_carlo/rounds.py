@@ -6,10 +6,9 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
-from threading import Timer
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.methods.monte_carlo.blocks import (
@@ -60,10 +59,6 @@ MOST_REFINEMENTS = 4
 """Largest number of times that a run halves its step (or begins to resolve slow impacts) because
 the bias significantly exceeds the relative error that was asked for."""
 
-COMPILING_SECONDS = 2.5
-"""Seconds after which a message says that kernels are being compiled. Kernels that an earlier run
-has compiled are loaded in less time than that."""
-
 BETWEEN_IMPACTS = (
     "accelerations are those between impacts: without the impulses of rigid stops, which have none"
 )
@@ -72,24 +67,6 @@ BETWEEN_IMPACTS = (
 REPORT_SECONDS = 0.5
 """Seconds between two sentences of progress: making one evaluates the standard errors of all
 quantities that `rel_error` governs."""
-
-
-@contextmanager
-def compiling(progress: Progress | None) -> Iterator[None]:
-    """Report that kernels are being compiled, if that takes longer than COMPILING_SECONDS.
-
-    The machine code is cached, so that the next run on this machine need not compile.
-    """
-    if progress is None:
-        yield
-        return
-    speaker = Timer(COMPILING_SECONDS, progress, (0.0, "compiling, once on each machine"))
-    speaker.daemon = True
-    speaker.start()
-    try:
-        yield
-    finally:
-        speaker.cancel()
 
 
 @dataclass

@@ -29,17 +29,16 @@ from stochvi.methods.monte_carlo.quantities import (
     Key,
 )
 from stochvi.methods.monte_carlo.rounds import (
-    COMPILING_SECONDS,
     FEWEST_PATHS,
     Run,
-    compiling,
     relative_standard_errors,
     run_until_accurate,
 )
+from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotConverged
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
@@ -59,7 +58,7 @@ FEWEST_IN_PILOT = 16
 16 paths give to 18 %, so that it is good to 40 %."""
 
 
-@shown_in_notebooks
+@calculation
 def simulate(
     scene: Scene,
     *,
@@ -222,8 +221,7 @@ def _begun(
         proof = "" if before is None else before.proof  # a new one takes time to compile
         begun = Checkpoint.begun(files.target, "simulate", scene, asdict(asked), proof)
         keeper = Keeper(begun, state.document(), files.interval, files.new)
-    with compiling(progress):
-        compile_time, proof = _compile(plan)
+    compile_time, proof = _compile(plan)
     if before is not None:
         before.check("simulate", scene, proof)
     if keeper is not None:
@@ -260,8 +258,15 @@ def _noted(run: Run, response: Response) -> Response:
     return response if run.keeper is None else run.keeper.noted(response)
 
 
+@calculation
 def record_path(
-    scene: Scene, *, duration: float, seed: int = 0, path: int = 0, step: float | None = None
+    scene: Scene,
+    *,
+    duration: float,
+    seed: int = 0,
+    path: int = 0,
+    step: float | None = None,
+    budget: float | None = None,
 ) -> pd.DataFrame:
     """One path, sample by sample: time (s), displacement, velocity and impact_speed (SI).
 
@@ -283,6 +288,8 @@ def record_path(
         Number of the path.
     step
         Time between two samples, s.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------
@@ -318,6 +325,7 @@ def record_path(
     return pd.DataFrame({"time": plan.step * np.arange(1, samples + 1), **columns})
 
 
+@calculation
 def record_paths(
     scene: Scene, *, duration: float, paths: int, seed: int = 0, first_path: int = 0
 ) -> tuple[float, list[pd.DataFrame]]:
@@ -390,6 +398,7 @@ class Prospect:
     governed_by: str
 
 
+@calculation
 def prospect(
     scene: Scene, *, threads: int | None = None, seed: int = 0, budget: float | None = None
 ) -> Prospect:
@@ -427,13 +436,10 @@ def prospect(
     >>> expected.states
     2
     """
-    model = model_of(scene)
+    deadline, model = Deadline.after(budget), model_of(scene)
     plan = make_plan(model)
-    deadline = Deadline.after(budget)
     compile_time, _ = _compile(plan)
-    seconds = PILOT_SECONDS
-    if compile_time < COMPILING_SECONDS:
-        seconds = max(min(seconds, deadline.left), LEAST_PILOT_SECONDS)
+    seconds = max(min(PILOT_SECONDS, deadline.left), LEAST_PILOT_SECONDS)
     price = seconds_of_first_paths(plan, seed, Deadline.after(seconds))
     with crew_of(None, threads) as crew:
         run = Run(scene, plan, seed, crew, None, compile_time)

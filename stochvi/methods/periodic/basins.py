@@ -27,13 +27,14 @@ from stochvi.methods.periodic.family import Family, unmet
 from stochvi.methods.periodic.kernels import flights, solver
 from stochvi.methods.periodic.method import MARGIN, noise_left_out, too_slow, varied
 from stochvi.methods.periodic.states import States
+from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -212,7 +213,7 @@ class Basins(Result):
         return f"of {number} starts end in: {found or 'no motion that was recognised'}{rest}"
 
 
-@shown_in_notebooks
+@calculation
 def basins(
     scene: Scene,
     plane: Mapping[str, Sequence[float]] | None = None,

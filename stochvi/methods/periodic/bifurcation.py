@@ -31,6 +31,7 @@ from stochvi.methods.periodic.method import (
     varied,
 )
 from stochvi.methods.periodic.states import States
+from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
@@ -174,6 +175,7 @@ class Bifurcation(Result):
         )
 
 
+@calculation
 def bifurcation(
     scene: Scene,
     frequency_hz: ArrayLike | None = None,
@@ -325,12 +327,14 @@ def _watched(
     return Flight(ends, np.concatenate(impacts)[-most:], growth)
 
 
+@calculation
 def lyapunov_exponent(
     scene: Scene,
     start: Mapping[str, float] | None = None,
     *,
     settling: int = 1000,
     periods: int = 4000,
+    budget: float | None = None,
 ) -> Estimate:
     """Rate at which a small disturbance of a motion under a sine grows, 1/s.
 
@@ -347,6 +351,8 @@ def lyapunov_exponent(
         The state at phase 0 of the force, as {"velocity.x": 0.2}; by default at rest.
     settling, periods
         Numbers of periods of the force that pass first, and over which the rate is then taken.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------

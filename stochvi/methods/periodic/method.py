@@ -21,6 +21,7 @@ from stochvi.methods.periodic.family import Family, unmet
 from stochvi.methods.periodic.jumps import Sweep
 from stochvi.methods.periodic.kernels import solver
 from stochvi.methods.periodic.linearised import FORMS, linearised, not_covered
+from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotApplicable
@@ -52,6 +53,7 @@ STABLE = 1.0 + 1e-9
 """Largest multiplier of a stable regime; without damping and loss it is 1 but for rounding."""
 
 
+@calculation
 def harmonic_response(
     scene: Scene,
     frequency_hz: ArrayLike | None = None,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stochvi.methods.replay.answer import CoordinateReplay, Histories, PairReplay, Replay, ReplayAt
 from stochvi.methods.replay.march import Motion, Shaking, march, rest_of
+from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions, without_form
 from stochvi.model.model import Model, Pair, Stop, inertia_of, model_of
 from stochvi.results.errors import NotApplicable
@@ -30,8 +31,13 @@ EXACT = "the record itself, exact steps"
 """Words in every estimate of a replay on how it was found."""
 
 
+@calculation
 def replay(
-    scene: Scene, clearances: Sequence[float] | None = None, *, threads: int | None = None
+    scene: Scene,
+    clearances: Sequence[float] | None = None,
+    *,
+    threads: int | None = None,
+    budget: float | None = None,
 ) -> Replay:
     """Pass the measured records of a scene through its structure and stops.
 
@@ -51,6 +57,8 @@ def replay(
         without stops is replayed without.
     threads
         Number of clearances that are replayed at a time, by default all cores.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------

@@ -26,16 +26,16 @@ from stochvi.methods.monte_carlo.blocks import blocks_between, check_price, crew
 from stochvi.methods.monte_carlo.impact_logs import ImpactPlan, plan_impacts
 from stochvi.methods.monte_carlo.quantities import collapses
 from stochvi.methods.monte_carlo.resumable import resumable
-from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.methods.monte_carlo.step_bias import lossiest
+from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions
 from stochvi.model.model import LOWER, UPPER, Model, Pair, model_of
 from stochvi.results.deadline import Deadline, as_far_as_it_got
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import ratio_and_error
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impacts.answer import Exponent, ImpactStatistics, PairStatistics
@@ -118,7 +118,7 @@ MOST_UNSEEN = 2**17
 left."""
 
 
-@shown_in_notebooks
+@calculation
 @resumable
 def impacts(
     scene: Scene,
@@ -208,9 +208,8 @@ def impacts(
     shares = {"corner_share": CORNER_SHARE} if lossiest(model) < RESOLVED_EXPONENT else {}
     plan = plan_impacts(scene, speed_threshold, duration, slow_impacts, deadline=deadline, **shares)
     grids = {pair.name: _grid(plan, pair) for pair in model.pairs}
-    with compiling(progress):
-        replace(plan, source=plan.source.shortest()).impacts(seed, 0, 2)
-        check_price([plan.source], seed, deadline)
+    replace(plan, source=plan.source.shortest()).impacts(seed, 0, 2)
+    check_price([plan.source], seed, deadline)
     found: dict[str, list[Tally]] = {name: [] for name in grids}
     sampling = deadline.sooner(FOR_FIRST_HITS) if first_hits else deadline
     done, target = 0, max(plan.block, FEWEST_PATHS) if paths is None else paths

@@ -13,7 +13,6 @@ import numpy as np
 from stochvi.methods.monte_carlo.block_results import Block
 from stochvi.methods.monte_carlo.blocks import Crew, Work, blocks_between
 from stochvi.methods.monte_carlo.missions import MissionPlan
-from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.splitting import (
     PARTICLES,
     SHARE,
@@ -196,8 +195,7 @@ class Jobs:
 
     def _found(self, plan: MissionPlan, event: str, way: Way | None, hits: bool) -> Found:
         """Run the pilot, choose a way, and run the second stage."""
-        with compiling(self.progress):
-            plan.advance(plan.fleet(0, 0, 2), 0.0)  # compiled, or taken from the cache
+        plan.advance(plan.fleet(0, 0, 2), 0.0)  # compiled, or taken from the cache
         self.until = self.deadline.sooner(KEPT)
         tried = int(min(max(PILOT_STEPS // plan.steps_per_path, PILOT_FEWEST), PILOT_MISSIONS))
         pilot = self._missions(plan, "pilot missions", tried, hits)

@@ -30,12 +30,13 @@ from stochvi.methods.monte_carlo.missions import (
 )
 from stochvi.methods.monte_carlo.resumable import resumable
 from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator, without_noise
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import deviations
 from stochvi.statistics.pair_crossings import same_gaps
@@ -64,7 +65,7 @@ AT_ONCE = 0.05
 """Share of P(hit) that falls to the start itself, from which on a warning states it."""
 
 
-@shown_in_notebooks
+@calculation
 @resumable
 def reliability(
     scene: Scene,

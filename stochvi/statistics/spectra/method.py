@@ -30,14 +30,14 @@ from numpy.typing import NDArray
 from stochvi.methods.monte_carlo.blocks import blocks_between, check_price, crew_of, in_pieces
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.resumable import resumable
-from stochvi.methods.monte_carlo.rounds import compiling
 from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.calculations import calculation
 from stochvi.model.model import Model
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.intervals import CONFIDENCE, PathMoments, delta_method, student_quantile
-from stochvi.results.progress import Progress, shown_in_notebooks
+from stochvi.results.progress import Progress
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.spectra.answer import UNITS, Curve, ResponseSpectrum
@@ -87,7 +87,7 @@ leakage of the tapers alone: transmissibility and coherence are given only where
 higher."""
 
 
-@shown_in_notebooks
+@calculation
 @resumable
 def spectrum(
     scene: Scene,
@@ -174,9 +174,8 @@ def spectrum(
     asked = REL_ERROR if rel_error is None else rel_error
     started, deadline = time.perf_counter(), Deadline.after(budget)
     plan, layout, bandwidth = _planned(scene, method, highest, segment, deadline)
-    with compiling(progress):
-        plan.plan.shortest().histories(seed, 0, 2, samples=2)
-        check_price([plan.plan], seed, deadline)
+    plan.plan.shortest().histories(seed, 0, 2, samples=2)
+    check_price([plan.plan], seed, deadline)
     target = FEWEST_PATHS if paths is None else paths
     moments: PathMoments | None = None
     error = math.inf

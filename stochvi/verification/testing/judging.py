@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.model.calculations import calculation
 from stochvi.results.base import COMMON, Result
 from stochvi.results.estimates import Cost, Estimate, format_with_error
 from stochvi.results.intervals import normal_score, student_quantile
@@ -208,6 +209,7 @@ def _in_words(row: Finding) -> str:
     )
 
 
+@calculation
 def judge(
     integrator: Integrator,
     scenes: Mapping[str, Scene] | Iterable[str] = SCENES,

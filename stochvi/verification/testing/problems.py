@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions, without_noise
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.results.errors import NotApplicable
@@ -141,6 +142,7 @@ class Problem:
         return (0.0,) * len(self.model.coordinates)
 
 
+@calculation
 def problem_of(
     scene: Scene,
     *,

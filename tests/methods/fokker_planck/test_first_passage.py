@@ -489,7 +489,8 @@ def test_only_white_noise_is_covered() -> None:
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"rtol": 0.0}, "rtol must be greater than 0, got 0"),
+        ({"rtol": 0.0}, "rtol must be at least 1e-12, got 0"),
+        ({"rtol": 1e-30}, "rtol must be at least 1e-12, got 1e-30"),
         ({"times": [-1.0]}, "times must be finite and at least 0 s"),
         ({"times": [math.inf]}, "times must be finite"),
         ({"start": (1.0, 0.0)}, "start must lie between the barriers"),

@@ -259,7 +259,7 @@ def test_the_document_is_plain_and_complete() -> None:
     [
         ({"times": []}, "times must be finite and greater than 0 s"),
         ({"times": [0.0]}, "times must be finite and greater than 0 s"),
-        ({"rtol": -1.0}, "rtol must be greater than 0"),
+        ({"rtol": -1.0}, "rtol must be at least 1e-12, got -1"),
         ({"start": "stationary"}, "start must be 'rest', a point or a Gaussian"),
         ({"start": (1.0, 0.0)}, "start must lie between the stops"),
         ({"start": FLYING}, "got a law with a part 0.25 beyond"),

@@ -2,7 +2,6 @@
 
 import math
 import multiprocessing
-import time
 from concurrent.futures import ProcessPoolExecutor
 
 import numpy as np
@@ -537,15 +536,3 @@ def test_times_too_far_apart_are_refused_in_a_sentence() -> None:
         simulate(isolator(0.004), paths=2, duration=1e9)
     with pytest.raises(NotApplicable, match="at most 4194304 are made"):
         simulate(isolator(1e-9))
-
-
-def test_compiling_is_said_where_it_takes_time(monkeypatch) -> None:
-    said: list[str] = []
-    monkeypatch.setattr(rounds, "COMPILING_SECONDS", 0.01)
-    with rounds.compiling(lambda done, text: said.append(text)):
-        time.sleep(0.2)
-    assert said == ["compiling, once on each machine"]
-    monkeypatch.setattr(rounds, "COMPILING_SECONDS", 60.0)
-    with rounds.compiling(lambda done, text: said.append(text)):  # kept code is there at once
-        pass
-    assert len(said) == 1
