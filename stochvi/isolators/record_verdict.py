@@ -109,6 +109,9 @@ class RecordVerdict:
         Crossings of levels.
     clipped
         Whether the record is cut off at its largest or smallest value, as by a logger.
+    lost_share
+        Mean square displacement below the first line of the density over that of the density; 0
+        where it is too small to matter.
     """
 
     contradicts: bool
@@ -124,6 +127,7 @@ class RecordVerdict:
     p_values: dict[str, float | None]
     crossings: tuple[Crossings, ...]
     clipped: bool
+    lost_share: float
 
     @property
     def agrees(self) -> bool:
@@ -173,7 +177,8 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     that has the spectrum of the response. Two tests share the chance `FALSE_ALARMS`: the largest
     distance from rest against Vanmarcke's law of first crossings (1975), and the kurtosis against
     the law of Anscombe and Glynn (1983) for as many independent values as leave the kurtosis of the
-    process its variance, 24 int rho^4 dtau / T. A record that is cut off contradicts as well.
+    process its variance, 24 int rho^4 dtau / T. A record that is cut off contradicts as well,
+    and one whose slow motion its density leaves out.
 
     Examples
     --------
@@ -195,9 +200,11 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     ]
     above = max(each.highest for each in responses)
     below = -min(each.lowest for each in responses)
-    records = [each.record for each in scene.excitations if isinstance(each, RecordedNoise)]
+    records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
+    rate = records[0].record.fs
+    lost = [each.lost_below(model.omega, model.damping_rate) for each in records]
     law = response_law(model.acceleration_tables, model.omega, model.damping_rate)
-    start = math.ceil(records[0].fs * settling_time(law, model.omega, model.damping_rate))
+    start = math.ceil(rate * settling_time(law, model.omega, model.damping_rate))
     whole = np.concatenate([each.displacement for each in responses])
     settled = np.concatenate([each.displacement[start:] for each in responses])
     judged = 2 * len(settled) >= len(whole)
@@ -205,14 +212,15 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     sides = {stop.side for stop in model.stops} or {-1, 1}
     return _verdict(
         x,
-        duration=len(x) / records[0].fs,
+        duration=len(x) / rate,
         largest=max(above, below),
         whole=float(whole.std()),
         settled=float(np.max(np.abs(x))) if judged and start else max(above, below),
         judged=judged,
         clearance=BEYOND * max(above if 1 in sides else 0.0, below if -1 in sides else 0.0),
         law=law,
-        clipped=any(cut_off(each.values) for each in records),
+        clipped=any(cut_off(each.as_read.values) for each in records),
+        lost=[each for each in lost if each is not None],
     )
 
 
@@ -391,7 +399,7 @@ def cut_off(values: Vector) -> bool:
 
 def _verdict(
     x: Vector, *, duration: float, largest: float, whole: float, settled: float, judged: bool,
-    clearance: float, law: ResponseLaw, clipped: bool,
+    clearance: float, law: ResponseLaw, clipped: bool, lost: Sequence[tuple[float, str]],
 ) -> RecordVerdict:  # fmt: skip
     """The verdict on a response x (m, from rest), whose largest distance is `settled`;
     `largest` and `whole` are the largest distance and the standard deviation with the start. No
@@ -406,7 +414,7 @@ def _verdict(
     p_values = {"peak": unlikely, "kurtosis": shape}
     expected = expected_peak(duration, law)
     limit = FALSE_ALARMS / len(p_values)
-    reasons = []
+    reasons = [sentence for _, sentence in lost] if judged else []
     if unlikely is not None and unlikely < limit:
         reasons.append(
             f"through the mount it moves {1e3 * settled:.4g} mm or {settled / sigma:.3g} sigma, "
@@ -436,6 +444,7 @@ def _verdict(
         p_values=p_values,
         crossings=tuple(_crossings(centred, sigma, level, duration, law) for level in LEVELS),
         clipped=clipped,
+        lost_share=max((share for share, _ in lost), default=0.0),
     )
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cmath
 import math
 import weakref
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import assert_never
@@ -24,6 +24,7 @@ from stochvi.scenes.excitations import (
     DensityNoise,
     Excitation,
     FilteredNoise,
+    RecordedNoise,
     Sine,
     WhiteNoise,
 )
@@ -538,8 +539,26 @@ def _lowered(scene: Scene) -> Model:
         potential=potential,
         drag=drag,
     )
+    records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
+    if records and restoring is None and drag is None:
+        model = replace(model, cautions=(*model.cautions, *_lost_motion(model, records)))
     references, motions = scene.drifts
     return _seen_from(model, references, motions) if references else model
+
+
+def _lost_motion(model: Model, records: Sequence[RecordedNoise]) -> list[str]:
+    """What the densities of records leave out of the motion of the slowest mode that a spring
+    holds."""
+    held = np.flatnonzero(model.modal.squares > 0.0)
+    if not len(held):
+        return []
+    mode = held[0]
+    omega, damping_rate = math.sqrt(model.modal.squares[mode]), model.modal.damping[mode, mode]
+    if not damping_rate > 0.0:
+        return []
+    alone = len(model.coordinates) == 1
+    found = (each.lost_below(omega, float(damping_rate), alone=alone) for each in records)
+    return [sentence for each in found if each is not None for sentence in each[1:]]
 
 
 def _seen_from(model: Model, references: list[int], motions: Matrix) -> Model:

@@ -12,6 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics import rounding
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain, welch
 from stochvi.results.errors import SceneError
 from stochvi.results.intervals import jackknife_error
@@ -40,8 +41,8 @@ SMALLEST_DENSITY = 1e-16
 interpolated in logarithms and cannot hold 0."""
 
 UNEVEN = 0.1
-"""Largest distance of a time from the even grid, in sampling intervals, because times are printed
-with few digits."""
+"""Largest distance of a time from the even grid, in sampling intervals, at which the values are
+taken for those on the grid; beyond it they are interpolated."""
 
 ROUNDED = 0.6
 """Largest distance of a time from the even grid, in units of its last digit: rounding moves it by
@@ -124,6 +125,42 @@ class Record:
     def scaled(self, factor: float) -> Record:
         """The record at `factor` times its values."""
         return replace(self, values=self.values * factor)
+
+    def filtered(self, low_hz: float, high_hz: float) -> Record:
+        """The record without a straight line through each segment, and without frequencies outside
+        a band, Hz, whose ends count as inside.
+
+        >>> time = np.arange(2000) / 100.0
+        >>> both = np.sin(2.0 * np.pi * 0.1 * time) + np.sin(2.0 * np.pi * 5.0 * time)
+        >>> record = Record(values=both + time, fs=100.0).filtered(1.0, 20.0)
+        >>> bool(np.abs(record.values - np.sin(2.0 * np.pi * 5.0 * time)).max() < 0.01)
+        True
+        """
+        parts = []
+        for part in self.segments:
+            middle = np.arange(len(part)) - 0.5 * (len(part) - 1)
+            trend = middle * (middle * part).sum() / max((middle**2).sum(), 1.0) + part.mean()
+            lines = np.fft.rfft(part - trend)
+            f = np.arange(len(lines)) * self.fs / len(part)
+            parts.append(np.fft.irfft(lines * rounding.within(f, low_hz, high_hz), len(part)))
+        return replace(self, values=np.concatenate(parts))
+
+    def slow_displacement(self, below_hz: float, omega: float, damping_rate: float) -> float:
+        """Mean square displacement of an oscillator, m^2, that is due to frequencies below one,
+        summed over the lines of whole segments.
+
+        >>> slow = Record(values=np.sin(0.2 * np.pi * np.arange(1000) / 10.0), fs=10.0)
+        >>> [round(slow.slow_displacement(f, 10.0, 0.1), 9) for f in (0.05, 0.5)]
+        [0.0, 5.04e-05]
+        """
+        total = 0.0
+        for part in self.segments:
+            f = np.arange(min(math.ceil(below_hz * len(part) / self.fs), len(part) // 2))
+            lines = np.abs(np.fft.rfft(part)[: len(f)] / len(part)) ** 2
+            lines[1:] *= 2.0
+            f = f * self.fs / len(part)
+            total += len(part) * float(np.sum(lines * squared_gain(f, omega, damping_rate)))
+        return total / len(self.values)
 
     @property
     def rms(self) -> float:
@@ -282,8 +319,9 @@ def read_record(
     """A record from a column of times and one of values, or from values only if `fs` is given.
 
     Times may be in seconds, in another unit that the heading states, or ISO 8601 stamps. They may
-    be rounded, because the sampling rate is fitted to all of them. Missing values and missing
-    samples are gaps.
+    be rounded, because the sampling rate is fitted to all of them. Where a clock drifts or is
+    uneven, the values are interpolated to an even grid by cubic splines, and a note says so.
+    Missing values and missing samples are gaps.
 
     Parameters
     ----------
@@ -340,21 +378,24 @@ def read_record(
         )
     if times is None:
         assert fs is not None
-        rate, breaks = fs, np.zeros(len(values) - 1)
+        rate, breaks, uneven = fs, np.zeros(len(values) - 1), False
     else:
-        rate, breaks, notes = _sampling(times, path, columns)
+        rate, breaks, notes, uneven = _sampling(times, path, columns)
         if fs is not None and abs(fs / rate - 1.0) > RATES_AGREE:
             raise SceneError(
                 [("fs", f"is {fs:g} Hz, but the times of {path} give {rate:.6g} Hz; take fs out or "
                   "correct the one that is wrong")]
             )  # fmt: skip
-    lengths, found = _segments(missing, breaks, rate)
+    lengths, found = _segments(missing, breaks, rate, times if uneven else None)
     if found and gaps == "refuse":
         raise SceneError(
             f'{path} has {listed_gaps(found)}; say gaps = "split" to take what lies between as '
             "segments, or fill them in"
         )
     values = values[~missing]
+    if uneven:
+        assert times is not None
+        values, lengths = _on_even_grid(times[~missing], values, lengths, rate)
     values = values - values.mean()
     if not np.any(values):
         raise SceneError(f"{path} holds a record whose values are all equal; choose another column")
@@ -365,13 +406,16 @@ def read_record(
 
 
 def _segments(
-    missing: NDArray[np.bool_], breaks: Vector, rate: float
+    missing: NDArray[np.bool_], breaks: Vector, rate: float, times: Vector | None
 ) -> tuple[tuple[int, ...], tuple[tuple[float, float], ...]]:
     """Number of samples of each segment, and start and length (s) of the gaps between them.
 
-    `breaks` are the seconds by which each interval between two samples is too long.
+    `breaks` are the seconds by which each interval between two samples is too long, and `times`
+    those of a clock that is not even.
     """
     clock = np.concatenate([[0.0], np.cumsum(breaks)]) + np.arange(len(missing)) / rate
+    if times is not None:
+        clock = times - times[0]
     held = np.flatnonzero(~missing)
     step = np.diff(held) > 1
     step |= np.add.reduceat(breaks, held[:-1]) > 0.0 if len(held) > 1 else False
@@ -391,6 +435,24 @@ def _segments(
     return tuple(int(size) for size in np.diff(cuts)), tuple(found)
 
 
+def _on_even_grid(
+    times: Vector, values: Vector, lengths: tuple[int, ...], rate: float
+) -> tuple[Vector, tuple[int, ...]]:
+    """Values of an uneven clock at even times, segment by segment, and the new lengths."""
+    from scipy.interpolate import CubicSpline  # a quarter of a second to import
+
+    parts = []
+    cuts = np.cumsum(lengths)[:-1]
+    for when, held in zip(np.split(times, cuts), np.split(values, cuts), strict=True):
+        if len(when) == 1:
+            parts.append(held)
+            continue
+        since = when - when[0]
+        grid = np.arange(rounding.floor(since[-1] * rate) + 1) / rate
+        parts.append(CubicSpline(since, held)(np.minimum(grid, since[-1])))
+    return np.concatenate(parts), tuple(map(len, parts))
+
+
 def listed_gaps(gaps: Sequence[tuple[float, float]]) -> str:
     """The number of gaps, and length and start of the first of them, in words."""
     count = "a gap" if len(gaps) == 1 else f"{len(gaps)} gaps"
@@ -399,11 +461,13 @@ def listed_gaps(gaps: Sequence[tuple[float, float]]) -> str:
     return f"{count} ({listed}{more})"
 
 
-def _sampling(times: Vector, path: Path, columns: Columns) -> tuple[float, Vector, tuple[str, ...]]:
-    """Sampling rate, 1/s, the seconds by which each interval is too long, and notes.
+def _sampling(
+    times: Vector, path: Path, columns: Columns
+) -> tuple[float, Vector, tuple[str, ...], bool]:
+    """Sampling rate, 1/s, the seconds by which each interval is too long, notes, and whether the
+    times are off the even grid by more than their rounding.
 
-    The rate comes from a least-squares fit to the times, with one slope for all segments. Times may
-    be rounded, but must lie on the even grid to within half of their last digit.
+    The rate comes from a least-squares fit to the times, with one slope for all segments.
     """
     if not np.all(np.isfinite(times)):
         place = columns.place(int(np.argmin(np.isfinite(times))))
@@ -447,17 +511,25 @@ def _sampling(times: Vector, path: Path, columns: Columns) -> tuple[float, Vecto
     off = offset - slope * centred
     starts = np.flatnonzero(np.diff(segment, prepend=-1))
     spread = 0.5 * (np.maximum.reduceat(off, starts) - np.minimum.reduceat(off, starts))
-    allowed = max(UNEVEN * slope, ROUNDED * digit)
-    if spread.max() > allowed:
-        row = int(np.argmax(np.abs(off)))
-        raise SceneError(
-            f"{path} must be sampled evenly: time {times[row]:.9g} s in {columns.place(row)} lies "
-            f"{abs(off[row]):.2g} s off the grid of {slope:.4g} s; resample it, or take the times "
-            "out and give fs"
-        )
     breaks = np.where(apart, steps - slope, 0.0)
-    rounded = f"its times have a last digit of {digit:g} s; the rate is fitted to all of them"
-    return 1.0 / slope, breaks, (rounded,) if digit > UNEVEN * slope else ()
+    uneven = bool(spread.max() > max(UNEVEN * slope, ROUNDED * digit))
+    notes = []
+    if digit > UNEVEN * slope:
+        notes.append(f"its times have a last digit of {digit:g} s; the rate is fitted to all")
+    if uneven:
+        if np.any(steps <= 0.0):
+            row = int(np.argmax(steps <= 0.0)) + 1
+            raise SceneError(
+                f"{path}, {columns.place(row)}: times of an uneven clock must rise, got "
+                f"{times[row]:.9g} s twice; write them with more digits, or take them out and give "
+                "fs"
+            )
+        worst = float(np.abs(off).max())
+        notes.append(
+            f"its times lie up to {worst:.2g} s ({worst / slope:.2g} samples) off an even grid; "
+            f"the values were interpolated to {1.0 / slope:.6g} Hz"
+        )
+    return 1.0 / slope, breaks, tuple(notes), uneven
 
 
 def _shortest(interval: float, doubt: float) -> float:

@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from scipy.io import savemat
 from scipy.stats import binom
 
-from stochvi import ImpactPair, Isolator, RecordedNoise, Restitution, Scene, replay, screen
+from stochvi import (
+    ImpactPair,
+    Isolator,
+    Matrices,
+    RecordedNoise,
+    Restitution,
+    Scene,
+    replay,
+    screen,
+)
 from stochvi.isolators.record_verdict import (
     cut_off,
     kurtosis_p_value,
@@ -98,6 +107,57 @@ def spoilt(kind: str, random: np.random.Generator) -> Vector:
 def test_what_is_not_gaussian_is_noticed(tmp_path: Path, kind: str) -> None:
     random = np.random.default_rng(3)
     assert all(contradicted(tmp_path, spoilt(kind, random)) for _ in range(3))
+
+
+def with_drift(seconds: float) -> Vector:
+    """Gaussian noise, and a sensor that wanders by 0.3 g with a period of half the record."""
+    time = np.arange(round(seconds * FS)) / FS
+    noise = 0.2 * gaussian(np.random.default_rng(8), seconds, 6.0, 40.0)
+    return noise + 0.3 * np.sin(2.0 * np.pi * time / (0.5 * seconds)) + 0.01 * time
+
+
+def test_slow_drift_is_named_and_one_band_takes_it_from_density_verdict_and_replay(
+    tmp_path: Path,
+) -> None:
+    scene = scene_of(tmp_path, with_drift(60.0))
+    verdict = record_verdict(scene)
+    assert verdict is not None and verdict.contradicts and verdict.lost_share > 0.05
+    assert "slower than 0.4 Hz, which the density of the record leaves out" in verdict.sentence()
+    # what the density holds, and what it lost, are the motion
+    linear = screen(scene).displacement_std
+    assert linear * (1.0 + verdict.lost_share) ** 0.5 == pytest.approx(
+        verdict.displacement_std, rel=0.05
+    )
+    (noise,) = scene.excitations
+    document = noise.model_dump(exclude_none=True)
+    for low in (0.4, 3.0):
+        held = RecordedNoise(**(document | {"band_hz": [low, 150.0]}))
+        banded = scene.model_copy(update={"excitations": (held,)})
+        found = record_verdict(banded)
+        assert found is not None and found.agrees and found.lost_share == 0.0
+        free = replay(banded).coordinates["x"]
+        assert found.displacement_std == pytest.approx(free.displacement_std.value, rel=1e-3)
+        density = screen(banded).displacement_std
+        # the start from rest and the ends that windows weigh less: a twentieth of the record each
+        assert free.displacement_std.value == pytest.approx(density, rel=0.05)
+    clean = record_verdict(scene_of(tmp_path, gaussian(np.random.default_rng(8), 60.0, 6.0, 40.0)))
+    assert clean is not None and clean.agrees and clean.lost_share == 0.0
+
+
+def test_slow_drift_is_named_for_several_masses(tmp_path: Path) -> None:
+    file = tmp_path / "record.mat"
+    structure = Matrices(
+        coordinates=["a", "b"], mass=[[1.0, 0.0], [0.0, 1.0]],
+        stiffness=[[12e3, -6e3], [-6e3, 6e3]], damping=[[16.0, -8.0], [-8.0, 8.0]],
+    )  # fmt: skip
+    for values, named in (
+        (with_drift(60.0), True),
+        (gaussian(np.random.default_rng(8), 60.0), False),
+    ):
+        savemat(file, {"a": values})
+        noise = RecordedNoise(file=str(file), variables=("a",), unit="g", fs=FS, on="base")
+        told = screen(Scene(structure=structure, excitations=[noise])).notes
+        assert any("leaves out" in each for each in told) == named
 
 
 def test_the_clearance_of_the_record_is_not_hit(tmp_path: Path) -> None:

@@ -325,7 +325,10 @@ def _assumptions(scene: Scene, model: Model, segments: int) -> tuple[str, ...]:
         + (", anew in each segment of the record." if segments > 1 else "."),
     ]
     if any(isinstance(each, RecordedNoise) and each.band_hz for each in scene.excitations):
-        found.append("band_hz limits the density of the record, not the record that is replayed.")
+        found.append(
+            "A straight line and what lies outside band_hz are taken off the record as off its "
+            "density."
+        )
     if any(stop.rigid for stop in model.stops):
         found.append(
             "Rigid stops: the largest acceleration is that between impacts; an impact takes no "

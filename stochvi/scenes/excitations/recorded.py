@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal, Self
 from pydantic import AfterValidator, PrivateAttr, model_validator
 
 from stochvi.mathematics.rounding import within
-from stochvi.mathematics.spectra import Table
+from stochvi.mathematics.spectra import Table, response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY, Unit, power_ratio
 from stochvi.scenes.excitations.base import (
     BASE,
@@ -65,8 +65,8 @@ class RecordedNoise(DensityNoise):
     dataset
         Number of the dataset of a UFF file, from 1, if several fit.
     band_hz
-        Lowest and highest frequency of the density that is kept, Hz; a line within 1e-9 of its
-        frequency from an end counts as on it.
+        Lowest and highest frequency that are kept, Hz, of the record and of its density; a line
+        within 1e-9 of its frequency from an end counts as on it.
     resolution_hz
         Width of a bin of the density, Hz.
 
@@ -130,7 +130,16 @@ class RecordedNoise(DensityNoise):
 
     def _set_level(self) -> None:
         scale = self._unit.factor * math.sqrt(power_ratio(self.level_db))
-        self._record = self._as_read.scaled(scale)
+        record = self._as_read
+        if self.band_hz is not None:
+            record = record.filtered(*self.band_hz)
+            if not record.values.any():
+                low, high = self.band_hz
+                raise ValueError(
+                    f"has band_hz = [{low:g}, {high:g}], but the record reaches from "
+                    f"{1.0 / record.duration:.3g} to {0.5 * record.fs:.3g} Hz"
+                )
+        self._record = record.scaled(scale)
         self._table = self._within_band(self._record.resolution())
 
     def louder(self, level_db: float) -> Self:
@@ -156,6 +165,11 @@ class RecordedNoise(DensityNoise):
     def record(self) -> Record:
         """The record in SI units, level included."""
         return self._record
+
+    @property
+    def as_read(self) -> Record:
+        """The record in the unit of its file, without level and band."""
+        return self._as_read
 
     @property
     def density_unit(self) -> str | None:
@@ -192,8 +206,9 @@ class RecordedNoise(DensityNoise):
         kurtosis, doubt = record.kurtosis()
         if kurtosis - 3.0 > SEEN * doubt:
             found.append(
-                "the record has larger peaks than Gaussian noise of the same rms: hit rates and "
-                "clearances that are calculated from its density are too favourable"
+                "the record has larger peaks than Gaussian noise of the same rms: unless the "
+                "structure averages them out, which its motion under the record itself shows, hit "
+                "rates and clearances that are calculated from its density are too favourable"
             )
         if not omega or not damping_rate:
             return tuple(found)
@@ -210,6 +225,32 @@ class RecordedNoise(DensityNoise):
                 f"{FEWEST_SEGMENT_LENGTHS / wanted:.3g} s"
             )
         return tuple(found)
+
+    def lost_below(
+        self, omega: float, damping_rate: float, *, alone: bool = True
+    ) -> tuple[float, str] | None:
+        """Share of the mean square displacement of an oscillator that lies below the first line of
+        the density, over what the density holds, and a sentence; None up to `LOST`.
+
+        The oscillator is `alone`, or a mode of a structure of several.
+        """
+        table = self.table_for(omega, damping_rate) if alone else self.table
+        first = float(table.frequency_hz[0])
+        kept = response_moments([table], omega, damping_rate).displacement
+        share = self._record.slow_displacement(first, omega, damping_rate) / kept
+        if share <= LOST:
+            return None
+        highest = self.band_hz[1] if self.band_hz is not None else 0.5 * self._record.fs
+        remedy = "take a longer record"
+        if 4.0 * math.pi * first < omega:
+            remedy = (
+                f"give band_hz = [{first:.3g}, {highest:.6g}] if it is drift of the sensor, or "
+                "take a longer record if the structure moves so"
+            )
+        return share, (
+            f"motion slower than {first:.3g} Hz, which the density of the record leaves out, has "
+            f"{100.0 * math.sqrt(share):.3g} % of the rms displacement of the rest; {remedy}"
+        )
 
     def _bins(self, omega: float, damping_rate: float) -> float:
         return self.resolution_hz or self._record.resolution(omega, damping_rate)
@@ -253,6 +294,10 @@ DENSITY_OF = {"acceleration": "(m/s2)2/Hz", "force": "N2/Hz"}
 
 FEWEST_BINS = 16
 """Number of samples in the shortest segment that `resolution_hz` may ask for."""
+
+LOST = 0.05
+"""Largest share of a mean square displacement that a density may leave out without a word: it
+changes a clearance by 2.5 %, about what the length of a record leaves uncertain."""
 
 SEEN = 3.0
 """Excess of a kurtosis over 3, in standard errors, above which it counts as not Gaussian."""
