@@ -74,7 +74,7 @@ class BestBox:
     high: float
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Design(Result):
     """The best box for a mass budget (SI units).
 

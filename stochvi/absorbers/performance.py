@@ -107,7 +107,7 @@ class Performance:
 
     def interval(self) -> tuple[float, float]:
         """95 % interval of the ratio, its bias included."""
-        half = self.ratio.half_width_95(with_bias=True)
+        half = self.ratio.half_width_95()
         return self.ratio.value - half, self.ratio.value + half
 
 
@@ -126,7 +126,7 @@ class PlayRatio:
     high: float
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class AbsorberReport(Result):
     """An absorber over levels of the excitation: one `Performance` each, and what it cost.
 

@@ -44,7 +44,7 @@ stops together), and as the resonant regime (hits on each stop): that regime has
 stop per period, occasional hits are fewer."""
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Jolts(Result):
     """How many jolted paths were captured by clatter, and how long they stayed.
 

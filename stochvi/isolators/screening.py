@@ -40,7 +40,7 @@ SMOOTH_POINTS = 31
 """Number of clearances of a smooth curve of hit rates."""
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Screening(Result):
     """Response of an isolator without stops by linear theory (SI units; rates in 1/s).
 

@@ -78,7 +78,7 @@ class GapScreening:
         return len(self.stops) * rice_rate(clearance, place, speed) if place else 0.0
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class StructureScreening(Result):
     """Response of a structure without stops by linear theory: each coordinate and point, each gap.
 

@@ -54,6 +54,14 @@ class Result:
     def __repr__(self) -> str:
         return f"<{self.summary()}>"
 
+    def __eq__(self, other: object) -> bool:
+        """Whether the other answer is of the same kind and has the same JSON document."""
+        if type(other) is not type(self):
+            return NotImplemented
+        return self.to_dict() == other.to_dict()
+
+    __hash__ = None  # type: ignore[assignment]
+
     def summary(self) -> str:
         """The answer in a sentence; by default the name of the method."""
         return str(getattr(self, "method", type(self).__name__))

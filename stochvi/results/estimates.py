@@ -11,10 +11,14 @@ from functools import cache
 from numbers import Real
 from typing import Any, ClassVar
 
-from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.results.intervals import GAUSSIAN_95, reach
 
 ERROR, BIAS, BIAS_ERROR, LIMIT = "standard_error", "bias", "bias_error", "upper_95"
 """Fields of an `Estimate`, behind whose value tables name their columns so."""
+
+
+NEGLIGIBLE_BIAS = 0.2
+"""Bias, in standard errors, that widens the 95 % interval by a tenth; a smaller one is not told."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +47,14 @@ class Estimate:
 
     Notes
     -----
+    All errors together make one 95 % interval, `interval_95()`,
+
+        value -+ (1.96 sqrt(standard_error^2 + bias_error^2) + bias):
+
+    the two standard errors are independent, and the bias is added whole, as its sign is not known.
+    `check`, `assert_agrees` and all intervals of pages and pictures follow this rule, with the
+    quantile of their own confidence. A bias of None is none of these: no interval is known.
+
     `float(estimate)` is its value. An estimate may be multiplied or divided by a plain number, or
     have a plain number added; its errors change accordingly. Two estimates cannot be combined by an
     operator, because the correlation of their errors is not known.
@@ -56,6 +68,10 @@ class Estimate:
     1018.1(1.4) [256 paths]
     >>> float(rate)
     0.2828
+    >>> Estimate(value=0.28, standard_error=0.003, bias=0.002, bias_error=0.004, how="64 paths")
+    0.2800(30), bias up to 0.002 [64 paths]
+    >>> [round(end, 4) for end in rate.interval_95()]
+    [0.282, 0.2836]
     """
 
     value: float
@@ -127,13 +143,45 @@ class Estimate:
         )
 
     def __repr__(self) -> str:
-        return f"{format_with_error(self.value, self.standard_error)} [{self.how}]"
+        value = format_with_error(self.value, self.standard_error)
+        return f"{value}{self.bias_in_words} [{self.how}]"
 
-    def half_width_95(self, *, with_bias: bool = False) -> float:
-        """Half the width of the 95 % interval of the statistical error; `with_bias` adds the bias
-        where it is known."""
-        half = GAUSSIAN_95 * self.standard_error
-        return half + (self.bias or 0.0) if with_bias else half
+    @property
+    def bias_matters(self) -> bool:
+        """Whether the bias is not known, or widens the 95 % interval by more than a tenth."""
+        return self.bias is None or self.bias > NEGLIGIBLE_BIAS * self.standard_error
+
+    @property
+    def bias_in_words(self) -> str:
+        """The bias, to follow the value; empty where it does not matter."""
+        if not self.bias_matters:
+            return ""
+        return ", bias not known" if self.bias is None else f", bias up to {self.bias:.2g}"
+
+    def reach(self, quantile: float) -> float:
+        """Distance from the value to the end of its interval, with all errors that are known;
+        `quantile` is that of the confidence, in standard errors (see the notes)."""
+        errors = (self.standard_error, self.bias_error)
+        return reach(quantile, errors, (self.bias or 0.0,))
+
+    def half_width_95(self) -> float:
+        """Half the width of the 95 % interval, with all errors that are known."""
+        return self.reach(GAUSSIAN_95)
+
+    def interval_95(self) -> tuple[float, float]:
+        """The 95 % interval with all errors (see the notes); of an event that was never seen, from
+        0 to its upper limit.
+
+        Raises
+        ------
+        ValueError
+            If the bias is not known.
+        """
+        if self.upper_95 is not None:
+            return 0.0, self.upper_95
+        if self.bias is None:
+            raise ValueError(f"{self} has no interval; compare with a method that states its bias")
+        return self.value - self.half_width_95(), self.value + self.half_width_95()
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON form; `upper_95` and `bias_error` appear only where they mean something."""

@@ -8,7 +8,7 @@ functions of means over independent paths.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
@@ -99,6 +99,22 @@ def satterthwaite_degrees(errors: Sequence[float], counts: Sequence[int]) -> flo
 
 
 # Intervals ---------------------------------------------------------------------------------
+
+
+def reach(quantile: float, errors: Iterable[float], biases: Iterable[float]) -> float:
+    """Distance from a number, or a difference of numbers, to the end of its interval,
+
+        quantile * sqrt(sum of errors^2) + sum of biases.
+
+    `errors` are independent standard errors: that of each value, and where its bias was sampled as
+    well that of the bias. `biases` are bounds on, or estimates of, systematic errors. They add up,
+    because their signs are not known. Whatever makes an interval, or judges a difference, by all
+    errors of an `Estimate` takes it from here.
+
+    >>> round(reach(2.0, [0.3, 0.4], [0.1, 0.2]), 12)
+    1.3
+    """
+    return quantile * math.hypot(*errors) + sum(biases)
 
 
 def logarithmic_interval(

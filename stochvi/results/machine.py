@@ -11,11 +11,18 @@ def usable_cores() -> int:
     """Number of processor cores that this process may use; at least 1.
 
     Python 3.13 knows the number. Before that, Linux knows to which cores a process is bound;
-    macOS and Windows know only how many cores there are.
+    macOS and Windows know only how many cores there are. `NUMBA_NUM_THREADS`, by which users of
+    numba give a process fewer threads, lowers the number.
 
     >>> usable_cores() >= 1
     True
     """
+    asked = os.environ.get("NUMBA_NUM_THREADS", "")
+    cores = _cores()
+    return min(cores, int(asked)) if asked.isdecimal() and int(asked) else cores
+
+
+def _cores() -> int:
     if hasattr(os, "process_cpu_count"):
         return os.process_cpu_count() or 1
     if hasattr(os, "sched_getaffinity"):

@@ -157,7 +157,7 @@ def in_angles(owner: str, unit: str) -> str:
     return unit.replace("m", "rad", 1) if owner in ROTATIONS else unit
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Response(Result):
     """The stationary response of a scene by one method.
 
@@ -269,12 +269,6 @@ class Response(Result):
         lines = [f"<{self.method}"]
         for (owner, name), estimate in self.estimates().items():
             value = format_with_error(estimate.value, estimate.standard_error)
-            bias = estimate.bias
-            if bias is None:
-                off = ", bias not known"
-            else:
-                off = f", bias up to {bias:.2g}" if bias > estimate.standard_error else ""
-            lines.append(
-                f"  {owner}.{name} = {value} {in_angles(owner, QUANTITY_UNITS[name])}{off}"
-            )
+            unit = in_angles(owner, QUANTITY_UNITS[name])
+            lines.append(f"  {owner}.{name} = {value} {unit}{estimate.bias_in_words}")
         return "\n".join(lines) + ">"

@@ -23,6 +23,7 @@ from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import (
     normal_quantile,
     normal_score,
+    reach,
     satterthwaite_degrees,
     student_quantile,
 )
@@ -83,7 +84,7 @@ class Comparison:
     score: float | None = None
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Check(Result):
     """The verdict on a scene, with every comparison and every response behind it.
 
@@ -472,13 +473,13 @@ def _row(
     difference = estimate.value - truth.value
     tolerance, score, verdict = None, None, APPROXIMATE
     if alarm_rate is not None:
-        errors = (estimate.standard_error, truth.standard_error)
+        errors: tuple[float, ...] = (estimate.standard_error, truth.standard_error)
         degrees = degrees_of_freedom(response, reference, errors)
-        whole = math.hypot(*errors, estimate.bias_error, truth.bias_error)
-        biases = (estimate.bias or 0.0) + (truth.bias or 0.0) + ROUNDING * size
-        tolerance = student_quantile(alarm_rate, degrees) * whole + biases
-        beyond = math.copysign(max(abs(difference) - biases, 0.0), difference)
-        score = normal_score(beyond, whole, degrees)
+        errors += (estimate.bias_error, truth.bias_error)
+        biases = (estimate.bias or 0.0, truth.bias or 0.0, ROUNDING * size)
+        tolerance = reach(student_quantile(alarm_rate, degrees), errors, biases)
+        beyond = math.copysign(max(abs(difference) - sum(biases), 0.0), difference)
+        score = normal_score(beyond, math.hypot(*errors), degrees)
         verdict = AGREES if abs(difference) <= tolerance else DISAGREES
         if (of, quantity) in known and of in response.impact_pairs and _rare(estimate):
             verdict = TOO_RARE

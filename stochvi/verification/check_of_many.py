@@ -72,7 +72,7 @@ def zoo(*names: str) -> dict[str, Scene]:
     return {name: load_scene(files[name]) for name in names or files}
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Checks(Result):
     """The verdict on many scenes, whose comparisons share one alarm rate.
 

@@ -161,7 +161,7 @@ class Prediction:
     simulated: bool
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class WorkPrecision(Result):
     """Errors of the Monte Carlo of one scene at several steps, and what they cost.
 

@@ -41,7 +41,7 @@ FOR_LINEARISATION = 0.3
 then applies all the same."""
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Explanation(Result):
     """The effects in a scene, and the methods that cover it.
 

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from stochvi.results.estimates import format_with_error
-from stochvi.views.tables import new_table, print_frame, print_line, print_table
+from stochvi.views.tables import new_table, print_frame, print_line, print_table, value_with_error
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -99,12 +99,12 @@ def _print_pairs(console: Console, found: Reliability) -> None:
 
 
 def _number(estimate: Estimate | None) -> str:
-    """A number with its standard error; empty where it is not known."""
+    """A number with its errors; empty where it is not known."""
     if estimate is None:
         return ""
     if estimate.upper_95 is not None:
         return f"at most {estimate.upper_95:.3g}"
-    return format_with_error(estimate.value, estimate.standard_error)
+    return value_with_error(estimate)
 
 
 def _chance(chance: Estimate) -> str:

@@ -67,7 +67,9 @@ def print_response(console: Console, response: Response) -> None:
         table.add_row(
             owner,
             QUANTITY_NAMES[name],
-            value_with_error(estimate, deviation if name == "displacement_mean" else 0.0),
+            value_with_error(
+                estimate, deviation if name == "displacement_mean" else 0.0, with_bias=False
+            ),
             in_angles(owner, QUANTITY_UNITS[name]),
             relative_error(estimate.standard_error, estimate),
             "unknown" if estimate.bias is None else relative_bias(estimate),
@@ -121,7 +123,8 @@ def print_first_passage(console: Console, found: FirstPassage) -> None:
     """P(first passage before t) at each time, then its mean time and rates."""
     table = new_table("P(first passage before t)", ["t (s)", "probability", "rel. bias"])
     for moment, estimate in zip(found.times, found.probability, strict=True):
-        table.add_row(f"{moment:g}", value_with_error(estimate), relative_bias(estimate))
+        value = value_with_error(estimate, with_bias=False)
+        table.add_row(f"{moment:g}", value, relative_bias(estimate))
     print_table(console, table)
     ends = [f"{x:g} m" for x in (found.lower, found.upper) if x is not None]
     print_line(console, f"barriers at {' and '.join(ends)}; start: {found.start}")
@@ -157,7 +160,10 @@ def print_frame(
     print_table(console, table)
 
 
-LAST_DIGITS = "in brackets: the standard error of the last digits, 607(20) is 607 +- 20"
+LAST_DIGITS = (
+    "in brackets: the standard error of the last digits, 607(20) is 607 +- 20; behind +-: a bias "
+    "that widens the 95 % interval by more than a tenth, ? where it is not known"
+)
 """Explanation of the notation of an `Estimate`."""
 
 
@@ -230,16 +236,32 @@ def _deviation(response: Response) -> float:
     return min(found, default=0.0)
 
 
-def value_with_error(estimate: Estimate, scale: float = 0.0) -> str:
+def value_with_error(estimate: Estimate, scale: float = 0.0, *, with_bias: bool = True) -> str:
+    """A value with its standard error in brackets, and its bias where that matters.
+
+    A value below the rounding of `scale` is 0. Tables with a column of their own for the bias ask
+    for none. An approximation without a bound has four digits and no sign of its bias.
+
+    >>> value_with_error(Estimate(value=0.5, standard_error=0.02, bias=0.01))
+    '0.500(20)+-0.01'
+    >>> value_with_error(Estimate(value=0.5, standard_error=0.02, bias=None))
+    '0.500(20)+-?'
+    """
     if estimate.upper_95 is not None:
         return f"0 (< {estimate.upper_95:.2g})"
     if abs(estimate.value) < NEGLIGIBLE * scale:
         return "0"
     if estimate.standard_error == 0.0:
         # many digits of an approximation would mean nothing
-        rough = estimate.bias is None or estimate.bias > ROUGH * abs(estimate.value)
-        return f"{estimate.value:.4g}" if rough else f"{estimate.value:.7g}"
-    return format_with_error(estimate.value, estimate.standard_error)
+        if estimate.bias is not None and estimate.bias <= ROUGH * abs(estimate.value):
+            return f"{estimate.value:.7g}"
+        text = f"{estimate.value:.4g}"
+        with_bias = with_bias and estimate.bias is not None
+    else:
+        text = format_with_error(estimate.value, estimate.standard_error)
+    if not with_bias or not estimate.bias_matters:
+        return text
+    return f"{text}+-?" if estimate.bias is None else f"{text}+-{estimate.bias:.2g}"
 
 
 def relative_error(error: float, estimate: Estimate) -> str:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.mathematics.units import STANDARD_GRAVITY
-from stochvi.results.estimates import Estimate, format_with_error
+from stochvi.results.estimates import Estimate
+from stochvi.views.tables import value_with_error
 
 if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import Rounded, Sizing
@@ -110,7 +111,7 @@ def with_error(estimate: Estimate | None) -> str:
     >>> with_error(Estimate(value=0.43774, standard_error=0.00094)), with_error(None)
     ('0.43774(94)', '-')
     """
-    return "-" if estimate is None else format_with_error(estimate.value, estimate.standard_error)
+    return "-" if estimate is None else value_with_error(estimate)
 
 
 def count_of(number: float) -> str:

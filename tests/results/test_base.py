@@ -143,6 +143,13 @@ def test_every_kind_of_answer_is_tested_here_or_where_it_is_made() -> None:
     assert names == {*ANSWERS, "Design", "Jolts", "LifeTimes"}
 
 
+def test_answers_are_equal_if_their_documents_are(answer: Result) -> None:
+    assert replace(answer) == answer
+    other = replace(answer, provenance={"scene": None})
+    assert (other == answer) == (other.to_dict() == answer.to_dict())
+    assert answer != answer.to_dict()
+
+
 def test_a_document_is_plain_json(answer: Result) -> None:
     document = answer.to_dict()
     assert json.loads(json.dumps(document, allow_nan=False)) == document

@@ -18,6 +18,7 @@ from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.results.estimates import Estimate, format_with_error
+from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import (
     QUANTITY_UNITS,
     CoordinateResponse,
@@ -27,7 +28,10 @@ from stochvi.results.response import (
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.excitations import FilteredNoise
 from stochvi.scenes.scene import load_scene
+from stochvi.testing import assert_agrees
 from stochvi.views.files import to_json
+from stochvi.views.tables import value_with_error
+from stochvi.views.words import with_error
 from support.known import oscillator
 
 
@@ -148,6 +152,50 @@ def test_an_estimate_is_a_number_for_python_and_numpy():
     assert math.sqrt(KNOWN * 2) == 2.0
     assert Estimate(value=1.0) != 1.0 and Estimate(value=1.0) == Estimate(value=1.0)
     assert len({Estimate(value=1.0), Estimate(value=1.0)}) == 1
+
+
+def test_all_errors_make_one_interval():
+    """The two standard errors are independent; the bias is added whole."""
+    known = Estimate(value=2.0, standard_error=0.3, bias=0.1, bias_error=0.4)
+    half = GAUSSIAN_95 * 0.5 + 0.1
+    assert known.interval_95() == pytest.approx((2.0 - half, 2.0 + half), rel=1e-12)
+    assert known.half_width_95() == pytest.approx(half, rel=1e-12)
+    assert Estimate(value=0.0, upper_95=0.3).interval_95() == (0.0, 0.3)
+    with pytest.raises(ValueError, match="bias not known .* has no interval"):
+        Estimate(value=2.0, standard_error=0.3, bias=None).interval_95()
+
+
+def test_a_truth_is_judged_by_the_interval_of_all_errors():
+    known = Estimate(value=1.0, standard_error=0.03, bias=0.1, bias_error=0.04)
+    assert_agrees(known, 1.1 + 4.49 * 0.05)
+    for certain in (replace(known, bias_error=0.0), replace(known, bias=0.0)):
+        with pytest.raises(AssertionError):
+            assert_agrees(certain, 1.1 + 4.49 * 0.05)
+
+
+def test_a_bias_is_told_where_it_widens_the_interval():
+    known = Estimate(value=0.5, standard_error=0.01, bias=0.0019)
+    assert (str(known), value_with_error(known)) == ("0.500(10) []", "0.500(10)")
+    biased = replace(known, bias=0.0021)
+    assert biased.half_width_95() > 1.1 * replace(known, bias=0.0).half_width_95()
+    assert str(biased) == "0.500(10), bias up to 0.0021 []"
+    assert value_with_error(biased) == with_error(biased) == "0.500(10)+-0.0021"
+    unknown = replace(known, bias=None)
+    assert (str(unknown), value_with_error(unknown)) == (
+        "0.500(10), bias not known []", "0.500(10)+-?"
+    )  # fmt: skip
+    solved = Estimate(value=0.23744, bias=0.0053)
+    assert value_with_error(solved) == "0.2374+-0.0053"
+    assert value_with_error(solved, with_bias=False) == "0.2374"
+
+
+def test_a_response_that_was_read_back_is_the_same():
+    response = simulate(oscillator(-1.0, 1.0, 0.8), paths=16, duration=20.0, threads=1)
+    document = json.loads(to_json(response.to_dict()))
+    assert Response.from_dict(document) == response
+    assert replace(response, warnings=["something"]) != response
+    assert replace(response, method="other") != response
+    assert response != document
 
 
 def test_the_json_of_a_response_reads_back_and_holds_null_for_what_is_not_known():

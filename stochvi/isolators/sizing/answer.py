@@ -151,7 +151,7 @@ class ThreeSigma:
     impact_speed_mean: Estimate | None
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Sizing(Result):
     """The clearance that keeps a target, and what it rests on.
 

@@ -172,7 +172,7 @@ class _Bursts(_Seen):
         rate = self.bursts.exceedance_rate(self.event, limit)
         if not rate.value or rate.standard_error > MOST_ERROR * rate.value:
             return None
-        half = rate.half_width_95(with_bias=True)
+        half = rate.half_width_95()
         rates = (rate.value, max(rate.value - half, 0.0), rate.value + half)
         value, low, high = (-math.expm1(-each * self.mission) for each in rates)
         return value, low, high

@@ -508,7 +508,7 @@ class _Job:
         small as well: then no interval can be given, and `NotConverged` carries the clearance.
         """
         per_metre = 2.0 * place * slope
-        half = found.half_width_95(with_bias=True) / found.value / abs(per_metre)
+        half = found.half_width_95() / found.value / abs(per_metre)
         value = place - excess / per_metre
         answer = Clearance(value=value, lower=max(value - half, 0.0), upper=value + half)
         if place in self.unfinished:
@@ -694,7 +694,7 @@ class _Job:
         rows: list[dict[str, float | str | None]] = []
         for clearance, tried in sorted(self.hits.tried.items()):
             rate, speed = tried.hit_rate, tried.impact_speed_mean
-            half = rate.half_width_95(with_bias=True)
+            half = rate.half_width_95()
             unseen = rate.upper_95 is not None
             rows.append(
                 {

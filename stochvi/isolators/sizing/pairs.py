@@ -283,7 +283,7 @@ class _PairsJob:
                 break
             if abs(excess) <= max(CLOSE, error if rough > 1.0 else 0.0):
                 if rough == 1.0 or error <= self.rel_error:
-                    half = found.half_width_95(with_bias=True) / found.value / slope
+                    half = found.half_width_95() / found.value / slope
                     if error > MISSED * self.rel_error:
                         self.notes.append(
                             f"the budget ended at a relative error of {error:.2g} of the "
@@ -539,7 +539,7 @@ class _Total:
         """The curve from the chances at these risks; chances of 0 or 1 are left out, as their
         logarithms are infinite."""
         values = np.array([each.value for each in chances])
-        half = np.array([each.half_width_95(with_bias=True) for each in chances])
+        half = np.array([each.half_width_95() for each in chances])
         usable = (values > 0.0) & (values < KNOWN)
         hazard = -np.log1p(-values[usable])
         logs = np.maximum.accumulate(np.log(hazard))

@@ -39,12 +39,12 @@ class Probability:
     @classmethod
     def of(cls, estimate: Estimate) -> Probability:
         """A chance with its statistical error and its stated bias."""
-        half = estimate.half_width_95(with_bias=True)
+        half = estimate.half_width_95()
         value = estimate.value
         return cls(value=value, lower=max(value - half, 0.0), upper=min(value + half, 1.0))
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PairsSizing(Result):
     """Clearances that keep the chance of a hit of any pair, and what they rest on.
 

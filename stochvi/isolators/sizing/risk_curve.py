@@ -180,7 +180,7 @@ class RiskCurve:
 
 def _half_widths(estimates: Sequence[Estimate]) -> Vector:
     """Half widths of the 95 % intervals, each with the bias of its estimate."""
-    return np.array([estimate.half_width_95(with_bias=True) for estimate in estimates])
+    return np.array([estimate.half_width_95() for estimate in estimates])
 
 
 def _falling(estimates: Sequence[Estimate]) -> list[Estimate]:

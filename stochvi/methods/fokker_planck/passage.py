@@ -79,7 +79,7 @@ PLAUSIBLE = 10.0
 error."""
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class FirstPassage(Result):
     """First passage of a barrier: probabilities, mean time and decay rate.
 

@@ -91,7 +91,7 @@ class Moments(NamedTuple):
     speed_square_rate_upper: Array
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Transient(Result):
     """Averages of displacement and velocity while their density approaches the stationary one.
 

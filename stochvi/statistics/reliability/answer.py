@@ -98,7 +98,7 @@ class PairRisk:
     impact_speed_mean: Estimate | None = None
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Reliability(Result):
     """The risk of a mission: `chances` by event, and `hits`, the expected number of impacts.
 

@@ -12,6 +12,8 @@ cases."""
 def assert_agrees(estimate: Estimate, truth: float, z: float = Z) -> None:
     """Fail unless `truth` lies within z standard errors and the stated bias of the estimate.
 
+    Errors are put together by the one rule of `Estimate`.
+
     Parameters
     ----------
     estimate
@@ -45,7 +47,7 @@ def assert_agrees(estimate: Estimate, truth: float, z: float = Z) -> None:
     if estimate.bias is None:
         raise ValueError(f"{estimate} states no bias, so no truth can confirm or refute it")
     difference = estimate.value - truth
-    tolerance = z * estimate.standard_error + estimate.bias
+    tolerance = estimate.reach(z)
     away = f"{abs(difference) / estimate.standard_error:.1f}" if estimate.standard_error else "inf"
     if not abs(difference) <= tolerance:
         raise AssertionError(

@@ -99,7 +99,7 @@ class Finding:
     verdict: str
 
 
-@dataclass(frozen=True, kw_only=True, repr=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Judgement(Result):
     """The verdict on an integrator.
 
