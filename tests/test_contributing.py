@@ -2,7 +2,9 @@
 
 import ast
 import re
+import tomllib
 from collections.abc import Iterable, Iterator
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -10,6 +12,17 @@ import pytest
 HOUSE = Path(__file__).parents[1]
 TEXT = (HOUSE / "CONTRIBUTING.md").read_text("utf-8")
 FILES = sorted(set(re.findall(r"`(?:[\w/]+/)?\w+\.(?:pyi?|md|toml)(?=[`:])", TEXT)))
+
+
+def test_a_citation_names_the_version_and_its_date() -> None:
+    """Who cites a version must find which one; a release that forgets the file fails here."""
+    text = (HOUSE / "CITATION.cff").read_text("utf-8")
+    cited = dict(
+        line.split(": ", 1) for line in lines if re.match(r"(version|date-released): ", line)
+    )
+    project = tomllib.loads((HOUSE / "pyproject.toml").read_text("utf-8"))["project"]
+    assert cited["version"] == project["version"]
+    assert date.fromisoformat(cited["date-released"].strip('"')) > date(2025, 1, 1)
 
 
 def files_of(name: str) -> list[Path]:

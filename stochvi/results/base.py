@@ -38,7 +38,8 @@ class Result:
     cost
         Time and number of paths that the answer took.
     provenance
-        What is needed to compute the answer again: versions, processor, seed and the scene.
+        What is needed to compute the answer again: versions, processor, seed, the scene, and in
+        `call` the function with its arguments, the date and, of a checkout, the commit.
     interrupted
         Whether Ctrl-C ended the calculation: the answer then holds the results up to that moment.
     """
@@ -55,10 +56,11 @@ class Result:
         return f"<{self.summary()}>"
 
     def __eq__(self, other: object) -> bool:
-        """Whether the other answer is of the same kind and has the same JSON document."""
+        """Whether the other answer is of the same kind, and has the same JSON document but for its
+        cost and the record of its call: one seed gives equal answers."""
         if type(other) is not type(self):
             return NotImplemented
-        return self.to_dict() == other.to_dict()
+        return _lasting(self.to_dict()) == _lasting(other.to_dict())
 
     __hash__ = None  # type: ignore[assignment]
 
@@ -113,6 +115,13 @@ class Result:
     def _remarks(self) -> Sequence[str]:
         """Sentences below the table in a notebook."""
         return self.warnings
+
+
+def _lasting(part: Any) -> Any:
+    """A part of a document without what differs from run to run."""
+    if isinstance(part, dict):
+        return {name: _lasting(each) for name, each in part.items() if name not in ("cost", "call")}
+    return [_lasting(each) for each in part] if isinstance(part, list) else part
 
 
 def plain(value: Any) -> Any:

@@ -1,12 +1,16 @@
-"""The origin of a report: when, by which command, and from which scene and files it was made."""
+"""The origin of an answer and of a report: when, by which call or command, and from which scene and
+files it was made."""
 
 from __future__ import annotations
 
 import hashlib
 import json
+import subprocess
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
+from functools import cache
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +67,67 @@ def origin_of(provenance: Mapping[str, Any]) -> Origin:
         listing=json.dumps(scene, indent=2, ensure_ascii=False),
         files=digests(map(Path, named)),
     )
+
+
+MOST_LISTED = 20
+"""Largest number of entries of an argument that the record of a call repeats."""
+
+SECONDS_OF_GIT = 2.0
+"""Seconds within which git must name the commit of a checkout."""
+
+UNRECORDED = ("scene", "progress")
+"""Arguments that the record of a call leaves out: the scene stands beside it."""
+
+
+def call_of(function: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """The record of a call, for the provenance of its answer: function, arguments, time, commit."""
+    return {
+        "function": function,
+        "arguments": {
+            name: _recorded(value) for name, value in arguments.items() if name not in UNRECORDED
+        },
+        "date": now(),
+        "commit": commit(),
+    }
+
+
+def _recorded(value: Any) -> Any:
+    """An argument in plain types: what is long by its size, what is no data by its kind."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, Path):
+        return str(value)
+    if hasattr(value, "document"):
+        return value.document()
+    if isinstance(value, Mapping):
+        return {str(name): _recorded(each) for name, each in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        short = len(value) <= MOST_LISTED
+        return [_recorded(each) for each in value] if short else f"{len(value)} entries"
+    return type(value).__name__
+
+
+@cache
+def commit() -> str | None:
+    """The commit of the source that runs, with "-dirty" behind it where files differ from it; None
+    where it is not known, as of a released wheel, whose version says it."""
+    source = distribution("stochvi").read_text("direct_url.json")
+    if source is not None and (found := json.loads(source).get("vcs_info", {}).get("commit_id")):
+        return str(found)
+    checkout = Path(__file__).parents[2]
+    if not (checkout / ".git").exists():
+        return None
+    try:
+        described = subprocess.run(
+            ["git", "-C", str(checkout), "describe", "--always", "--dirty", "--abbrev=40",
+             "--exclude=*"],
+            capture_output=True, text=True, check=True, timeout=SECONDS_OF_GIT,
+        )  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return described.stdout.strip() or None
 
 
 def now() -> str:

@@ -408,10 +408,11 @@ def test_peaks_of_walls_that_give_way() -> None:
     response = simulate(scene.expanded, paths=16, duration=200.0)
     peak = _mean_peak([response.impact_pairs["box"]])
     error = math.hypot(free.standard_error, peak.standard_error)
-    assert_agrees(replace(peak, standard_error=error), free.value)
+    sampled = Estimate(value=peak.value, standard_error=error)  # its step hardly matters here
+    assert_agrees(sampled, free.value)
     elastic = math.sqrt(1e2 * 0.1 / 1.1) * float(met.mean())
     with pytest.raises(AssertionError):  # without the damper of the wall
-        assert_agrees(replace(peak, standard_error=error), elastic)
+        assert_agrees(sampled, elastic)
     largest = _windows(scene.expanded, "structure", 2.0 * math.pi, 0, Deadline.after(0.0))
     assert largest.wall_force.value > 2.0 * peak.value
     assert largest.wall_acceleration.value == pytest.approx(largest.wall_force.value / 1.0)

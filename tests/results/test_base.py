@@ -198,6 +198,9 @@ def test_an_answer_says_where_it_comes_from(answer: Result) -> None:
     several = {"Checks", "Judgement"}  # of several scenes
     if type(answer).__name__ not in several:
         assert answer.provenance["scene"]["structure"]
+    by_hand = {"PairsSizing", "Sizing", "StructureScreening"}  # the tests here make them
+    if type(answer).__name__ not in by_hand:
+        assert answer.provenance["call"]["date"]
 
 
 def test_a_document_of_a_check_holds_every_warning_of_its_responses() -> None:

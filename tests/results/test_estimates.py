@@ -161,7 +161,7 @@ def test_all_errors_make_one_interval():
     assert known.interval_95() == pytest.approx((2.0 - half, 2.0 + half), rel=1e-12)
     assert known.half_width_95() == pytest.approx(half, rel=1e-12)
     assert Estimate(value=0.0, upper_95=0.3).interval_95() == (0.0, 0.3)
-    with pytest.raises(ValueError, match="bias not known .* has no interval"):
+    with pytest.raises(ValueError, match=r"bias not known .* has no interval"):
         Estimate(value=2.0, standard_error=0.3, bias=None).interval_95()
 
 

@@ -68,6 +68,7 @@ def oscillator(restitution: float = 0.8) -> Scene:
 def digits(response: Response) -> dict[str, object]:
     """All that must not depend on how the run was made."""
     document = response.to_dict()
+    document["provenance"].pop("call")
     return document | {
         "cost": {key: document["cost"][key] for key in ("steps", "impacts", "paths")}
     }
@@ -436,6 +437,7 @@ def answer(path: Path) -> dict[str, object]:
     """The JSON document without what the clock says."""
     document = json.loads(path.read_text(encoding="utf-8"))
     assert not document.pop("interrupted")
+    document["provenance"].pop("call")
     return document | {
         "cost": {key: document["cost"][key] for key in ("steps", "impacts", "paths")}
     }
