@@ -17,9 +17,7 @@ FILES = sorted(set(re.findall(r"`(?:[\w/]+/)?\w+\.(?:pyi?|md|toml)(?=[`:])", TEX
 def test_a_citation_names_the_version_and_its_date() -> None:
     """Who cites a version must find which one; a release that forgets the file fails here."""
     text = (HOUSE / "CITATION.cff").read_text("utf-8")
-    cited = dict(
-        line.split(": ", 1) for line in lines if re.match(r"(version|date-released): ", line)
-    )
+    cited = dict(re.findall("^(version|date-released): (.+)$", text, re.MULTILINE))
     project = tomllib.loads((HOUSE / "pyproject.toml").read_text("utf-8"))["project"]
     assert cited["version"] == project["version"]
     assert date.fromisoformat(cited["date-released"].strip('"')) > date(2025, 1, 1)
