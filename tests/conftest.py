@@ -61,7 +61,6 @@ def short_review(monkeypatch: pytest.MonkeyPatch) -> None:
         peaks=PeakSettings(stiffness_ratios=(1000.0,), multiples=(3.0,), seconds=0.1),
         closure_points=5,
         clearances=2,
-        worst_case_share=0.05,
         exceedance_share=0.05,
     )
     monkeypatch.setattr("stochvi.isolators.sizing.review.ReviewSettings", short)

@@ -15,6 +15,7 @@ import pandas as pd
 
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
+from stochvi.isolators.sizing.answer import Rounded
 from stochvi.isolators.sizing.chance_at_stops import Gap
 from stochvi.methods.periodic.answer import Jump
 from stochvi.methods.periodic.resonance import HarmonicResonance
@@ -122,7 +123,9 @@ CHANGES = {
         {"faster_hits": COLUMNS, "impacts": COLUMNS, "transmissibility": COLUMNS},
         renamed={"scene": None},
     ),
-    "PairsSizing": Change(METHOD | {"verdict": str}, renamed={"method": "by"}),
+    "PairsSizing": Change(
+        METHOD | {"verdict": str, "made": Mapping[str, Rounded]}, renamed={"method": "by"}
+    ),
     "Reliability": Change(
         {"no_hit": Estimate | None}, RECORD,
         {"hits": "expected_hits", "hits_interval": "expected_hits_interval"},
@@ -138,7 +141,8 @@ CHANGES = {
     ),
     "Screening": Change(optional=METHOD),
     "Sizing": Change(
-        METHOD | {"verdict": str, "clearance_in_sigma": float, "gap": Gap},
+        METHOD
+        | {"verdict": str, "made": Rounded | None, "clearance_in_sigma": float, "gap": Gap},
         {"sensitivity": ROWS, "review": PART},
         {"method": "by"},
     ),

@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING
 from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
 from stochvi.views.pairs import (
     PLACES,
+    TOLERANCES,
     interval_in_words,
     pairs_in_words,
     places_in_rows,
     required_in_rows,
     tolerances_in_rows,
+    worst_places,
 )
 from stochvi.views.tables import (
     LAST_DIGITS,
@@ -123,7 +125,11 @@ def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | N
     console.print(sizing.verdict(), style=style, highlight=False)
     if sizing.doubtful is None:
         print_record(console, sizing.record)
-    print_line(console, places_of_stops(sizing))
+    for line in places_of_stops(sizing).splitlines():
+        print_line(console, line)
+    print_line(console, sizing.calculated())
+    if sizing.worst_case is not None:
+        _print_changes(console, sizing.worst_case, "within the tolerances, each row sized anew")
     three, mission = sizing.three_sigma, spoken_mission(sizing.mission)
     table = new_table(
         f"at 3 sigma = {1e3 * three.clearance:.4g} mm, in {mission}", ["quantity", "value"]
@@ -148,36 +154,42 @@ def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | N
     )
     _print_hits(console, sizing)
     if sensitivity is not None:
-        print_frame(
-            console,
-            sensitivity.assign(
-                clearance=1e3 * sensitivity["clearance"],
-                clearance_change=[
-                    "not found" if math.isnan(c) else f"{100.0 * c:+.1f} %"
-                    for c in sensitivity["clearance_change"]
-                ],
-                probability=[
-                    "" if math.isnan(chance) else spoken_percent(chance)
-                    for chance in sensitivity["probability"]
-                ],
-            )[list(CHANGE_COLUMNS)].rename(columns=CHANGE_COLUMNS),
-            "for the same target, and at the old clearance",
-        )
-        for change, note in zip(sensitivity["change"], sensitivity["note"], strict=True):
-            if note:
-                print_line(console, f"{change}: {note}")
+        _print_changes(console, sensitivity, "one thing changed at a time")
     print_line(console, f"method: {sizing.method}")
     print_line(console, f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads")
     for warning in sizing.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
 
 
+def _print_changes(console: Console, table: pd.DataFrame, title: str) -> None:
+    """Print changed scenes with the clearance that each needs for the same target."""
+    print_frame(
+        console,
+        table.assign(
+            clearance=1e3 * table["clearance"],
+            clearance_change=[
+                "not found" if math.isnan(c) else f"{100.0 * c:+.1f} %"
+                for c in table["clearance_change"]
+            ],
+            probability=[
+                "" if math.isnan(chance) else spoken_percent(chance)
+                for chance in table["probability"]
+            ],
+        )[list(CHANGE_COLUMNS)].rename(columns=CHANGE_COLUMNS),
+        f"{title}: clearance for the same target, and chance of any hit at the calculated one",
+    )
+    for change, note in zip(table["change"], table["note"], strict=True):
+        if note:
+            print_line(console, f"{change}: {note}")
+
+
 def print_pairs_sizing(console: Console, sizing: PairsSizing) -> None:
     """Print the clearances of several pairs first, then the numbers behind them."""
     console.print(sizing.verdict(), style="bold", highlight=False)
     mission = spoken_mission(sizing.mission)
-    print_frame(console, pairs_in_words(sizing), f"pair by pair, in {mission}")
     print_frame(console, places_in_rows(sizing), PLACES)
+    print_line(console, sizing.calculated())
+    print_frame(console, pairs_in_words(sizing), f"pair by pair, as calculated, in {mission}")
     table = new_table(
         f"chance that any pair is hit in {mission}", ["stops", "chance", "95 % interval"]
     )
@@ -193,15 +205,12 @@ def print_pairs_sizing(console: Console, sizing: PairsSizing) -> None:
     print_frame(
         console,
         required_in_rows(sizing),
-        f"clearances for other chances of any hit in {mission}, and for the same chance in the "
-        "worst combination of the tolerances",
+        f"clearances for other chances of any hit in {mission}",
     )
-    print_frame(
-        console,
-        tolerances_in_rows(sizing),
-        "within the tolerances, by linear theory: the largest factor on a clearance that keeps the "
-        "same risk, and the chance of any hit at the clearances as stated",
-    )
+    if len(sizing.tolerances) > 1:
+        print_frame(console, tolerances_in_rows(sizing), TOLERANCES)
+        for line in worst_places(sizing):
+            print_line(console, line)
     print_line(console, f"method: {sizing.method}")
     print_line(console, f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads")
     for warning in sizing.warnings:

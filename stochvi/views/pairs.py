@@ -54,20 +54,19 @@ def pairs_in_words(sizing: PairsSizing) -> pd.DataFrame:
 
 
 def places_in_rows(sizing: PairsSizing) -> pd.DataFrame:
-    """A row per sized pair: the clearance that can be made (mm), and the stops as a scene file has
-    them."""
+    """A row per sized pair: the clearance to make, and the stops as a scene file has them."""
     import pandas as pd
 
-    table = sizing.placed()
+    table, made = sizing.placed(), sizing.made()
     stops = {
-        side: [f"{side} = {place:.6g}" if place == place else "none" for place in table[side]]
+        side: [f"{side} = {place:.9g}" if place == place else "none" for place in table[side]]
         for side in ("lower", "upper")
     }
     return pd.DataFrame(
         {
             "pair": table["pair"],
-            "clearance to make (mm)": [f"{MM * c:.4g}" for c in table["clearance"]],
-            "mean gap (mm)": [
+            "clearance to make": [str(made[name]) for name in table["pair"]],
+            "equilibrium (mm)": [
                 f"{round(MM * mean, MM_DIGITS) + 0.0:.4g}" for mean in table["mean_gap"]
             ],
             "in the scene file (m)": stops["lower"],
@@ -80,8 +79,8 @@ MM_DIGITS = 6
 """Number of digits behind the point of a mean gap in mm; smaller digits are rounding error."""
 
 PLACES = (
-    "where the stops go: clearances count from the mean gap, rounded up to what can be made; lower "
-    "and upper, of a scene file, count from the unloaded mounts"
+    "where the stops go: clearances count from the static equilibrium, rounded up; lower and "
+    "upper, of a scene file, count from the unloaded mounts"
 )
 """Heading of the table of places."""
 
@@ -96,30 +95,46 @@ def _known(value: float) -> str:
 
 
 def tolerances_in_rows(sizing: PairsSizing) -> pd.DataFrame:
-    """A row per change: the largest factor on a clearance, and the chance of any hit."""
+    """A row per change: the clearance that each sized pair needs for the same risk (mm), and the
+    chance of any hit at the calculated ones."""
     import pandas as pd
 
     table = sizing.tolerances
     return pd.DataFrame(
         {
             "change": table["change"],
-            "largest factor on a clearance": [f"{factor:.3f}" for factor in table["factor"]],
+            **{
+                f"{name} (mm)": [four_digits(MM * needed) for needed in table[name]]
+                for name in sizing.clearances
+            },
             "chance of any hit": [spoken_percent(chance) for chance in table["probability"]],
         }
     )
 
 
+def worst_places(sizing: PairsSizing) -> list[str]:
+    """Where within the tolerances each clearance is largest, pairs of one place together."""
+    names: dict[str, list[str]] = {}
+    for name, place in sizing.worst_at.items():
+        names.setdefault(place, []).append(name)
+    return [f"largest for {', '.join(each)}: {place}" for place, each in names.items()]
+
+
+TOLERANCES = (
+    "within the tolerances, by linear theory: clearances for the same risk, and the chance of any "
+    "hit at the calculated ones; last, the largest of each column over the whole region"
+)
+"""Heading of the table of tolerances."""
+
+
 def required_in_rows(sizing: PairsSizing) -> pd.DataFrame:
-    """A row per sized pair: its clearance (mm) for other chances of any hit, and for the same
-    chance in the worst combination of the tolerances."""
+    """A row per sized pair: its clearance (mm) for other chances of any hit."""
     import pandas as pd
 
     asked = {
         f"{spoken_percent(row['probability'])} (mm)": row
         for row in sizing.required.to_dict("records")
     }
-    if len(sizing.tolerances) > 1:
-        asked["worst tolerances (mm)"] = sizing.tolerances.iloc[-1].to_dict()
     names = list(sizing.clearances)
     return pd.DataFrame(
         {"pair": names}
@@ -199,8 +214,8 @@ def draw_pairs_risk(sizing: PairsSizing, title: str = "") -> Axes:
 
 
 def plot_pairs_clearances(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
-    """The clearance of each pair, its clearance in the worst combination of tolerances, and three
-    sigma of its gap."""
+    """The clearance of each pair, the largest within the tolerances, and three sigma of its
+    gap."""
     ax = axes_or_new(ax, (6.8, 0.9 + 0.42 * max(len(sizing.clearances), 3)))
     names = list(sizing.clearances)
     values = np.array([sizing.clearances[name].value for name in names])
@@ -208,12 +223,14 @@ def plot_pairs_clearances(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
     sigma = sizing.pairs.set_index("pair")["sigma"]
     rows = np.arange(len(names))
     worst = sizing.tolerances.iloc[-1]
-    ax.barh(rows, values / unit, color=COLOURS["linearise:force"], height=0.5, label="as sized")
+    ax.barh(
+        rows, values / unit, color=COLOURS["linearise:force"], height=0.5, label="as calculated"
+    )
     if len(sizing.tolerances) > 1:
         more = [max(float(worst[n]) - v, 0.0) / unit for n, v in zip(names, values, strict=True)]
         ax.barh(
             rows, more, left=values / unit, color=COLOURS["linearise:force"], alpha=0.3,
-            height=0.5, label="worst combination of tolerances",
+            height=0.5, label="largest within the tolerances",
         )  # fmt: skip
     ax.plot(
         [3.0 * float(sigma[name]) / unit for name in names], rows, "o",

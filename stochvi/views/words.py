@@ -11,8 +11,7 @@ from stochvi.results.estimates import Estimate
 from stochvi.views.tables import value_with_error
 
 if TYPE_CHECKING:
-    from stochvi.isolators.sizing.answer import Rounded, Sizing
-    from stochvi.isolators.sizing.review import Review
+    from stochvi.isolators.sizing.answer import Sizing
 
 MM = 1e3
 """Factor from m to mm."""
@@ -21,6 +20,12 @@ G = 1.0 / STANDARD_GRAVITY
 """Factor from m/s^2 to g."""
 
 UNKNOWN = "not known"
+
+NO_TOLERANCES = (
+    "mount, level and stops are exactly as the scene states them: no tolerances were asked for "
+    "(--tolerances)"
+)
+"""Sentence of a page whose clearance holds no tolerances."""
 
 MOST_PLACES = 5
 """Largest number of digits after the point; a number that needs more is written with a power of
@@ -34,38 +39,6 @@ def millimetres(metres: float) -> str:
     ('5.971 mm', '12.00 mm', '1234 mm')
     """
     return f"{four_digits(MM * metres)} mm"
-
-
-def made_millimetres(made: Rounded) -> str:
-    """A clearance that is rounded up, with the digits that its step calls for.
-
-    >>> from stochvi.isolators.sizing.answer import Rounded
-    >>> made_millimetres(Rounded(value=4.5e-3, step=1e-4))
-    '4.5 mm'
-    """
-    return f"{MM * made.value:.{_places(made.step)}f} mm"
-
-
-def step_in_words(made: Rounded) -> str:
-    """The step to which a clearance is rounded up, in words."""
-    return f"{MM * made.step:.{_places(made.step)}f} mm"
-
-
-def _places(step: float) -> int:
-    return max(round(-math.log10(MM * step)), 0)
-
-
-def tolerances_in_words(review: Review) -> str:
-    """The tolerances of a worst case, in words."""
-    found = review.tolerances
-    words = [
-        f"natural frequency ± {100.0 * found.frequency:.3g} %",
-        f"damping ratio ± {100.0 * found.damping:.3g} %",
-        f"level ± {found.level_db:.3g} dB",
-    ]
-    if any("stiffness" in change for change in review.worst_case["change"]):
-        words.append(f"stiffness of the stops ± {100.0 * found.stiffness:.3g} %")
-    return ", ".join(words)
 
 
 def four_digits(number: float) -> str:
@@ -126,9 +99,9 @@ def count_of(number: float) -> str:
 
 
 def name_of_answer(sizing: Sizing) -> str:
-    """Name of the calculated clearance on a page: it is recommended, unless a record contradicts
-    the Gaussian noise for which it holds."""
-    return "recommended" if sizing.doubtful is None else "for Gaussian noise"
+    """Name of the calculated clearance on a page; where a record contradicts the Gaussian noise for
+    which it holds, that is said."""
+    return "calculated" if sizing.doubtful is None else "for Gaussian noise"
 
 
 def names_of_places(sizing: Sizing) -> dict[str, str]:
@@ -149,26 +122,21 @@ TINY = 1e-12
 
 
 def places_of_stops(sizing: Sizing) -> str:
-    """The side or sides of the calculated clearance, and the chance of a hit on the stops of the
-    scene at their places.
-
-    Clearances are equal distances from the mean position, which the stops of a scene need not be.
-    """
-    stops = sizing.gap.distances
-    if not stops:
-        return "clearance: equal distances of two stops from the mean position"
-    distances = " and ".join(f"{1e3 * distance:.4g}" for distance in stops.values())
-    risk = (
-        f"{distances} mm from the mean: "
-        f"{chance_of_stops(sizing)} in {spoken_mission(sizing.mission)} (any hit)"
-    )
-    if len(stops) == 1:
-        (side,) = stops
-        return (
-            f"clearance: distance of the stop from the mean position ({side} side only); "
-            f"stop of the scene, {risk}"
+    """The line to copy into a scene file, and the chance of a hit on the stops of the scene at
+    their places."""
+    texts = []
+    if copied := sizing.stops_to_copy():
+        hangs = f"; {equilibrium_in_words(sizing)}" if sizing.gap.mean_position else ""
+        texts.append(f"in the scene file, m from the unloaded spring: {copied}{hangs}")
+    if stops := sizing.gap.distances:
+        distances = " and ".join(f"{1e3 * distance:.4g}" for distance in stops.values())
+        texts.append(
+            f"stops of the scene, {distances} mm from the static equilibrium: "
+            f"{chance_of_stops(sizing)} in {spoken_mission(sizing.mission)} (any hit)"
         )
-    return (
-        "clearance: equal distances of both stops from the mean position; "
-        f"stops of the scene, {risk}"
-    )
+    return "\n".join(texts)
+
+
+def equilibrium_in_words(sizing: Sizing) -> str:
+    """Where the mass hangs, in words."""
+    return f"the static equilibrium is at {1e3 * sizing.gap.mean_position:+.4g} mm from there"

@@ -49,7 +49,13 @@ def test_the_clearance_and_what_three_sigma_buys(
     assert clearance["lower"] < clearance["value"] < clearance["upper"]
     # a slow machine tells its progress before the verdict
     verdict = next(line for line in done.err.splitlines() if "mm per side" in line)
-    assert verdict.startswith(f"{1e3 * clearance['value']:.4g} mm per side")
+    made = document["made"]
+    assert 0.0 <= made["value"] - clearance["value"] <= made["step"] <= 1e-4
+    assert verdict.startswith(f"clearance: {1e3 * made['value']:.1f} mm per side")
+    for side, sign in (("lower", -1.0), ("upper", 1.0)):
+        position = document["gap"]["recommended"][side]
+        assert f"{side} = {position:g}" in done.err
+        assert position - document["gap"]["mean_position"] == pytest.approx(sign * made["value"])
     assert "hits, simulated" in done.err
     told = " ".join(done.err.split())
     assert told.count("the standard error of the last digits, 607(20) is 607 +- 20") == 1

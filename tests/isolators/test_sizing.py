@@ -151,7 +151,7 @@ def test_the_document_holds_plain_numbers(hourly: Sizing) -> None:
     assert document["target"] == {
         "name": "probability", "value": 0.01, "unit": "1", "exceedance": None,
     }  # fmt: skip
-    assert " mm per side (" in repr(hourly) and "1 %" in hourly._repr_html_()
+    assert " mm per side from " in repr(hourly) and "1 %" in hourly._repr_html_()
     assert hourly.to_frame() is hourly.curve
 
 
@@ -266,8 +266,9 @@ def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_ju
     assert any("may do as well" in warning for warning in found.warnings)
     assert found.kept_with == seen
     verdict = found.verdict()
-    assert verdict.startswith(f"at most {1e3 * found.clearance.value:.4g} mm per side, ")
-    assert "any impact speed of 1 h exceeds 5 m/s is below 1 % (95 % limit: 0.002 %)" in verdict
+    assert verdict.startswith(f"clearance: at most {found.made} from the static equilibrium")
+    assert "any impact speed of 1 h exceeds 5 m/s is below 1 %" in verdict
+    assert "95 % limit of the chance: 0.002 %" in found.calculated()
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["kept_with"]["value"] == 0.0
 
     def too_short(scene: Scene, **asked: Any) -> None:
@@ -291,7 +292,8 @@ def test_the_chance_that_is_kept_already_is_told_where_it_was_seen() -> None:
     found = size(truck(HALF), impact_speed=0.5, exceedance=0.5, mission=60.0, rel_error=0.2)
     assert found.kept_with is not None and found.kept_with.upper_95 is None
     assert 0.0 < found.kept_with.value < 0.5
-    assert f"is below 50 % ({spoken_percent(found.kept_with.value)})" in found.verdict()
+    assert "is below 50 %" in found.verdict()
+    assert f"a chance of {spoken_percent(found.kept_with.value)}" in found.calculated()
 
 
 def test_bursts_that_do_not_end_give_no_clearance(monkeypatch: pytest.MonkeyPatch) -> None:

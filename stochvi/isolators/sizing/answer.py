@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy as np
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
 from stochvi.isolators.sizing.chance_at_stops import Gap, gap_of
+from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
@@ -107,12 +108,43 @@ class Rounded:
         """
         digits = max(math.ceil(-math.log10(FINEST_SHARE * clearance)), -round(math.log10(COARSEST)))
         step = 10.0**-digits
-        return cls(value=math.ceil(clearance / step * (1.0 - ROUNDING)) * step, step=step)
+        steps = math.ceil(clearance / step * (1.0 - ROUNDING))
+        return cls(value=round(steps * step, digits), step=step)
+
+    def __str__(self) -> str:
+        """The clearance in millimetres, with the digits that its step calls for.
+
+        >>> str(Rounded(value=4.5e-3, step=1e-4))
+        '4.5 mm'
+        """
+        return f"{1e3 * self.value:.{self._digits}f} mm"
+
+    @property
+    def step_in_words(self) -> str:
+        """The step in millimetres."""
+        return f"{1e3 * self.step:.{self._digits}f} mm"
+
+    @property
+    def _digits(self) -> int:
+        return max(round(-math.log10(1e3 * self.step)), 0)
+
+    def position(self, equilibrium: float, side: str) -> float:
+        """Where a stop at this clearance from the static equilibrium (m) lies, in m from the
+        unloaded spring as in a scene file; rounded outwards to a hundredth of the step.
+
+        >>> found = Rounded.of(3.32e-3)
+        >>> found.position(0.0, "lower"), found.position(-1.70799e-3, "lower")
+        (-0.0034, -0.005108)
+        """
+        sign = -1.0 if side == "lower" else 1.0
+        digits = round(-math.log10(self.step)) + 2
+        outwards = sign * (equilibrium + sign * self.value) * 10.0**digits
+        return sign * math.ceil(outwards - 1e-6) / 10.0**digits
 
 
 @dataclass(frozen=True, kw_only=True)
 class Clearance:
-    """Metres per side from the mean position, and the 95 % interval of the calculation.
+    """Metres per side from the static equilibrium, and the 95 % interval of the calculation.
 
     The interval reaches from 0 to the value where a smaller clearance may do as well
     (`Sizing.kept_with`).
@@ -162,7 +194,8 @@ class Sizing(Result):
     target, mission
         What was asked for, and seconds of exposure.
     clearance
-        The answer, m per side from the mean position (static sag counted).
+        The calculated clearance for the scene as stated, m per side from the static equilibrium;
+        `made` is the one to make.
     sigma
         Linear rms displacement without stops, m.
     curve
@@ -191,6 +224,12 @@ class Sizing(Result):
     kept_with
         Chance that the limit of the target is exceeded in the mission, where the clearance is the
         smallest that can be judged and keeps the target with a margin; else None.
+    allowed
+        The tolerances that were asked for, within all of which `made` keeps the target.
+    worst_case
+        The table of `worst_case`; None without tolerances, or where the calculation ended before.
+    fell_short
+        Those of the warnings that name an accuracy for which the budget did not suffice.
 
     See Also
     --------
@@ -213,6 +252,20 @@ class Sizing(Result):
     method: str
     record: RecordVerdict | None = None
     kept_with: Estimate | None = None
+    allowed: Tolerances = field(default_factory=Tolerances)
+    worst_case: pd.DataFrame | None = None
+    fell_short: tuple[str, ...] = ()
+
+    @property
+    def made(self) -> Rounded | None:
+        """The clearance to make: the calculated one or, where tolerances were asked for, the
+        largest within them, rounded up. None where the largest was not found."""
+        needed = self.clearance.value
+        if self.allowed != Tolerances():
+            needed = math.nan
+            if self.worst_case is not None:
+                needed = float(self.worst_case["clearance"].iloc[-1])
+        return Rounded.of(needed) if math.isfinite(needed) else None
 
     @property
     def gap(self) -> Gap:
@@ -226,11 +279,45 @@ class Sizing(Result):
         return seed if isinstance(seed, int) else 0
 
     def verdict(self) -> str:
-        """The clearance, the risk that it keeps, the hits that are expected there, and what three
-        sigma would do to the same quantity, in one sentence, after a record that does not agree
-        with Gaussian noise."""
-        first = f"{self.doubtful.sentence()}: " if self.doubtful else ""
-        return first + self.calculated()
+        """The clearance to make and the risk that it keeps, in one sentence, after a record that
+        does not agree with Gaussian noise."""
+        record = self.doubtful
+        first = f"{record.sentence()}. For Gaussian noise of its spectrum: " if record else ""
+        return first + self._to_make()
+
+    def _to_make(self) -> str:
+        """The clearance to make and the risk that it keeps, in words."""
+        made, target, mission = self.made, self.target, self.mission
+        within = (
+            f" within all tolerances ({self.allowed.in_words()})"
+            if self.allowed != Tolerances()
+            else ""
+        )
+        if made is None:
+            return f"the largest clearance{within} was not found; raise budget"
+        most = "at most " if self.kept_with is not None else ""
+        if self.kept_with is not None and target.exceedance is not None:
+            kept = (
+                f"already there the chance that any {target.name.replace('_', ' ')} of "
+                f"{spoken_mission(mission)} exceeds {target.limit} is {self.kept_chance()}"
+            )
+            return f"clearance: {most}{made} from the static equilibrium{within}; {kept}"
+        sides = "" if len(self.sides) == 1 else "per side "
+        return (
+            f"clearance: {made} {sides}from the static equilibrium keeps {target.kept(mission)}"
+            f"{within}"
+        )
+
+    def stops_to_copy(self) -> str:
+        """The stops at the clearance to make, as lines of a scene file have them (m from the
+        unloaded spring); empty where that is not known."""
+        return ", ".join(f"{side} = {x:.9g}" for side, x in self.gap.recommended.items())
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """Sides on which a stop is sized: those of the scene, both where it has none yet."""
+        pairs = self.scene.impact_pairs
+        return tuple(side for side, _ in pairs[0].stops()) if pairs else ("lower", "upper")
 
     @property
     def doubtful(self) -> RecordVerdict | None:
@@ -238,7 +325,8 @@ class Sizing(Result):
         return None if self.record is None or self.record.agrees else self.record
 
     def calculated(self) -> str:
-        """The verdict for Gaussian noise of the spectrum, whatever a record itself does."""
+        """What the clearance to make rests on: the calculated one for the scene as stated, the
+        hits to expect there, and what three sigma would do to the same quantity."""
         three, hits = self.three_sigma, self.expected_hits()
         place = f"3 sigma = {1e3 * three.clearance:.4g} mm"
         mission = spoken_mission(self.mission)
@@ -264,23 +352,18 @@ class Sizing(Result):
         return Estimate(value=self.mission * rate, standard_error=self.mission * error, bias=None)
 
     def _answer(self) -> str:
-        """The clearance and the risk that it keeps, in words."""
+        """The calculated clearance with its interval, in words."""
         mm, c = 1e3, self.clearance
+        stated = "" if self.allowed == Tolerances() else " as stated"
+        first = f"calculated{stated}: {mm * c.value:.4g} mm"
         in_sigma = f"{c.value / self.sigma:.3g} sigma"
         if self.kept_with is None:
             interval = f"{mm * c.lower:.4g} to {mm * c.upper:.4g} mm, 95 %"
-            kept = self.target.kept(self.mission)
-            return f"{mm * c.value:.4g} mm per side ({interval}), {in_sigma}, keeps {kept}"
-        target, chance = self.target, self.kept_with
-        assert target.exceedance is not None
-        shown = spoken_percent(chance.value)
-        if chance.upper_95 is not None:
-            shown = f"95 % limit: {spoken_percent(chance.upper_95)}"
-        return (
-            f"at most {mm * c.value:.4g} mm per side, {in_sigma}: already there the chance that "
-            f"any {target.name.replace('_', ' ')} of {spoken_mission(self.mission)} exceeds "
-            f"{target.limit} is {self.kept_chance()} ({shown})"
-        )
+            return f"{first} ({interval}), {in_sigma}"
+        shown = f"a chance of {spoken_percent(self.kept_with.value)}"
+        if self.kept_with.upper_95 is not None:
+            shown = f"95 % limit of the chance: {spoken_percent(self.kept_with.upper_95)}"
+        return f"{first}, {in_sigma}, {shown}"
 
     def kept_chance(self) -> str:
         """The chance with which the limit of the target may be exceeded at the clearance, in words:
@@ -301,7 +384,8 @@ class Sizing(Result):
         return self.curve
 
     def summary(self) -> str:
-        """The clearance and the risk that it keeps, in one sentence: the same as `verdict`."""
+        """The clearance to make and the risk that it keeps, in one sentence: the same as
+        `verdict`."""
         return self.verdict()
 
     def _shown(self) -> pd.DataFrame:
@@ -312,6 +396,7 @@ class Sizing(Result):
         return {
             "method": "size",
             "verdict": self.verdict(),
+            "made": self.made,
             "clearance_in_sigma": self.clearance.value / self.sigma,
             "gap": self.gap,
             "by": found.pop("method"),

@@ -27,11 +27,12 @@ class Gap:
     Parameters
     ----------
     mean_position
-        Mean position of the mass, by gravity and constant loads.
+        The static equilibrium: where the mass hangs under gravity and constant loads.
     recommended
-        Place of the stop on each side, by "lower" and "upper", at the recommended clearance.
+        Place of the stop on each side, by "lower" and "upper", at the clearance to make (`made`);
+        empty where that is not known.
     distances
-        Distance of each stop of the scene from the mean position.
+        Clearance of each stop of the scene: its distance from the static equilibrium.
     probability
         Chance of any hit in the mission with the stops of the scene; None where it is not known, or
         the scene has no stops.
@@ -44,14 +45,14 @@ class Gap:
 
 
 def gap_of(sizing: Sizing) -> Gap:
-    """The stops of a sizing: as recommended, and as the scene has them."""
+    """The stops of a sizing: at the clearance to make, and as the scene has them."""
     model = model_of(sizing.scene)
     rest = model.rest
     stops = {stop.name: abs(stop.position - rest) for stop in model.stops}
-    offsets = {"lower": -sizing.clearance.value, "upper": sizing.clearance.value}
+    made = sizing.made
     return Gap(
         mean_position=rest,
-        recommended={side: rest + offsets[side] for side in (stops or offsets)},
+        recommended={side: made.position(rest, side) for side in sizing.sides if made},
         distances=stops,
         probability=probability_of_stops(sizing),
     )

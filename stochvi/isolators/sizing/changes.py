@@ -3,39 +3,39 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
 from stochvi.scenes.impact_laws import Law, Restitution
 from stochvi.scenes.rigid_body import AXES, RigidBody
 from stochvi.scenes.scene import Scene
 
-COMBINED = "worst combination"
-"""Name of the row in which all changes that ask for more clearance come together."""
+WORST = "worst within all tolerances"
+"""Name of the row with the largest clearance of the whole region of the tolerances."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Tolerances:
-    """How far the mount, the level and the stops may be from what the scene states.
+    """How far the mount, the level and the stops may be from what the scene states: by default
+    nothing is off.
 
     Parameters
     ----------
     frequency, damping
-        Relative tolerances of natural frequency and damping ratio. The defaults are usual of
-        elastomer mounts; `structure.frequency_tolerance` and `damping_tolerance` take their place.
+        Relative tolerances of natural frequency and damping ratio.
     level_db
-        Tolerance of the level, dB up and down: the usual one of vibration tests.
+        Tolerance of the level, dB up and down.
     stiffness
-        Relative tolerance of the stiffness of the stops: that of rubber within 5 degrees Shore A.
+        Relative tolerance of the stiffness of the stops.
     centre
         How far the centre of mass of a rigid body may lie from its stated place along each axis, m.
     """
 
-    frequency: float = 0.1
-    damping: float = 0.3
-    level_db: float = 3.0
-    stiffness: float = 0.2
+    frequency: float = 0.0
+    damping: float = 0.0
+    level_db: float = 0.0
+    stiffness: float = 0.0
     centre: float = 0.0
 
     def __post_init__(self) -> None:
@@ -53,14 +53,15 @@ class Tolerances:
             raise ValueError(f"the tolerance of level must be in [0, 60) dB, got {self.level_db:g}")
 
     @classmethod
-    def of(cls, scene: Scene, **stated: float) -> Tolerances:
-        """The tolerances of a scene: those stated as arguments, else its own, else the defaults."""
+    def of(cls, scene: Scene, *, usual: bool = False, **stated: float) -> Tolerances:
+        """The tolerances that were asked for: those stated as arguments, those of the scene, and,
+        if `usual` is asked for, `USUAL` for the others."""
         own = {
             name: value
             for name in ("frequency", "damping", "centre")
             if (value := getattr(scene.structure, f"{name}_tolerance", None)) is not None
         }
-        found = cls(**(own | stated))
+        found = cls(**(asdict(USUAL) if usual else {}) | own | stated)
         if found.centre and not isinstance(scene.structure, RigidBody):
             raise ValueError(
                 "the tolerance of centre is that of structure.kind = 'rigid-body', got "
@@ -68,18 +69,61 @@ class Tolerances:
             )
         return found
 
+    def felt(self, scene: Scene, *, by_hits: bool) -> Tolerances:
+        """These tolerances without that of the stiffness of the stops where no answer depends on
+        it: no hit is simulated, or a stop is rigid."""
+        return self if by_hits and ends_of_stops(scene, self) else replace(self, stiffness=0.0)
+
+    def limits(self) -> dict[str, float]:
+        """The largest amount by which each quantity may be off either way, without those that are
+        as stated; the stiffness of the stops is not among them."""
+        known = {"frequency": self.frequency, "damping": self.damping, "level": self.level_db}
+        known |= {f"{CENTRE}{axis}": self.centre for axis in AXES}
+        return {quantity: limit for quantity, limit in known.items() if limit}
+
+    def in_words(self) -> str:
+        """The tolerances that are not zero, in words; empty where there is none."""
+        words = {
+            "natural frequency": (100.0 * self.frequency, "%"),
+            "damping ratio": (100.0 * self.damping, "%"),
+            "level": (self.level_db, "dB"),
+            "centre of mass": (1e3 * self.centre, "mm along each axis"),
+            "stiffness of the stops": (100.0 * self.stiffness, "%"),
+        }
+        return ", ".join(
+            f"{name} ± {value:.3g} {unit}" for name, (value, unit) in words.items() if value
+        )
+
+
+USUAL = Tolerances(frequency=0.1, damping=0.3, level_db=3.0, stiffness=0.2)
+"""What is usual of elastomer mounts, of the level of vibration tests, and of the stiffness of
+rubber within 5 degrees Shore A; applied where it is asked for."""
 
 CENTRE = "centre "
 """Beginning of the name of a quantity that moves the centre of mass; the axis follows it."""
 
 
 class Change(NamedTuple):
-    """One quantity at one end of its tolerance."""
+    """One quantity that is off by an amount: relative, dB, or m of a centre of mass."""
 
-    words: str
     quantity: str
-    sign: float
     amount: float
+
+    @property
+    def words(self) -> str:
+        """The change in words."""
+        amount = self.amount
+        match self.quantity:
+            case "frequency":
+                return f"natural frequency {100.0 * amount:+.3g} %"
+            case "damping":
+                return f"damping ratio {100.0 * amount:+.3g} %"
+            case "level":
+                return f"level {amount:+.3g} dB"
+            case "stiffness":
+                return f"stiffness of the stops {100.0 * amount:+.3g} %"
+        axis = self.quantity.removeprefix(CENTRE)
+        return f"centre of mass {1e3 * amount:+.3g} mm along {axis}"
 
     def applied(self, scene: Scene) -> Scene:
         """The scene with this change."""
@@ -90,40 +134,39 @@ class Change(NamedTuple):
                 return changed_mount(scene, 1.0, 1.0 + self.amount)
             case "level":
                 return scene.at_level(self.amount)
-            case str(quantity) if quantity.startswith(CENTRE):
-                axis = quantity.removeprefix(CENTRE)
-                return moved_centre(scene, [self.amount * (axis == each) for each in AXES])
-        return changed_stops(scene, 1.0 + self.amount)
+            case "stiffness":
+                return changed_stops(scene, 1.0 + self.amount)
+        axis = self.quantity.removeprefix(CENTRE)
+        return moved_centre(scene, [self.amount * (axis == each) for each in AXES])
 
 
-def ends_of(tolerances: Tolerances) -> Iterator[Change]:
+def all_applied(changes: Sequence[Change], scene: Scene) -> Scene:
+    """The scene with all of these changes."""
+    for change in changes:
+        scene = change.applied(scene)
+    return scene
+
+
+def worded(changes: Sequence[Change]) -> str:
+    """Changes that come together, in words; those by nothing are left out."""
+    return ", ".join(change.words for change in changes if change.amount)
+
+
+def ends_of(tolerances: Tolerances) -> list[Change]:
     """Both ends of every tolerance of the mount and of the level that is not zero."""
-    for quantity, words, share in (
-        ("frequency", "natural frequency", tolerances.frequency),
-        ("damping", "damping ratio", tolerances.damping),
-    ):
-        yield from _both_ends(quantity, words, share)
-    for sign in (-1.0, 1.0) if tolerances.level_db else ():
-        amount = sign * tolerances.level_db
-        yield Change(f"level {amount:+.3g} dB", "level", sign, amount)
-    for axis in AXES if tolerances.centre else ():
-        for sign in (-1.0, 1.0):
-            amount = sign * tolerances.centre
-            words = f"centre of mass {1e3 * amount:+.3g} mm along {axis}"
-            yield Change(words, f"{CENTRE}{axis}", sign, amount)
+    return [
+        Change(quantity, sign * limit)
+        for quantity, limit in tolerances.limits().items()
+        for sign in (-1.0, 1.0)
+    ]
 
 
-def ends_of_stops(scene: Scene, tolerances: Tolerances) -> Iterator[Change]:
+def ends_of_stops(scene: Scene, tolerances: Tolerances) -> list[Change]:
     """Both ends of the stiffness of the stops, where all of them give way."""
-    if scene.impact_pairs and not any(
-        law.rigid for pair in scene.impact_pairs for _, law in pair.stops()
-    ):
-        yield from _both_ends("stiffness", "stiffness of the stops", tolerances.stiffness)
-
-
-def _both_ends(quantity: str, words: str, share: float) -> Iterator[Change]:
-    for sign in (-1.0, 1.0) if share else ():
-        yield Change(f"{words} {100.0 * sign * share:+.3g} %", quantity, sign, sign * share)
+    laws = [law for pair in scene.impact_pairs for _, law in pair.stops()]
+    if not tolerances.stiffness or not laws or any(law.rigid for law in laws):
+        return []
+    return [Change("stiffness", sign * tolerances.stiffness) for sign in (-1.0, 1.0)]
 
 
 def changed_mount(scene: Scene, frequency: float, damping: float) -> Scene:

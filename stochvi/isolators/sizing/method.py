@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -74,6 +74,8 @@ class SearchSettings:
     rough_error, share_of_limit
         Relative error, and share of the remaining time, of the chance that a limit is exceeded
         where no burst exceeds it.
+    share_of_tolerances
+        Share of the budget for the worst case, where tolerances were asked for.
     rough_factor
         Relative error of the first look at a clearance, as a multiple of the error asked for.
     close
@@ -108,6 +110,7 @@ class SearchSettings:
     most_overlap: float = 0.5
     rough_error: float = 0.5
     share_of_limit: float = 0.4
+    share_of_tolerances: float = 0.4
     rough_factor: float = 3.0
     close: float = 0.02
     grace: float = 0.05
@@ -176,7 +179,7 @@ def size(
     scene
         One oscillator under stationary Gaussian noise, or a linear structure with any number of
         pairs. The laws of the stops are kept, their places are not: they go to equal distances from
-        the mean position, static sag counted.
+        the static equilibrium, where the mass hangs.
     probability
         Chance of any hit in the mission. Needs no stops.
     rate
@@ -194,8 +197,8 @@ def size(
         where they are; by default all pairs share the risk equally: each alone would be hit with
         the same chance.
     tolerances
-        Of several pairs, those whose effect the answer states, by linear theory; by default
-        `Tolerances.of` the scene.
+        Tolerances within all of which the clearance to make keeps the target; by default those
+        that the scene states (`Tolerances.of`), which may be none.
     mission
         Seconds of exposure, from a stationary start.
     rel_error
@@ -263,13 +266,36 @@ def size(
                 raise ValueError(
                     f"at is for several coordinates or pairs, got {at!r} for one oscillator"
                 )
-            return _Job(
+            allowed = tolerances or Tolerances.of(scene)
+            allowed = allowed.felt(scene, by_hits=target.name != "probability")
+            share = 1.0 if allowed == Tolerances() else 1.0 - SEARCH.share_of_tolerances
+            job = _Job(
                 scene=scene, target=target, mission=mission, rel_error=rel_error, seed=seed,
-                threads=threads, budget=budget, report=progress or (lambda done, text: None),
-            ).sizing()  # fmt: skip
+                threads=threads, budget=share * budget, allowed=allowed,
+                report=progress or (lambda done, text: None),
+            )  # fmt: skip
+            found = job.sizing()
+            return found if share == 1.0 else _within(found, threads, budget)
     except NotApplicable as reason:
         # the user called `size`, so that the refusal has its name, whatever function it came from
         raise NotApplicable("size", reason.conditions) from reason
+
+
+def _within(found: Sizing, threads: int | None, budget: float) -> Sizing:
+    """A sizing with the worst case within its tolerances."""
+    # the worst case sizes scenes of its own, by `size`
+    from stochvi.isolators.sizing.worst_case import worst_case
+
+    rest = max(budget - found.cost.wall_time, SEARCH.share_of_tolerances * budget)
+    table = worst_case(found, found.allowed, threads=threads, budget=rest)
+    worst = table.iloc[-1]
+    short = []
+    if math.isnan(worst["clearance"]):
+        short = [f"the largest clearance within the tolerances was not found: {worst['note']}"]
+    return replace(
+        found, worst_case=table, fell_short=(*found.fell_short, *short),
+        warnings=(*found.warnings, *short),
+    )  # fmt: skip
 
 
 def risk_curve(
@@ -321,8 +347,10 @@ class _Job:
     seed: int
     threads: int | None
     budget: float
+    allowed: Tolerances
     report: Progress
     warnings: list[str] = field(default_factory=list)
+    fell_short: list[str] = field(default_factory=list)
     unfinished: dict[float, str] = field(default_factory=dict)
     kept_with: Estimate | None = None
 
@@ -351,7 +379,7 @@ class _Job:
                 "raise budget",
             )
         if reached > self.rel_error:
-            self.warnings.append(
+            self._short(
                 f"the budget ended at a relative error of {reached:.2g} of the chance of a hit"
             )
         self.hits = Hits(
@@ -362,6 +390,11 @@ class _Job:
             threads=self.threads,
             left=lambda: self.left,
         )
+
+    def _short(self, warning: str) -> None:
+        """Add a warning of an accuracy for which the budget did not suffice."""
+        self.warnings.append(warning)
+        self.fell_short.append(warning)
 
     @property
     def left(self) -> float:
@@ -405,6 +438,8 @@ class _Job:
             method=method,
             record=record_verdict(self.scene),
             kept_with=self.kept_with,
+            allowed=self.allowed,
+            fell_short=tuple(dict.fromkeys(self.fell_short)),
             warnings=tuple(dict.fromkeys(self.warnings)),
             cost=Cost(
                 wall_time=time.perf_counter() - self.started,
@@ -528,7 +563,7 @@ class _Job:
             raise NotConverged(
                 f"{reached}; {self.rel_error:g} was asked for: raise budget or rel_error", answer
             )
-        self.warnings.append(reached)
+        self._short(reached)
         return answer
 
     def _next(
@@ -654,7 +689,10 @@ class _Job:
         try:
             return self.hits.at(clearance)
         except (NotApplicable, NotConverged, Interrupted) as reason:
-            self.warnings.append(f"the hits at {1e3 * clearance:.4g} mm are not known: {reason}")
+            known = isinstance(reason, NotApplicable)
+            (self.warnings.append if known else self._short)(
+                f"the hits at {1e3 * clearance:.4g} mm are not known: {reason}"
+            )
             return None
 
     def _three_sigma(self) -> ThreeSigma:
@@ -724,7 +762,8 @@ class _Job:
             )
         for place in (3.0 * self.sigma, clearance):
             tried = self.hits.tried.get(place)
-            self.warnings += [tried.unknown] if tried and tried.unknown else []
+            if tried and tried.unknown:
+                self._short(tried.unknown)
             if not tried or not tried.hits_per_burst:
                 continue
             over_rice = tried.hit_rate.value / self.curve.rice_rate(place)

@@ -25,9 +25,9 @@ from stochvi.isolators.sizing.answer import Clearance, Target
 from stochvi.isolators.sizing.box_overview import box_overview
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.hits_at_clearance import at_distances
-from stochvi.isolators.sizing.pair_tolerances import tolerance_table
 from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
+from stochvi.isolators.sizing.tolerance_region import tolerance_table
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline, as_far_as_it_got
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
@@ -141,7 +141,8 @@ def size_pairs(
         seed=seed,
         threads=threads,
         budget=budget,
-        tolerances=tolerances or Tolerances.of(scene),
+        # by linear theory, which knows no stop
+        tolerances=(tolerances or Tolerances.of(scene)).felt(scene, by_hits=False),
         report=progress or (lambda done, text: None),
     ).sizing()
 
@@ -166,6 +167,7 @@ class _PairsJob:
         self.started, self.deadline = time.perf_counter(), Deadline.after(self.budget)
         self.model = model_of(self.scene)
         self.notes = same_gaps(self.model)
+        self.short: list[str] = []
         self.names = [each.name for each in self.model.pairs]
         sized = self.names if self.pair is None else [self.pair]
         self.sized = [self.names.index(name) for name in sized]
@@ -210,6 +212,11 @@ class _PairsJob:
         alone[self.fixed] = [each.value for each in fixed]
         chance = total.at(risk) if by_hits else total.probability(self.target.value)
         counts = self._hits_at(answer, _at(risks, overlaps, risk))
+        table, worst_at = tolerance_table(
+            self.scene, self.tolerances, answer, self.sized, min(chance.value, KNOWN),
+            min((self.target.exceedance or 1.0) / chance.value, 1.0),
+        )  # fmt: skip
+        warnings = (*self.notes, *self._warnings(together))
         return PairsSizing(
             scene=self.scene,
             target=self.target,
@@ -225,12 +232,13 @@ class _PairsJob:
             three_sigma=Probability.of(three_sigma),
             as_given=None if as_given is None else Probability.of(as_given),
             required=self._required(total),
-            tolerances=tolerance_table(
-                self.scene, self.tolerances, answer, self.sized, min(chance.value, KNOWN)
-            ),
+            tolerances=table,
+            worst_at=worst_at,
             method=BY_HITS if by_hits else METHOD,
             box=box_overview(self.scene, self.mission),
-            warnings=(*self.notes, *self._warnings(together)),
+            allowed=self.tolerances,
+            warnings=warnings,
+            fell_short=tuple(self.short),
             cost=Cost(
                 wall_time=time.perf_counter() - self.started,
                 paths=together.ages.shape[3],
@@ -256,7 +264,9 @@ class _PairsJob:
                 at_distances(self.scene, stops), overlap, **self._sampling(1.0, self.rel_error)
             )
         except (NotApplicable, NotConverged, Interrupted) as reason:
-            self.notes.append(f"the hits at these clearances are not known: {reason}")
+            note = f"the hits at these clearances are not known: {reason}"
+            self.notes.append(note)
+            self.short += [] if isinstance(reason, NotApplicable) else [note]
             return None
 
     def _by_hits(self, risks: Vector, overlaps: Vector) -> tuple[float, float]:
@@ -285,10 +295,12 @@ class _PairsJob:
                 if rough == 1.0 or error <= self.rel_error:
                     half = found.half_width_95() / found.value / slope
                     if error > MISSED * self.rel_error:
-                        self.notes.append(
+                        note = (
                             f"the budget ended at a relative error of {error:.2g} of the "
                             f"{'rate of hits' if self.limit is None else 'chance of the limit'}"
                         )
+                        self.notes.append(note)
+                        self.short.append(note)
                     return math.exp(min(max(place - excess / slope, low), high)), half
                 rough = 1.0
             slope = _slope(known, slope)
@@ -521,8 +533,11 @@ class _PairsJob:
                 "hit was seen",
                 "raise budget",
             )
-        late = f"the budget ended at a relative error of {reached:.2g} of the chance of a hit"
-        return (*([late] if reached > MISSED * self.rel_error else []), *self.model.cautions)
+        late = []
+        if reached > MISSED * self.rel_error:
+            late = [f"the budget ended at a relative error of {reached:.2g} of the chance of a hit"]
+        self.short += late
+        return (*late, *self.model.cautions)
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from stochvi.isolators.sizing.answer import (
@@ -15,6 +15,7 @@ from stochvi.isolators.sizing.answer import (
     spoken_percent,
 )
 from stochvi.isolators.sizing.box_overview import BoxOverview
+from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
@@ -82,15 +83,23 @@ class PairsSizing(Result):
         One row per accepted chance of any hit (10, 1, 0.1 %): `probability`, and the clearance of
         each sized pair under its name, m (NaN where none keeps it).
     tolerances
-        One row per change within the tolerances, and their worst combination, by linear theory:
-        `change`, the clearance of each sized pair for the same risk under its name (m), `factor`,
-        the largest of them over the nominal one, and `probability` of any hit at the nominal
-        clearances.
+        One row per end of the tolerances that were asked for and, last, the largest of each column
+        over their whole region, each for itself, by linear theory: `change`, the clearance of each
+        sized pair for the same risk under its name (m, from the nominal mean gap), `factor`, the
+        largest of them over the nominal one, and `probability` of any hit at the nominal
+        clearances. Without tolerances the first row, "as stated", is the only one.
     method
         How the clearances were found, in words.
     box
         Modes of a rigid body, and what one oscillator along each axis would buy; None of any other
         structure.
+    allowed
+        The tolerances that were asked for, within all of which the clearances of `made` keep the
+        risk.
+    worst_at
+        By sized pair, where within the tolerances its clearance is largest, in words.
+    fell_short
+        Those of the warnings that name an accuracy for which the budget did not suffice.
 
     See Also
     --------
@@ -114,6 +123,9 @@ class PairsSizing(Result):
     tolerances: pd.DataFrame
     method: str
     box: BoxOverview | None = None
+    allowed: Tolerances = field(default_factory=Tolerances)
+    worst_at: Mapping[str, str] = field(default_factory=dict)
+    fell_short: tuple[str, ...] = ()
 
     def extremes(self) -> tuple[str, str]:
         """Names of the pairs with the smallest and with the largest clearance."""
@@ -121,8 +133,8 @@ class PairsSizing(Result):
         return min(values, key=lambda name: values[name]), max(values, key=lambda n: values[n])
 
     def worst(self) -> tuple[str, float, float] | None:
-        """The pair whose clearance the worst combination of the tolerances raises most, what it
-        then needs (m), and the factor; None without tolerances."""
+        """The pair whose clearance the tolerances raise most, what it then needs (m), and the
+        factor; None without tolerances."""
         if len(self.tolerances) < 2:
             return None
         row = self.tolerances.iloc[-1]
@@ -130,56 +142,73 @@ class PairsSizing(Result):
         name = max(factors, key=lambda each: factors[each])
         return name, float(row[name]), factors[name]
 
+    def made(self) -> dict[str, Rounded]:
+        """The clearance to make of each sized pair: the calculated one or, where tolerances were
+        asked for, the largest within them, rounded up."""
+        needed = {name: each.value for name, each in self.clearances.items()}
+        if len(self.tolerances) > 1:
+            needed = {name: float(self.tolerances[name].iloc[-1]) for name in needed}
+        return {name: Rounded.of(value) for name, value in needed.items()}
+
     def placed(self) -> pd.DataFrame:
         """Where the stops of the sized pairs go: one row per pair.
 
-        `pair`, its `mean_gap` under constant loads, the `clearance` rounded up to what can be made,
-        and `lower` and `upper` as a scene file has them, from the unloaded mounts; all in m, NaN
-        where the scene has no stop.
+        `pair`, its `mean_gap` in the static equilibrium, the `clearance` to make from there, and
+        `lower` and `upper` as a scene file has them, from the unloaded mounts; all in m, NaN where
+        the scene has no stop.
         """
         import pandas as pd
 
         model = model_of(self.scene)
         means = model.modal.gaps @ model.modal.rest
-        rows = []
+        rows, known = [], self.made()
         for pair, mean in zip(self.scene.impact_pairs, means.tolist(), strict=True):
-            if pair.name in self.clearances:
-                made = Rounded.of(self.clearances[pair.name].value).value
-                lower = math.nan if pair.lower is None else mean - made
-                upper = math.nan if pair.upper is None else mean + made
-                rows.append([pair.name, mean, made, lower, upper])
+            if pair.name in known:
+                made = known[pair.name]
+                lower = math.nan if pair.lower is None else made.position(mean, "lower")
+                upper = math.nan if pair.upper is None else made.position(mean, "upper")
+                rows.append([pair.name, mean, made.value, lower, upper])
         return pd.DataFrame(rows, columns=["pair", "mean_gap", "clearance", "lower", "upper"])
 
     def verdict(self) -> str:
-        """The clearances, the risk that they keep, what the worst tolerances ask for, and what
-        three sigma would do, in a sentence; of many pairs the ends of their clearances."""
-        mission = spoken_mission(self.mission)
-        named = list(self.clearances)
+        """The clearances to make and the risk that they keep, in one sentence; of many pairs the
+        ends of their clearances."""
+        made = self.made()
+        named = list(made)
         first = ""
         if len(named) > MOST_NAMED:
-            first = f"{len(named)} pairs, each with its own clearance (see the table), from "
-            named = list(self.extremes())
+            first = f"{len(named)} pairs, each with its own (see the table), from "
+            named = sorted(made, key=lambda name: made[name].value)[:: len(made) - 1]
         joint = " to " if first else ", "
-        mm = first + joint.join(f"{n} {1e3 * self.clearances[n].value:.4g} mm" for n in named)
-        there = ""
-        if self.expected_hits is not None and self.target.name != "rate":
-            there = f", with {self.expected_hits.value:.3g} hits to be expected"
-        worse, worst = "", self.worst()
-        if worst is not None:
-            name, needed, factor = worst
-            worse = (
-                f"; in the worst combination of the tolerances a clearance has to be up to "
-                f"{factor:.3g} times as large ({name} {1e3 * needed:.4g} mm)"
-            )
-        fixed = "" if self.pair is None else " with the other stops as they are"
+        mm = first + joint.join(f"{name} {made[name]}" for name in named)
+        fixed = "" if self.pair is None else ", with the other stops as they are,"
+        within = (
+            f" within all tolerances ({self.allowed.in_words()})"
+            if len(self.tolerances) > 1
+            else ""
+        )
         return (
-            f"{mm} per side{fixed} keep {self.target.kept(self.mission)}{there}{worse}; at "
-            f"3 sigma of every gap any is hit in {mission} with a chance of "
+            f"clearances: {mm} per side from the static equilibrium{fixed} keep "
+            f"{self.target.kept(self.mission)}{within}"
+        )
+
+    def calculated(self) -> str:
+        """What the clearances to make rest on: those calculated for the scene as stated, the hits
+        to expect there, and what three sigma would do."""
+        mission = spoken_mission(self.mission)
+        low, high = (self.clearances[name] for name in self.extremes())
+        stated = " as stated" if len(self.tolerances) > 1 else ""
+        text = f"calculated{stated}: {1e3 * low.value:.4g} mm"
+        text += f" to {1e3 * high.value:.4g} mm" if high.value > low.value else ""
+        if self.expected_hits is not None and self.target.name != "rate":
+            text += f", where {self.expected_hits.value:.3g} hits are to be expected in {mission}"
+        return (
+            f"{text}; at 3 sigma of every gap any is hit in {mission} with a chance of "
             f"{spoken_percent(self.three_sigma.value)}"
         )
 
     def summary(self) -> str:
-        """The clearances and the risk that they keep, in one sentence: the same as `verdict`."""
+        """The clearances to make and the risk that they keep: the same as `verdict`."""
         return self.verdict()
 
     def to_frame(self) -> pd.DataFrame:
@@ -191,7 +220,9 @@ class PairsSizing(Result):
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()
-        return {"method": "size", "verdict": self.verdict(), "by": found.pop("method"), **found}
+        by = found.pop("method")
+        first = {"method": "size", "verdict": self.verdict(), "made": self.made(), "by": by}
+        return {**first, **found}
 
     def __repr__(self) -> str:
         return f"<size: {self.verdict()}>"

@@ -17,7 +17,6 @@ from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.clatter import clatter
 from stochvi.isolators.sizing.exceedances import exceedances
 from stochvi.isolators.sizing.motion import MotionBetweenStops, PathSettings, motion_between_stops
-from stochvi.isolators.sizing.worst_case import worst_case
 from stochvi.model.model import model_of
 from stochvi.results.base import plain
 from stochvi.results.deadline import NEVER, Deadline
@@ -70,13 +69,12 @@ class ReviewSettings:
         Number of clearances, from 3 sigma on, at which chances of hard hits are found; where the
         budget has ended before, these are 3 sigma, the recommended one and a larger one.
     budget
-        Seconds for all simulations together, without the long path; where they do not suffice, rows
-        of the worst case say so, and chances of hard hits have wider intervals.
+        Seconds for all simulations together, without the long path; where they do not suffice,
+        chances of hard hits have wider intervals.
     periods_when_late
         Natural periods of the long path where the budget has ended before it.
-    worst_case_share, exceedance_share
-        Shares of that time for the worst case, and for the chances of hard hits; the rest is for
-        the peak accelerations.
+    exceedance_share
+        Share of that time for the chances of hard hits; the rest is for the peak accelerations.
     """
 
     path: PathSettings = field(default_factory=PathSettings)
@@ -85,8 +83,7 @@ class ReviewSettings:
     clearances: int = 5
     budget: float = 60.0
     periods_when_late: float = 2_000.0
-    worst_case_share: float = 0.5
-    exceedance_share: float = 0.3
+    exceedance_share: float = 0.6
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,10 +235,10 @@ class Review:
     motion
         A long path between stops at 3 sigma; None for a scene without stops.
     recommended, worst
-        The clearance, and that of the worst combination of tolerances, rounded up; the latter is
-        None where it was not found.
+        The clearance as stated, and the largest within the tolerances, rounded up; the latter is
+        None where none were asked for, or it was not found.
     tolerances, worst_case
-        How far mount, level and stops may be from the scene, and the table of `worst_case`.
+        The tolerances that were asked for, and the table of `worst_case`; None without.
     exceedances
         The table of `exceedances`; None where it does not apply.
     exceeding
@@ -269,7 +266,7 @@ class Review:
     recommended: Rounded
     worst: Rounded | None
     tolerances: Tolerances
-    worst_case: pd.DataFrame
+    worst_case: pd.DataFrame | None
     exceedances: pd.DataFrame | None
     exceeding: Mapping[str, Exceeding]
     balances: tuple[Balance, ...]
@@ -290,7 +287,6 @@ def review(
     sensitivity: pd.DataFrame | None = None,
     settings: ReviewSettings | None = None,
     *,
-    tolerances: Tolerances | None = None,
     threads: int | None = None,
 ) -> Review:
     """Calculate and simulate everything that the report of a sizing shows.
@@ -303,21 +299,12 @@ def review(
         The answer of `sensitivity`, if that was asked for.
     settings
         Lengths of simulations, and their budget.
-    tolerances
-        For the worst case; by default `Tolerances.of` the scene.
     """
     settings = settings or ReviewSettings()
     deadline = Deadline.after(settings.budget)
-    tolerances = tolerances or Tolerances.of(sizing.scene)
     stopped = bool(sizing.scene.impact_pairs)
-    cases = worst_case(
-        sizing, tolerances, threads=threads, budget=deadline.part(settings.worst_case_share)
-    )
-    largest = float(cases["clearance"].iloc[-1]) if len(cases) > 1 else sizing.clearance.value
-    worst = Rounded.of(largest) if math.isfinite(largest) else None
-    rest = settings.exceedance_share / (1.0 - settings.worst_case_share)
     between = 0 if deadline.passed() else settings.clearances
-    hard = _exceedances(sizing, between, threads, deadline.part(min(rest, 1.0)))
+    hard = _exceedances(sizing, between, threads, deadline.part(settings.exceedance_share))
     path = settings.path
     if deadline.passed():
         path = replace(path, periods=min(path.periods, settings.periods_when_late))
@@ -334,9 +321,9 @@ def review(
         comparisons=_comparisons(sizing),
         motion=motion_between_stops(sizing, path) if stopped else None,
         recommended=Rounded.of(sizing.clearance.value),
-        worst=worst,
-        tolerances=tolerances,
-        worst_case=cases,
+        worst=None if sizing.allowed == Tolerances() else sizing.made,
+        tolerances=sizing.allowed,
+        worst_case=sizing.worst_case,
         exceedances=hard,
         exceeding=_exceeding(sizing, hard),
         balances=tuple(

@@ -15,7 +15,7 @@ from scipy.special import gammaln, roots_genlaguerre
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.changes import Tolerances, changed_stops, ends_of
 from stochvi.isolators.sizing.method import risk_curve, size
-from stochvi.isolators.sizing.risk_curve import RiskCurve
+from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
 from stochvi.mathematics.spectra import Table
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
@@ -103,7 +103,8 @@ def sensitivity(
     Returns
     -------
     pandas.DataFrame
-        `change`, `sigma` (m), `clearance` (m), `clearance_change` (relative to that of the
+        `change`, `sigma` (m), `clearance` (m, from the mean position of the sizing, so that the
+        stops reach a mean position that has moved), `clearance_change` (relative to that of the
         sizing), `probability` (of any hit in the mission at the clearance of the sizing), `note`:
         why a row has no numbers (NaN), or not the accuracy that was asked for; else empty.
 
@@ -146,7 +147,7 @@ def variations(sizing: Sizing) -> Iterator[tuple[str, Scene]]:
     """The changed scenes, each with its change in words."""
     scene = sizing.scene
     yield UNCHANGED, scene
-    for change in ends_of(Tolerances.of(scene)):
+    for change in ends_of(Tolerances.of(scene, usual=True)):
         yield change.words, change.applied(scene)
     if sizing.target.name != "probability":
         yield from _other_laws(scene)
@@ -185,9 +186,17 @@ class Resizing:
             clearance, note = self._clearance(scene, curve, part)
         except (StochviError, Interrupted, ValueError) as reason:
             return row_of(change, self.sizing, math.nan, math.nan, math.nan, str(reason))
-        chance = curve.probability(self.sizing.clearance.value)
+        # stops stay where they are, while a changed mount hangs elsewhere
+        shift = model_of(scene).rest - model_of(self.sizing.scene).rest
+        towards = {"lower": -shift, "upper": shift}
+        moved = [towards[side] for side in self.sizing.sides]
+        hazards = [
+            -math.log1p(-min(curve.probability(self.sizing.clearance.value - each), KNOWN))
+            for each in moved
+        ]
+        chance = -math.expm1(-sum(hazards) / len(hazards))
         sigma = curve.crossings.displacement_std
-        return row_of(change, self.sizing, sigma, clearance, chance, note)
+        return row_of(change, self.sizing, sigma, max(clearance + max(moved), 0.0), chance, note)
 
     def _clearance(self, scene: Scene, curve: RiskCurve, deadline: Deadline) -> tuple[float, str]:
         """The clearance that a changed scene with this risk curve needs for the same target, and a

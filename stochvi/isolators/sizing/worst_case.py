@@ -1,18 +1,26 @@
-"""The clearance that the same target needs at the ends of tolerances, and in their worst
-combination."""
+"""The clearance that the same target needs at the ends of tolerances, and at the worst within."""
 
 from __future__ import annotations
 
-import itertools
 import math
 from typing import TYPE_CHECKING
 
-from stochvi.isolators.screening import Screening, screen_isolator
+import numpy as np
+
 from stochvi.isolators.sizing.chance_at_stops import probability_at
-from stochvi.isolators.sizing.changes import COMBINED, Change, Tolerances, ends_of, ends_of_stops
+from stochvi.isolators.sizing.changes import (
+    WORST,
+    Change,
+    Tolerances,
+    all_applied,
+    ends_of,
+    ends_of_stops,
+    worded,
+)
 from stochvi.isolators.sizing.sensitivity import Resizing, row_of
+from stochvi.isolators.sizing.tolerance_region import Region, SameRisk
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
-from stochvi.scenes.scene import Scene
+from stochvi.results.errors import Interrupted, NotConverged
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,7 +32,7 @@ REL_ERROR = 0.2
 1 %, because the risk falls nearly as exp(-c^2 / (2 sigma^2))."""
 
 FIRST_SHARE = 0.3
-"""Share of the time for the worst combination; the single changes share the rest evenly."""
+"""Share of the time for the worst place; the single changes share the rest evenly."""
 
 
 def worst_case(
@@ -34,38 +42,38 @@ def worst_case(
     threads: int | None = None,
     budget: float | None = None,
 ) -> pd.DataFrame:
-    """Clearances for the target of a sizing with mount, level and stops at the ends of their
-    tolerances.
+    """Clearances for the target of a sizing with mount, level and stops within their tolerances.
 
-    Every row is a scene of its own that is sized for the target. The worst combination is that of
-    the ends of natural frequency, damping and level that needs the largest clearance of an equal
-    rate of crossings (Rice), with the stiffness of the stops that asks for more clearance.
+    Every row is a scene of its own that is sized for the target. The last row is the largest
+    requirement of the whole region: the place where linear theory asks for most (`Region.worst`) is
+    sized like the others, with the stiffness of the stops at both ends, and no row is larger.
 
     Parameters
     ----------
     tolerances
-        By default `Tolerances.of` the scene.
+        By default those of the sizing.
     budget
         Seconds for all rows together; None for no limit.
 
     Returns
     -------
     pandas.DataFrame
-        The columns of `sensitivity`. The first row is the sizing itself, the last one the worst
-        combination.
+        The columns of `sensitivity`, clearances from the mean position of the sizing. The first row
+        is the sizing itself, the last one, where there are tolerances, the worst.
 
     Examples
     --------
     >>> from stochvi.scenes.excitations import WhiteNoise
     >>> from stochvi.scenes.structures import Isolator
+    >>> from stochvi.scenes.scene import Scene
     >>> scene = Scene(
     ...     structure=Isolator(frequency_hz=10.0, zeta=0.05),
     ...     excitations=[WhiteNoise(density=0.01, unit="g2/Hz")],
     ... )
     >>> from stochvi.isolators import size
-    >>> table = worst_case(size(scene, probability=0.01, rel_error=0.2))
+    >>> table = worst_case(size(scene, probability=0.01, rel_error=0.2), Tolerances(level_db=3.0))
     >>> table["change"].iloc[-1]
-    'worst combination: natural frequency -10 %, damping ratio -30 %, level +3 dB'
+    'worst within all tolerances: level +3 dB'
     """
     import pandas as pd
 
@@ -74,66 +82,52 @@ def worst_case(
         sizing=sizing, seed=sizing.seed, threads=threads, deadline=Deadline.after(budget),
         rel_error=REL_ERROR,
     )  # fmt: skip
-    tolerances = tolerances or Tolerances.of(scene)
-    changes = list(ends_of(tolerances))
-    if sizing.target.name != "probability":
-        changes += ends_of_stops(scene, tolerances)
-    combination = _combination(sizing, changes)
+    tolerances = tolerances or sizing.allowed
+    by_hits = sizing.target.name != "probability"
+    stops = ends_of_stops(scene, tolerances.felt(scene, by_hits=by_hits))
     nominal = sizing.clearance.value
     chance = probability_at(sizing, nominal)
     rows = [
         row_of("as stated", sizing, sizing.sigma, nominal, math.nan if chance is None else chance)
     ]
-    if not combination:
+    ends = ends_of(tolerances)
+    if not ends and not stops:
         return pd.DataFrame(rows)
 
     with heeding_ctrl_c():
-        words = f"{COMBINED}: {', '.join(change.words for change in combination)}"
-        worst = again.row(words, _all(combination, scene), FIRST_SHARE)  # the others share the rest
+        try:
+            linear = _linear_worst(sizing, tolerances, again.deadline)
+        except (NotConverged, Interrupted) as reason:
+            worst = [row_of(WORST, sizing, math.nan, math.nan, math.nan, str(reason))]
+        else:
+            places = [(*linear, end) for end in stops] or [linear]
+            worst = [
+                again.row(worded(place), all_applied(place, scene), FIRST_SHARE / len(places))
+                for place in places
+            ]
+        changes = [*ends, *stops]
         for number, change in enumerate(changes):
             share = 1.0 / (len(changes) - number)
             rows.append(again.row(change.words, change.applied(scene), share))
-    return pd.DataFrame([*rows, worst])
+    # a worst place that was not sized leaves the worst unknown
+    known = [row for row in [*worst, *rows[1:]] if not math.isnan(row["clearance"])]
+    unknown = [row for row in worst if math.isnan(row["clearance"])]
+    last = unknown[0] if unknown else max(known, key=lambda row: row["clearance"])
+    words = last["change"] if last["change"] == WORST else f"{WORST}: {last['change']}"
+    return pd.DataFrame([*rows, {**last, "change": words}])
 
 
-def _all(changes: list[Change], scene: Scene) -> Scene:
-    for change in changes:
-        scene = change.applied(scene)
-    return scene
-
-
-def _combination(sizing: Sizing, changes: list[Change]) -> list[Change]:
-    """The ends of the tolerances that together ask for the largest clearance."""
-    linear = [change for change in changes if change.quantity != "stiffness"]
-    stiff = [change for change in changes if change.quantity == "stiffness" and change.sign > 0.0]
-    if sizing.screening is None:
-        soft = {"frequency": -1.0, "damping": -1.0, "level": 1.0}
-        return [change for change in linear if change.sign == soft[change.quantity]] + stiff
-    nominal, clearance = sizing.screening, sizing.clearance.value
-    groups = [list(group) for _, group in itertools.groupby(linear, lambda each: each.quantity)]
-    free = sizing.scene.model_copy(update={"impact_pairs": ()})
-    worst = max(
-        (list(corner) for corner in itertools.product(*groups)),
-        key=lambda corner: equal_clearance(screen_isolator(_all(corner, free)), nominal, clearance),
-    )
-    return worst + stiff
-
-
-def equal_clearance(linear: Screening, nominal: Screening, clearance: float) -> float:
-    """Clearance (m) at which stops are hit as often by Rice as those of `nominal` at `clearance`;
-    0 where even stops at the mean are hit less often.
-
-    Rice's rate is s_v / s_x exp(-c^2 / (2 s_x^2)) / pi. The logarithms of the two rates are
-    compared, because the rates themselves vanish in floating point from some 38 s_x on.
-
-    >>> nominal = Screening(
-    ...     displacement_std=2.0, velocity_std=3.0, acceleration_std=1.0, zero_crossing_rate=1.0,
-    ...     miles=None, input_acceleration_std=None,
-    ... )
-    >>> equal_clearance(nominal, nominal, 200.0)
-    200.0
-    """
-    faster = linear.velocity_std / linear.displacement_std
-    faster *= nominal.displacement_std / nominal.velocity_std
-    square = (clearance / nominal.displacement_std) ** 2 + 2.0 * math.log(faster)
-    return linear.displacement_std * math.sqrt(max(square, 0.0))
+def _linear_worst(sizing: Sizing, tolerances: Tolerances, deadline: Deadline) -> tuple[Change, ...]:
+    """Where in the region linear theory asks for the largest clearance."""
+    region = Region(sizing.scene, tolerances)
+    stops = [
+        [sizing.clearance.value if side in sizing.sides else math.inf]
+        for side in ("lower", "upper")
+    ]
+    harm = 1.0
+    if sizing.target.exceedance is not None:
+        any_hit = probability_at(sizing, sizing.clearance.value) or 1.0
+        harm = min(sizing.target.exceedance / any_hit, 1.0)
+    same = SameRisk(nominal=region.nominal, stops=np.array(stops), harm=harm)
+    ((_, changes),) = region.worst(same, deadline)
+    return changes

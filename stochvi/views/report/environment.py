@@ -11,9 +11,8 @@ from stochvi.views.sizing import plot_input, plot_response
 from stochvi.views.words import (
     G,
     chance_of_stops,
-    made_millimetres,
+    equilibrium_in_words,
     millimetres,
-    name_of_answer,
 )
 
 if TYPE_CHECKING:
@@ -93,7 +92,7 @@ def mount_section(review: Review) -> Section:
         counted = (
             "counted: gravity pulls towards negative x"
             if structure.gravity
-            else "for information: it does not move the position of rest of the scene"
+            else "for information: it does not move the equilibrium of the scene"
         )
         facts.append(
             Fact(
@@ -111,17 +110,15 @@ def _tolerance(structure: Oscillator, what: str) -> str:
 
 
 def gap_section(review: Review) -> Section:
-    """The section on the recommended places of the stops and on those of the scene; all positions
-    are measured from the position of rest."""
+    """The section on the stops to make and on those of the scene: clearances from the static
+    equilibrium, positions of a scene file from the unloaded spring."""
     sizing = review.sizing
     scene, found = sizing.scene, sizing.gap
-    sign, answer = {"lower": -1.0, "upper": 1.0}, name_of_answer(sizing)
     facts = [
         Fact(
-            f"{answer[0].upper()}{answer[1:]}, {side} stop",
-            f"{'-' if sign[side] < 0.0 else '+'}{made_millimetres(review.recommended)}",
-            f"{millimetres(sizing.clearance.value)} calculated; in a scene file "
-            f"{side} = {place:.6g} (m)",
+            f"Clearance of the {side} stop, to make",
+            str(sizing.made),
+            f"in the scene file {side} = {place:.9g} (m)",
         )
         for side, place in found.recommended.items()
     ]
@@ -130,8 +127,8 @@ def gap_section(review: Review) -> Section:
         for side, law in pair.stops():
             facts.append(
                 Fact(
-                    f"In the scene, {side} stop",
-                    f"{'-' if sign[side] < 0.0 else '+'}{millimetres(found.distances[side])}",
+                    f"Clearance of the {side} stop of the scene",
+                    millimetres(found.distances[side]),
                     f"in the scene file {side} = {getattr(pair, side):.6g} (m); {law.phrase()}",
                 )
             )
@@ -143,15 +140,15 @@ def gap_section(review: Review) -> Section:
             )
         )
     rest = (
-        f"; positions in a scene file count from the unloaded spring, from which gravity and "
-        f"constant loads move the position of rest by {millimetres(found.mean_position)}"
+        f"{equilibrium_in_words(sizing)} under gravity and constant loads"
         if found.mean_position
-        else ""
+        else "without gravity or a load, that is where the mass hangs"
     )
     return Section(
         title="Gap and stops",
-        lead="Positions on this page are relative displacements of mass and base, measured from "
-        f"the position of rest, where the mass hangs{rest}. The chance of any hit does not depend "
-        "on the law of the stops; what the hits do depends on it.",
+        lead="A clearance is the distance of a stop from the static equilibrium, where the mass "
+        "hangs, relative to the base. Positions in a scene file (lower, upper) count from the "
+        f"unloaded spring; {rest}. The chance of any hit does not depend on the law of the stops; "
+        "what the hits do depends on it.",
         facts=facts,
     )

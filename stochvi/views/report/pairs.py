@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stochvi.isolators.sizing.answer import Rounded, spoken_mission, spoken_percent
+from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.isolators.sizing.pairs_answer import MOST_NAMED
 from stochvi.results.origin import Origin, origin_of
 from stochvi.views.box import modes_in_rows, one_axis_in_rows, plot_box
@@ -13,6 +13,7 @@ from stochvi.views.column_units import named_with_units
 from stochvi.views.files import try_picture, write_table
 from stochvi.views.pairs import (
     PLACES,
+    TOLERANCES,
     draw_pairs_risk,
     interval_in_words,
     pairs_in_words,
@@ -21,9 +22,10 @@ from stochvi.views.pairs import (
     plot_pairs_risk,
     required_in_rows,
     tolerances_in_rows,
+    worst_places,
 )
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
-from stochvi.views.words import MM, count_of, made_millimetres
+from stochvi.views.words import MM, NO_TOLERANCES, count_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,7 +58,8 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
     return Page(
         title=sizing.scene.title or "Clearances of several pairs",
         subtitle=f"Chance that any of {len(sizing.pairs)} pairs is hit in {mission}",
-        verdict=f"{sizing.verdict()}.",
+        verdict=f"{sizing.verdict()[0].upper()}{sizing.verdict()[1:]}.",
+        statements=[f"{sizing.calculated()[0].upper()}{sizing.calculated()[1:]}."],
         cards=[
             *_clearance_cards(sizing),
             Fact(
@@ -79,8 +82,8 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
                 if sizing.pair is None
                 else "One pair is sized; the stops of the others stay where the scene has them.",
                 grids=[
-                    _grid("Clearances and risk", pairs_in_words(sizing)),
                     _grid(f"{PLACES[0].upper()}{PLACES[1:]}", places_in_rows(sizing)),
+                    _grid("Clearances and risk as calculated", pairs_in_words(sizing)),
                 ],
                 pictures=[
                     shown(
@@ -96,17 +99,10 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
             *_box_sections(sizing),
             Section(
                 title="Other risks",
-                lead="The clearance of each pair for other chances of any hit, and for the same "
-                "chance in the worst combination of the tolerances.",
+                lead="The clearance of each pair for other chances of any hit, as calculated.",
                 grids=[_grid("Clearances", required_in_rows(sizing))],
             ),
-            Section(
-                title="Tolerances",
-                lead="By linear theory, without a new simulation: the largest factor on a "
-                "clearance that keeps the same risk where the scene is changed, and the chance of "
-                "any hit at the clearances as stated.",
-                grids=[_grid("Changes", tolerances_in_rows(sizing))],
-            ),
+            _tolerances(sizing),
             Section(
                 title="Limits",
                 lead="What this report takes for granted.",
@@ -115,7 +111,8 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
                     for text in (
                         *sizing.scene.assumptions(),
                         f"the chance comes from {sizing.method}",
-                        "clearances are measured from the mean gap, under constant loads",
+                        "clearances are measured from the static equilibrium",
+                        *([] if len(sizing.tolerances) > 1 else [NO_TOLERANCES]),
                     )
                 ],
             ),
@@ -125,8 +122,21 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
     )
 
 
+def _tolerances(sizing: PairsSizing) -> Section:
+    """What changes within the tolerances ask for; empty without tolerances."""
+    if len(sizing.tolerances) < 2:
+        return Section(title="Tolerances")
+    return Section(
+        title="Tolerances",
+        lead=f"{sizing.allowed.in_words()}.",
+        grids=[_grid(f"{TOLERANCES[0].upper()}{TOLERANCES[1:]}", tolerances_in_rows(sizing))],
+        notes=[f"{line[0].upper()}{line[1:]}." for line in worst_places(sizing)],
+    )
+
+
 def _clearance_cards(sizing: PairsSizing) -> list[Fact]:
-    """The clearance of each pair as it can be made; of many pairs the smallest and the largest."""
+    """The clearance of each pair to make; of many pairs the smallest and the largest."""
+    made = sizing.made()
     named = list(sizing.clearances)
     if len(named) > MOST_NAMED:
         named = list(dict.fromkeys(sizing.extremes()))
@@ -135,19 +145,10 @@ def _clearance_cards(sizing: PairsSizing) -> list[Fact]:
         each = sizing.clearances[name]
         cards.append(
             Fact(
-                f"Clearance of {name}",
-                made_millimetres(Rounded.of(each.value)),
-                f"per side; calculated {MM * each.value:.4g} mm, {MM * each.lower:.4g} to "
-                f"{MM * each.upper:.4g} mm, 95 %",
-            )
-        )
-    if (worst := sizing.worst()) is not None:
-        pair, needed, factor = worst
-        cards.append(
-            Fact(
-                f"Clearance of {pair} in the worst case",
-                made_millimetres(Rounded.of(needed)),
-                f"per side, {factor:.3g} times as much: the worst combination of the tolerances",
+                f"Clearance of {name} to make",
+                str(made[name]),
+                f"per side, from the static equilibrium; calculated {MM * each.value:.4g} mm, "
+                f"{MM * each.lower:.4g} to {MM * each.upper:.4g} mm, 95 %",
             )
         )
     return cards

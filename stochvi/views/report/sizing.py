@@ -32,16 +32,15 @@ from stochvi.views.sizing import (
 )
 from stochvi.views.words import (
     MM,
+    NO_TOLERANCES,
     UNKNOWN,
     G,
     count_of,
     four_digits,
     limits_of,
-    made_millimetres,
     millimetres,
     names_of_places,
-    step_in_words,
-    tolerances_in_words,
+    places_of_stops,
     with_interval,
 )
 
@@ -81,7 +80,7 @@ def write_report(review: Review, folder: str | Path, origin: Origin | None = Non
         "risk": sizing.curve,
         "required": sizing.required,
         "hits": sizing.simulated,
-        "tolerances": review.worst_case,
+        "tolerances": sizing.worst_case,
         "sensitivity": review.sensitivity,
         "exceedances": review.exceedances,
         "peaks": review.peaks,
@@ -108,7 +107,7 @@ def clearance_page(review: Review, origin: Origin) -> Page:
         title=sizing.scene.title or "Clearance of an isolator",
         subtitle=f"Clearance of an isolated mass between its stops, for a mission of "
         f"{spoken_mission(sizing.mission)}",
-        verdict=_verdict(review),
+        verdict=_sentence(sizing.verdict()),
         statements=_statements(review),
         alarm=sizing.doubtful is not None,
         cards=_cards(review),
@@ -161,32 +160,28 @@ def _record_card(sizing: Sizing) -> list[Fact]:
     ]
 
 
-def _verdict(review: Review) -> str:
-    """The verdict: the clearance that can be made, and the one for the worst case."""
-    sizing, made = review.sizing, review.recommended
-    most = " at most" if sizing.kept_with is not None else ""
-    worst = (
-        f"{made_millimetres(review.worst)} at the worst ends of the tolerances"
-        if review.worst is not None
-        else "the worst case was not found in the time; raise --budget"
-    )
-    record, first = sizing.doubtful, ""
-    if record is not None:
-        first = f"{record.sentence()}. For Gaussian noise of its spectrum: "
-    return (
-        f"{first}Clearance per side:{most} {made_millimetres(made)} as stated; {worst} "
-        f"({tolerances_in_words(review)})."
-    )
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
 
 
 def _statements(review: Review) -> list[str]:
-    """Sentences on the verdict: expected hits, risks at both clearances, and the calculated
-    numbers."""
+    """Sentences on the verdict: the line to copy, what the number rests on, expected hits, and
+    risks at the calculated clearance and at 3 sigma."""
     sizing = review.sizing
+    rounded = ""
+    if sizing.made is not None:
+        rounded = f" The clearance to make is rounded up to {sizing.made.step_in_words}."
     return [
-        *filter(None, [_hits_statement(review), _risk_statement(review), _worst_statement(review)]),
-        f"As calculated: {sizing.calculated()}. Clearances to be made are rounded up to "
-        f"{step_in_words(review.recommended)}.",
+        *filter(
+            None,
+            [
+                *(_sentence(line) for line in places_of_stops(sizing).splitlines()),
+                _hits_statement(review),
+                _risk_statement(review),
+                _worst_statement(review),
+            ],
+        ),
+        f"{_sentence(sizing.calculated())}{rounded}",
     ]
 
 
@@ -236,21 +231,20 @@ def _risk_statement(review: Review) -> str:
 
 
 def _worst_statement(review: Review) -> str:
-    """The chance of a hit at the recommended clearance in the worst case, in a sentence."""
-    row = review.worst_case.iloc[-1]
-    if review.worst is None or len(review.worst_case) < 2:
+    """The chance of a hit at the calculated clearance in the worst case, in a sentence."""
+    if review.worst is None or review.worst_case is None:
         return ""
-    chance = spoken_percent(row["probability"])
+    row = review.worst_case.iloc[-1]
     return (
-        f"{row['change'][0].upper()}{row['change'][1:]} needs {_at(row['clearance'])}; "
-        f"{_at(review.sizing.clearance.value)} is then hit with a chance of {chance} in "
-        f"{spoken_mission(review.sizing.mission)}."
+        f"{row['change'][0].upper()}{row['change'][1:]} needs {_at(row['clearance'])}; the "
+        f"calculated {_at(review.sizing.clearance.value)} is then hit with a chance of "
+        f"{spoken_percent(row['probability'])} in {spoken_mission(review.sizing.mission)}."
     )
 
 
 def _new_warnings(review: Review) -> list[str]:
     """The warnings of a review that its verdict does not hold."""
-    verdict = _verdict(review)
+    verdict = review.sizing.verdict()
     return [text for text in review.warnings if text not in verdict]
 
 
@@ -269,7 +263,7 @@ def _cards(review: Review) -> list[Fact]:
     three = sizing.three_sigma
     hits = "as if hits changed nothing" if three.hits is None else "with these stops"
     count = three.rice_hits if three.hits is None else three.hits.value
-    gaussian = [_clearance_card(review), _worst_card(review)]
+    gaussian = [_clearance_card(sizing), _calculated_card(sizing)]
     own = _record_card(sizing)
     return [
         *(own + gaussian if sizing.doubtful else gaussian + own),
@@ -283,22 +277,31 @@ def _cards(review: Review) -> list[Fact]:
     ]
 
 
-def _clearance_card(review: Review) -> Fact:
-    sizing, made = review.sizing, made_millimetres(review.recommended)
+def _clearance_card(sizing: Sizing) -> Fact:
+    """The clearance to make."""
+    made, name = sizing.made, "Clearance to make"
+    sides = "per side, " if len(sizing.sides) > 1 else ""
+    if made is None:
+        return Fact(name, UNKNOWN, "the largest within the tolerances was not found")
+    within = f"within {sizing.allowed.in_words()}; " if sizing.worst_case is not None else ""
+    most = "at most " if sizing.kept_with is not None else ""
+    remark = f"{sides}from the static equilibrium; {within}rounded up to {made.step_in_words}"
+    return Fact(name, f"{most}{made}", remark)
+
+
+def _calculated_card(sizing: Sizing) -> Fact:
+    """The calculated clearance, with its interval."""
     c = sizing.clearance
-    place = f"{c.value / sizing.sigma:.2f} sigma, from the position of rest"
     if sizing.kept_with is not None:
-        remark = f"the nearest stops that can be judged, {place}"
-        return Fact("Clearance per side", f"at most {made}", remark)
-    interval = f"{limits_of(c.lower, c.upper)} (95 % of the calculation)"
+        interval = "the nearest stops that can be judged"
+    else:
+        interval = f"{limits_of(c.lower, c.upper)} (95 % of the calculation)"
+    stated = "without tolerances; " if sizing.worst_case is not None else ""
     return Fact(
-        "Clearance per side", made, f"{millimetres(c.value)} calculated, {interval}, {place}"
+        "Calculated as stated",
+        millimetres(c.value),
+        f"{stated}{interval}, {c.value / sizing.sigma:.2f} sigma",
     )
-
-
-def _worst_card(review: Review) -> Fact:
-    made = UNKNOWN if review.worst is None else made_millimetres(review.worst)
-    return Fact("In the worst case", made, f"per side; {tolerances_in_words(review)}")
 
 
 def _risk_card(review: Review) -> Fact:
@@ -307,7 +310,7 @@ def _risk_card(review: Review) -> Fact:
     target, mission = sizing.target, spoken_mission(sizing.mission)
     hits = review.hits["recommended"]
     count = UNKNOWN if hits is None or hits.expected is None else count_of(hits.expected)
-    remark = f"at that clearance; expected hits there: {count}"
+    remark = f"at the calculated clearance; expected hits there: {count}"
     if target.exceedance is None:
         chance = _chance(review.chances["recommended"].any_hit)
         return Fact(f"Chance of any hit in {mission}", chance, remark)
@@ -422,7 +425,7 @@ def _risk(review: Review) -> Section:
         title="Required clearance",
         lead="The chance of any hit depends on the motion without stops alone: nothing has been "
         "hit before the first hit. Intervals are those of the calculation; they do not hold what "
-        "is unknown of the mount and the environment (see Tolerances).",
+        "is unknown of the mount and the environment: tolerances are for that.",
         grids=[grid],
         pictures=pictures,
     )
@@ -432,15 +435,20 @@ def _risk(review: Review) -> Section:
 
 
 def _tolerances(review: Review) -> Section:
-    """The worst case: each tolerance at its ends, and the worst combination."""
+    """Each tolerance at its ends, and the worst within all of them; empty without tolerances."""
+    table = review.worst_case
+    if table is None:
+        return Section(title="Tolerances")
     return Section(
         title="Tolerances",
-        lead="The clearance for the same target, and the chance of any hit that the calculated "
-        f"clearance then has, if one thing is not as stated: {tolerances_in_words(review)}. Last, "
-        "the combination of ends that asks for the largest clearance.",
-        grids=[_changes_grid(review.worst_case, "Each row is sized anew")],
-        pictures=_change_bars(review.worst_case),
-        notes=_notes_of(review.worst_case),
+        lead="The clearance for the same target, from the static equilibrium of the mount as "
+        "stated, and the chance of any hit that the calculated clearance then has: "
+        f"{review.tolerances.in_words()}. Each is at its ends first. Last is the largest "
+        "requirement within all of them: the response of the mount is searched over the whole "
+        "region, and the scene that is found there is sized.",
+        grids=[_changes_grid(table, "Each row is sized anew")],
+        pictures=_change_bars(table),
+        notes=_notes_of(table),
     )
 
 
@@ -451,7 +459,7 @@ def _sensitivity(table: pd.DataFrame | None) -> Section:
     return Section(
         title="Sensitivity",
         lead="The clearance for the same target if mount, environment or stops are not as stated, "
-        "and the chance of any hit that the recommended clearance then has.",
+        "and the chance of any hit that the calculated clearance then has.",
         grids=[_changes_grid(table, "One thing changed at a time, the rest as stated")],
         pictures=_change_bars(table),
         notes=_notes_of(table),
@@ -533,6 +541,7 @@ def _limits(review: Review) -> Section:
         lead="What this report takes for granted, and does not say.",
         notes=[
             *(text[0].upper() + text[1:] for text in review.assumptions),
+            *([_sentence(NO_TOLERANCES)] if review.worst_case is None else []),
             "One direction of motion; no rocking, and no coupling of directions.",
             "A linear spring and a viscous damper: an elastomer is stiffer at small amplitudes, "
             "and softer when warm.",
