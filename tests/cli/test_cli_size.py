@@ -184,8 +184,8 @@ def test_the_stops_of_the_scene_are_judged_where_they_are() -> None:
     chance = -math.expm1(-sum(bursts))
     near, far = 1e3 * (rest + 9e-3), 1e3 * (5e-3 - rest)
     line = (
-        "clearance: equal distances of both stops from the mean position; stops of the scene, "
-        f"{near:.4g} and {far:.4g} mm from the mean: {spoken_percent(chance)} in 1 h (any hit)"
+        f"stops of the scene, {near:.4g} and {far:.4g} mm from the static equilibrium: "
+        f"{spoken_percent(chance)} in 1 h (any hit)"
     )
     assert line in printed(sizing)
 
@@ -194,9 +194,13 @@ def test_one_stop_and_none_are_told_apart() -> None:
     sizing = sizing_of(scene_between_stops(), paths=64)
     alone = sizing.scene.impact_pairs[0].model_copy(update={"lower": None})
     one = replace(sizing, scene=sizing.scene.model_copy(update={"impact_pairs": (alone,)}))
-    assert "(upper side only); stop of the scene, " in printed(one)
+    told = printed(one)
+    assert f"{sizing.made} from the static" in told and "upper = " in told
+    assert "lower = " not in told and "stops of the scene, " in told
     none = replace(sizing, scene=sizing.scene.model_copy(update={"impact_pairs": ()}))
-    assert "equal distances of two stops from the mean position\n" in printed(none)
+    told = printed(none)
+    assert f"{sizing.made} per side from" in told and "stops of the scene" not in told
+    assert f"{sizing.stops_to_copy()}; the static equilibrium is at -1.725 mm" in told
 
 
 def test_what_was_tried_on_the_way_is_no_row_of_the_answer() -> None:

@@ -104,9 +104,7 @@ def box_on_a_peak() -> Scene:
         peak = 1.05 * float(modes[number])
         ends = [5.0, 0.97 * peak, 0.98 * peak, 1.02 * peak, 1.03 * peak, 300.0]
         densities = [1e-4, 1e-4, 0.02, 0.02, 1e-4, 1e-4]
-        shaken.append(
-            TabulatedNoise(frequency_hz=ends, density=densities, unit="g2/Hz", axis=axis)
-        )
+        shaken.append(TabulatedNoise(frequency_hz=ends, density=densities, unit="g2/Hz", axis=axis))
     return box.replace(excitations=shaken, cross_densities=())
 
 

@@ -30,7 +30,9 @@ from stochvi import (
 from stochvi.isolators.environment import environment
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.sizing.answer import Sizing, Target, spoken_percent
+from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.review import PeakSettings, Review, ReviewSettings, review
+from stochvi.isolators.sizing.worst_case import worst_case
 from stochvi.results.estimates import Estimate
 from stochvi.results.origin import Origin, origin_of
 from stochvi.scenes.excitations import Excitation
@@ -99,7 +101,11 @@ def read(html: str) -> Reader:
 
 @pytest.fixture(scope="module")
 def sizing() -> Sizing:
-    return sizing_of(scene_between_stops())
+    """With the tolerance of the frequency that the scene states."""
+    found = sizing_of(scene_between_stops())
+    allowed = Tolerances.of(found.scene)
+    table = worst_case(found, allowed, threads=1, budget=10.0)
+    return replace(found, allowed=allowed, worst_case=table)
 
 
 @pytest.fixture(scope="module")
@@ -170,7 +176,8 @@ def test_the_verdict_comes_first_and_every_part_is_there(sizing: Sizing, html: s
         "linear-screening", "environment", "isolator", "gap-and-stops", "verification", "limits",
         "inputs", "signatures",
     ]  # fmt: skip
-    assert sizing.verdict() in reader.text_before["required-clearance"]
+    above = reader.text_before["required-clearance"]
+    assert sizing.verdict()[1:] in above and sizing.stops_to_copy() in above
     # rms of the profile as stated and as integrated, of the response and the sag of a 12 Hz mount
     for known in ("1.08 g rms", "1.078 g rms", "1.570 mm rms", "1.725 mm"):
         assert known in reader.text, known
@@ -406,14 +413,17 @@ def test_the_base_moves_as_its_density_says() -> None:
 
 def test_sag_moves_the_stops_and_is_told(sizing: Sizing, reviewed: Review) -> None:
     section = gap_section(reviewed)
-    assert "move the position of rest by -1.725 mm" in section.lead
+    assert "static equilibrium is at -1.725 mm" in section.lead
     told = facts(section)
-    made = math.ceil(1e4 * sizing.clearance.value) / 10.0
-    lower = -sizing.scene.structure.sag - sizing.clearance.value
-    value, remark = told["Recommended, lower stop"]
-    assert value == f"-{made:.1f} mm" and f"lower = {lower:.6g} (m)" in remark
-    value, remark = told["In the scene, lower stop"]
-    assert value == "-7.275 mm" and "lower = -0.009 (m); viscoelastic" in remark
+    assert sizing.worst_case is not None
+    made = math.ceil(1e4 * sizing.worst_case["clearance"].iloc[-1]) / 10.0
+    lower = -sizing.scene.structure.sag - 1e-3 * made
+    value, remark = told["Clearance of the lower stop, to make"]
+    assert value == f"{made:.1f} mm"
+    # rounded outwards, to a micrometre
+    assert f"lower = {math.floor(1e6 * lower) / 1e6:.9g} (m)" in remark
+    value, remark = told["Clearance of the lower stop of the scene"]
+    assert value == "7.275 mm" and "lower = -0.009 (m); viscoelastic" in remark
     plain = Isolator(frequency_hz=12.0, zeta=0.1)
     _, remark = facts(mount_section(review_of(structure=plain)))["Static sag under 1 g"]
     assert "for information" in remark
@@ -461,10 +471,10 @@ def test_cards_tell_the_limit_that_is_kept(reviewed: Review) -> None:
     doubtful = replace(sizing, kept_with=Estimate(value=0.0, upper_95=0.1))
     risk = {card.name: card for card in page_of(replace(reviewed, sizing=doubtful)).cards}
     assert risk["Chance of exceeding 30 g in 1 h"].value == "not known well enough"
-    assert cards["Clearance per side"].value.startswith("at most ")
-    assert "95 %" not in cards["Clearance per side"].remark
+    assert cards["Clearance to make"].value.startswith("at most ")
+    assert "95 %" not in cards["Calculated as stated"].remark
     said = " ".join(page.statements)
-    assert "already there" in said and "95 % limit: 0.1 %" in said
+    assert "95 % limit of the chance: 0.1 %" in said and "already there" in page.verdict
 
 
 @pytest.mark.usefixtures("blank_pictures")
