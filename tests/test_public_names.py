@@ -11,7 +11,7 @@ import pytest
 import stochvi
 from support import CHECKOUT
 from support.accuracies import quick_cases
-from support.commands import ELASTIC
+from support.commands import ELASTIC, ISOLATOR
 
 ROOMS = (
     "absorbers", "isolators", "methods", "methods.periodic", "results", "scenes", "statistics",
@@ -19,7 +19,7 @@ ROOMS = (
 )  # fmt: skip
 HEAVY = {
     "jinja2", "matplotlib", "numba", "pandas", "pyuff", "rich", "scipy.optimize", "scipy.signal",
-    "scipy.stats",
+    "scipy.stats", "statsmodels",
 }  # fmt: skip
 
 
@@ -93,10 +93,15 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
         ("linearise", {"rich", "scipy.optimize"}),
         ("explain", {"rich", "scipy.optimize", "numba"}),
         ("simulate", {"rich", "numba"}),
+        (
+            "size --probability 0.05 --mission 60 --rel-error 0.2",
+            {"rich", "scipy.optimize", "numba", "pandas"},
+        ),
     ],
-    keep=(0, 1, 3, 4),
+    keep=(0, 1, 3, 4, 5),
 )
 def test_a_command_imports_what_it_needs_and_nothing_else(command: str, needed: set[str]) -> None:
-    words = [command] if command == "--help" else [command, ELASTIC]
+    scene = [] if command == "--help" else [ISOLATOR if command.startswith("size") else ELASTIC]
+    words = command.split() + scene
     start = f"from stochvi.cli import main\nmain({words}, standalone_mode=False)"
     assert loaded_by(start) == needed

@@ -23,8 +23,20 @@ from stochvi.scenes.scene import Scene
 Vector = NDArray[np.float64]
 
 FALSE_ALARMS = 0.005
-"""Chance that the two tests together, by Bonferroni's rule, contradict a Gaussian record: half of
-the 1 % that is promised, because the laws of the two statistics are approximate."""
+"""Chance that the tests together, by Bonferroni's rule, contradict a Gaussian record: half of the
+1 % that is promised, because the laws of their statistics are approximate."""
+
+BLOCK_MEMORIES = 16.0
+"""Length of the blocks whose mean squares are tested for a change of level, in int rho^2 dtau:
+neighbouring ones are then nearly independent."""
+
+FEWEST_BLOCKS = 16
+"""Smallest number of blocks from which a change of level is judged: fewer cannot contradict a
+steady one, because their cumulative sum has no room to."""
+
+STEADY = 1.05
+"""Ratio of two standard deviations within a record up to which its level counts as steady: a
+clearance follows it in proportion."""
 
 FEWEST = 20.0
 """Smallest number of independent values of the fourth power of the response from which its kurtosis
@@ -85,8 +97,8 @@ class RecordVerdict:
     contradicts
         Whether the record is not what a Gaussian process would show in its time.
     judged
-        Whether both tests could be made; a record that is too short for one of them is not said to
-        agree, but may contradict.
+        Whether peak and kurtosis could be tested; a record that is too short for one of them is not
+        said to agree, but may contradict. A change of level needs a longer record.
     reasons
         What contradicts, a sentence each.
     displacement_max
@@ -103,8 +115,11 @@ class RecordVerdict:
         The smallest distance of stops from the position of rest that the record does not reach, m;
         of the sides on which the scene has stops.
     p_values
-        Chance that a Gaussian process deviates as far, to either side, in its "peak" and in its
-        "kurtosis"; None where the record is too short to tell.
+        Chance that a stationary Gaussian process deviates as far, to either side, in its "peak", in
+        its "kurtosis" and in its "level"; None where the record is too short to tell.
+    level_ratio
+        Standard deviation of the response after the moment of the largest change of its level, over
+        that before it; None where the record is too short to tell.
     crossings
         Crossings of levels.
     clipped
@@ -125,6 +140,7 @@ class RecordVerdict:
     kurtosis_error: float
     clearance: float
     p_values: dict[str, float | None]
+    level_ratio: float | None
     crossings: tuple[Crossings, ...]
     clipped: bool
     lost_share: float
@@ -174,10 +190,11 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     """Judge the records of a scene with one mount; None where no record alone shakes it.
 
     The response to the record without stops, by exact steps, is compared with a Gaussian process
-    that has the spectrum of the response. Two tests share the chance `FALSE_ALARMS`: the largest
-    distance from rest against Vanmarcke's law of first crossings (1975), and the kurtosis against
-    the law of Anscombe and Glynn (1983) for as many independent values as leave the kurtosis of the
-    process its variance, 24 int rho^4 dtau / T. A record that is cut off contradicts as well,
+    that has the spectrum of the response. Three tests share the chance `FALSE_ALARMS`: the largest
+    distance from rest against Vanmarcke's law of first crossings (1975), the kurtosis against the
+    law of Anscombe and Glynn (1983) for as many independent values as leave the kurtosis of the
+    process its variance, 24 int rho^4 dtau / T, and the level, whose changes `change_of_level`
+    finds. A record that is cut off contradicts as well,
     and one whose slow motion its density leaves out.
 
     Examples
@@ -295,13 +312,14 @@ class ResponseLaw:
         Up-crossings of the mean per second.
     bandwidth
         Vanmarcke's q = sqrt(1 - m1^2 / (m0 m2)), m the moments of the density.
-    memory
-        int rho^4 dtau over all lags, s.
+    memory, memory_of_squares
+        int rho^4 dtau and int rho^2 dtau over all lags, s.
     """
 
     crossing_rate: float
     bandwidth: float
     memory: float
+    memory_of_squares: float
 
 
 def response_law(tables: Sequence[Table], omega: float, damping_rate: float) -> ResponseLaw:
@@ -327,6 +345,7 @@ def response_law(tables: Sequence[Table], omega: float, damping_rate: float) -> 
         crossing_rate=math.sqrt(two / zero),
         bandwidth=math.sqrt(max(1.0 - one**2 / (zero * two), 1e-12)),
         memory=float(np.sum(rho**4) * lag),
+        memory_of_squares=float(np.sum(rho**2) * lag),
     )
 
 
@@ -373,6 +392,47 @@ def kurtosis_p_value(kurtosis: float, number: float) -> float | None:
     return math.erfc(abs(z) / math.sqrt(2.0))
 
 
+class LevelChange(NamedTuple):
+    """The largest change of the level of a response: the share of its time before the change, the
+    standard deviation after it over that before it, and the chance of so much under a steady level.
+    """
+
+    share: float
+    ratio: float
+    p_value: float
+
+
+def change_of_level(x: Vector, duration: float, law: ResponseLaw) -> LevelChange | None:
+    """The largest change of the level of a response x about its mean; None in a short record.
+
+    The cumulative sum of what the logarithms of mean squares of blocks deviate from their mean is a
+    Brownian bridge if the level is steady (W. Ploberger and W. Kraemer, Econometrica 60 (1992)
+    271). That holds whatever the law of the blocks, so that a record that is not Gaussian but
+    steady is not accused of a change.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(1).normal(size=20_000)
+    >>> law = ResponseLaw(crossing_rate=1.0, bandwidth=1.0, memory=1e-3, memory_of_squares=1e-3)
+    >>> found = change_of_level(noise * np.repeat([1.0, 1.5], 10_000), 20.0, law)
+    >>> found is not None and (round(found.share, 1), round(found.ratio, 1), found.p_value < 1e-9)
+    (0.5, 1.5, True)
+    """
+    count = int(duration / (BLOCK_MEMORIES * law.memory_of_squares))
+    if count < FEWEST_BLOCKS:
+        return None
+    # half a second to import, which only a record costs
+    from statsmodels.stats.diagnostic import breaks_cusumolsresid
+
+    squares = np.array([np.mean(block**2) for block in np.array_split(x, count)])
+    levels = np.log(squares)
+    off = levels - levels.mean()
+    p_value = float(breaks_cusumolsresid(off, ddof=1)[1])
+    before = 1 + int(np.argmax(np.abs(np.cumsum(off)[:-1])))
+    ratio = math.sqrt(squares[before:].mean() / squares[:before].mean())
+    return LevelChange(before / count, ratio, p_value)
+
+
 def expected_peak(duration: float, law: ResponseLaw) -> float:
     """Median of the largest |x| of a Gaussian process, in standard deviations."""
     low, high = 0.0, 40.0
@@ -411,7 +471,8 @@ def _verdict(
     below = peak_probability(settled / sigma, duration, law)
     unlikely = 2.0 * min(below, 1.0 - below) if judged else None
     shape = kurtosis_p_value(kurtosis, duration / law.memory) if judged else None
-    p_values = {"peak": unlikely, "kurtosis": shape}
+    level = change_of_level(centred, duration, law) if judged else None
+    p_values = {"peak": unlikely, "kurtosis": shape, "level": level and level.p_value}
     expected = expected_peak(duration, law)
     limit = FALSE_ALARMS / len(p_values)
     reasons = [sentence for _, sentence in lost] if judged else []
@@ -425,6 +486,12 @@ def _verdict(
             f"the kurtosis of the response is {kurtosis:.3g}, where Gaussian noise would have "
             f"3 +- {math.sqrt(24.0 * law.memory / duration):.2g} ({p_value_in_words(shape)})"
         )
+    if level is not None and level.p_value < limit and not 1 / STEADY < level.ratio < STEADY:
+        reasons.append(
+            f"its level is not steady: after {level.share * duration:.3g} of {duration:.3g} s the "
+            f"response is {level.ratio:.3g} times what it was before "
+            f"({p_value_in_words(level.p_value)})"
+        )
     if clipped:
         reasons.append(
             "the record is cut off at its largest or smallest value, as by a logger at the end of "
@@ -432,7 +499,7 @@ def _verdict(
         )
     return RecordVerdict(
         contradicts=bool(reasons),
-        judged=None not in p_values.values(),
+        judged=unlikely is not None and shape is not None,
         reasons=tuple(reasons),
         displacement_max=largest,
         displacement_std=whole,
@@ -442,6 +509,7 @@ def _verdict(
         kurtosis_error=math.sqrt(24.0 * law.memory / duration),
         clearance=clearance,
         p_values=p_values,
+        level_ratio=level and level.ratio,
         crossings=tuple(_crossings(centred, sigma, level, duration, law) for level in LEVELS),
         clipped=clipped,
         lost_share=max((share for share, _ in lost), default=0.0),

@@ -22,6 +22,7 @@ from stochvi import (
     screen,
 )
 from stochvi.isolators.record_verdict import (
+    FALSE_ALARMS,
     cut_off,
     kurtosis_p_value,
     p_value_in_words,
@@ -160,6 +161,34 @@ def test_slow_drift_is_named_for_several_masses(tmp_path: Path) -> None:
         assert any("leaves out" in each for each in told) == named
 
 
+@pytest.mark.parametrize("course", ["growing", "one half"])
+def test_a_level_that_changes_slowly_is_noticed(tmp_path: Path, course: str) -> None:
+    """By the test of the level alone: the kurtosis and the peak hardly change."""
+    random = np.random.default_rng(11)
+    a = gaussian(random, 150.0)
+    part = np.linspace(0.0, 1.0, len(a))
+    a *= 0.8 + 0.4 * part if course == "growing" else np.where(part < 0.5, 1.0, 1.3)
+    verdict = record_verdict(scene_of(tmp_path, a))
+    assert verdict is not None and verdict.contradicts
+    (reason,) = verdict.reasons
+    assert "its level is not steady" in reason
+    p = verdict.p_values
+    assert p["level"] < FALSE_ALARMS / 3.0 < min(p["peak"], p["kurtosis"])
+    assert verdict.level_ratio == pytest.approx(1.2 if course == "growing" else 1.3, abs=0.1)
+
+
+def test_a_steady_record_that_is_not_gaussian_is_not_accused_of_a_change(tmp_path: Path) -> None:
+    """Its level goes up and down many times, as that of a road with slabs."""
+    random = np.random.default_rng(12)
+    records = [gaussian(random, 60.0) for _ in range(4)]
+    t = np.arange(len(records[0])) / FS
+    for a in records:
+        verdict = record_verdict(scene_of(tmp_path, a * (1.0 + np.sin(2.0 * np.pi * t))))
+        assert verdict is not None and verdict.contradicts
+        assert verdict.p_values["kurtosis"] < 1e-6
+        assert verdict.p_values["level"] > FALSE_ALARMS / 3.0
+
+
 def test_the_clearance_of_the_record_is_not_hit(tmp_path: Path) -> None:
     scene = scene_of(tmp_path, spoilt("potholes", np.random.default_rng(4)))
     verdict = screen(scene).record
@@ -221,7 +250,7 @@ def test_commands_say_it_first_and_end_with_1(tmp_path: Path, stochvi: Run) -> N
         assert run.code == 0
         record = one_document(run.out)["record"]
         assert record["contradicts"] is False
-        assert set(record["p_values"]) == {"peak", "kurtosis"}
+        assert set(record["p_values"]) == {"peak", "kurtosis", "level"}
         json.dumps(record)
 
 
@@ -255,7 +284,7 @@ def test_a_record_that_ends_before_the_start_has_died_out_is_not_judged(tmp_path
     verdict = record_verdict(scene_of(tmp_path, values, natural=0.01))
     assert verdict is not None and not verdict.contradicts
     assert not verdict.judged and not verdict.agrees
-    assert verdict.p_values == {"peak": None, "kurtosis": None}
+    assert verdict.p_values == {"peak": None, "kurtosis": None, "level": None}
     assert "cannot be said" in verdict.sentence()
     assert verdict.clearance >= verdict.displacement_max
 
