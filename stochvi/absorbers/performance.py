@@ -22,7 +22,7 @@ from stochvi.results.base import Result, total_cost
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, format_with_error, provenance
-from stochvi.results.intervals import mean_and_error
+from stochvi.results.intervals import mean_and_error, student_factor
 from stochvi.results.progress import Progress
 from stochvi.results.response import PairResponse, Response
 from stochvi.scenes.excitations import BASE, ConstantLoad, Excitation
@@ -515,7 +515,7 @@ def _windows(scene: Scene, carrier: str, period: float, seed: int, deadline: Dea
 
     def estimate(values: list[float], power: float = 1.0) -> Estimate:
         mean, error = mean_and_error(np.array(values))
-        relative = abs(power) * error / mean if mean else 0.0
+        relative = student_factor(len(values)) * abs(power) * error / mean if mean else 0.0
         value = mean**power
         return Estimate(value=value, standard_error=value * relative, how=how)
 

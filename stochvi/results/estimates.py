@@ -11,7 +11,13 @@ from functools import cache
 from numbers import Real
 from typing import Any, ClassVar
 
-from stochvi.results.intervals import GAUSSIAN_95, reach
+from stochvi.results.intervals import (
+    GAUSSIAN_95,
+    events_suffice,
+    most_events,
+    reach,
+    student_factor,
+)
 
 ERROR, BIAS, BIAS_ERROR, LIMIT = "standard_error", "bias", "bias_error", "upper_95"
 """Fields of an `Estimate`, behind whose value tables name their columns so."""
@@ -37,7 +43,8 @@ class Estimate:
     how
         Source of the two errors, in words.
     upper_95
-        Upper 95 % confidence limit of the rate of an event that was never seen.
+        Upper 95 % confidence limit of the rate of an event that was never seen, or in too few
+        independent samples for an interval (`of_events`); the value is then 0.
     bias_error
         Standard error of `bias`, if the bias was estimated from samples.
 
@@ -130,8 +137,8 @@ class Estimate:
         """The estimate with another value, all errors scaled by the same factor."""
         if self.upper_95 is not None and factor <= 0.0:
             raise ValueError(
-                "an estimate with upper_95 is of an event that was never seen and has no lower "
-                f"limit: it can be scaled by positive numbers only, got {factor}"
+                "an estimate with upper_95 is of an event that was never seen, or hardly, and has "
+                f"no lower limit: it can be scaled by positive numbers only, got {factor}"
             )
         return replace(
             self,
@@ -143,8 +150,10 @@ class Estimate:
         )
 
     def __repr__(self) -> str:
-        value = format_with_error(self.value, self.standard_error)
-        return f"{value}{self.bias_in_words} [{self.how}]"
+        number = f"{format_with_error(self.value, self.standard_error)}{self.bias_in_words}"
+        if self.upper_95 is not None:
+            number = f"at most {self.upper_95:.3g}"
+        return f"{number} [{self.how}]"
 
     @property
     def bias_matters(self) -> bool:
@@ -191,6 +200,36 @@ class Estimate:
         if self.bias_error == 0.0:
             del document["bias_error"]
         return document
+
+
+TOO_FEW = "in too few independent samples for an interval"
+"""Where events were seen of which an upper limit alone is stated."""
+
+
+def of_events(found: Estimate, samples: int) -> Estimate:
+    """What may be stated of a mean number or rate of events over so many independent samples.
+
+    Where samples and clusters of events suffice, it is the estimate, whose standard error is
+    Student's where samples are few. Else it is an upper limit, and the value is 0. This one rule is
+    that of everything that samples, whether a budget ended it or not.
+
+    Examples
+    --------
+    >>> of_events(Estimate(value=24.0, standard_error=24.0, how="2 paths"), 2).value
+    0.0
+    >>> of_events(Estimate(value=24.0, standard_error=2.0, how="256 paths"), 256)
+    24.0(2.0) [256 paths]
+    """
+    if found.value <= 0.0:
+        return found
+    if events_suffice(found.value, found.standard_error, samples):
+        return replace(found, standard_error=found.standard_error * student_factor(samples))
+    return Estimate(
+        value=0.0,
+        bias=None,
+        how=f"seen {TOO_FEW}: {found.how}",
+        upper_95=most_events(found.value, found.standard_error, samples) + (found.bias or 0.0),
+    )
 
 
 def _plain_number(number: object) -> float:

@@ -33,6 +33,20 @@ LARGEST_SCORE = 37.0
 0 in double precision."""
 
 
+FEWEST_SAMPLES = 8
+"""Smallest number of independent samples whose scatter gives an interval: Student's quantile is
+then 2.36."""
+
+FEWEST_CLUSTERS = 5
+"""Smallest number of independent clusters from which the rate of events gets an interval. That of
+the logarithm then covers the rate, of clusters with one event or with an exponential number, 94 to
+98 times in 100 for any number of samples from `FEWEST_SAMPLES` on."""
+
+ENOUGH_SAMPLES = 64
+"""Number of independent samples from which a standard error passes for known: Student's quantile is
+then 2 % above the normal one."""
+
+
 # Quantiles ---------------------------------------------------------------------------------
 
 
@@ -75,6 +89,18 @@ def normal_score(difference: float, standard_error: float, degrees: float) -> fl
         away = -float(ndtri(tail)) if tail > 0.0 else math.inf
         away = min(away, LARGEST_SCORE)
     return math.copysign(away, difference)
+
+
+def student_factor(samples: int) -> float:
+    """Factor on a standard error from so many independent samples that makes the normal 95 %
+    interval Student's; 1 from `ENOUGH_SAMPLES` on, and infinite for a single sample.
+
+    >>> round(student_factor(8), 3), student_factor(64)
+    (1.206, 1.0)
+    """
+    if samples < 2 or samples >= ENOUGH_SAMPLES:
+        return 1.0 if samples > 1 else math.inf
+    return student_quantile(1.0 - CONFIDENCE, samples - 1.0) / GAUSSIAN_95
 
 
 def satterthwaite_degrees(errors: Sequence[float], counts: Sequence[int]) -> float:
@@ -133,17 +159,6 @@ def logarithmic_interval(
     return value * math.exp(-reach), value * math.exp(reach)
 
 
-def mean_interval(samples: Array, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Student's interval of the mean of independent samples.
-
-    >>> [round(end, 6) for end in mean_interval(np.array([1.0, 2.0, 3.0]))]
-    [-0.484138, 4.484138]
-    """
-    mean, error = mean_and_error(samples)
-    reach = student_quantile(1.0 - confidence, len(samples) - 1.0) * error
-    return mean - reach, mean + reach
-
-
 def poisson_interval(
     events: int, exposure: float, confidence: float = CONFIDENCE
 ) -> tuple[float, float]:
@@ -189,6 +204,40 @@ def upper_limit_unseen(exposure: float, confidence: float = CONFIDENCE) -> float
     2.9957
     """
     return -math.log1p(-confidence) / exposure
+
+
+def clusters(value: float, error: float, samples: int) -> float:
+    """Number of independent clusters that a sum of events over independent samples is worth.
+
+    It is 1 / e^2, e the relative standard error: the number of clusters if all are of one size,
+    fewer if some clusters hold most of the events (L. Kish 1965). It is no more than a quarter of
+    `FEWEST_CLUSTERS` for each sample, as the scatter of few samples may be small by chance.
+
+    >>> clusters(6.0, 2.0, 100), clusters(6.0, 0.0, 2)
+    (9.0, 2.5)
+    """
+    most = 0.25 * FEWEST_CLUSTERS * samples
+    return min((value / error) ** 2, most) if error > 0.0 else most
+
+
+def events_suffice(value: float, error: float, samples: int) -> bool:
+    """Whether events were seen in enough independent samples and clusters for an interval of their
+    rate; else an upper limit alone can be stated (`most_events`)."""
+    return samples >= FEWEST_SAMPLES and clusters(value, error, samples) >= FEWEST_CLUSTERS
+
+
+def most_events(value: float, error: float, samples: int, confidence: float = CONFIDENCE) -> float:
+    """Upper limit of a mean number of events, seen in few clusters of unknown size.
+
+    Upper limit of the number of k clusters (Poisson), times the upper limit of the mean size where
+    sizes have an exponential law: the limit holds at least as often as its confidence level states,
+    as both seldom err to the same side.
+
+    >>> most_events(1.0, 1.0, 100) > 20.0
+    True
+    """
+    known, tail = clusters(value, error, samples), 1.0 - confidence
+    return value * float(gammaincinv(known + 1.0, confidence) / gammaincinv(known, tail))
 
 
 # Standard errors ---------------------------------------------------------------------------

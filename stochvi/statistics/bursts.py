@@ -98,6 +98,11 @@ class Bursts:
     sharpest: Matrix
 
     @property
+    def paths(self) -> int:
+        """Number of independent paths with a burst."""
+        return len(np.unique(self.path))
+
+    @property
     def overlap(self) -> float:
         """Expected number of other first hits in the window that is simulated; the rates of this
         class need it to be small."""

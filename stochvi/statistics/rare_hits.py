@@ -39,8 +39,15 @@ from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Estimate
-from stochvi.results.intervals import jackknife_error, logarithmic_interval, upper_limit_unseen
+from stochvi.results.estimates import TOO_FEW, Estimate
+from stochvi.results.intervals import (
+    events_suffice,
+    jackknife_error,
+    logarithmic_interval,
+    most_events,
+    student_factor,
+    upper_limit_unseen,
+)
 from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.burst_flights import (
@@ -87,8 +94,8 @@ MOST_LEVELS = 24
 FEWEST_REPETITIONS = 16
 """Smallest number of repetitions in an answer: Student's quantile is then 2.13."""
 
-FEWEST_WITH_ERROR = 4
-"""Smallest number of repetitions with which an answer is given where the budget ends."""
+FEWEST_WITH_SHARE = 4
+"""Smallest number of repetitions that tell the share of late exceedances."""
 
 MOST_REPETITIONS = 2**14
 """Largest number of repetitions, whatever the budget."""
@@ -663,7 +670,7 @@ class _Question:
         """The answer from the repetitions."""
         count, tried = len(done), kind.trials * (len(done) + 1)
         exceeded, coarse, late, scored = np.array(done).reshape(-1, 4).T
-        if count < FEWEST_WITH_ERROR or not exceeded.any():
+        if count < 2 or not exceeded.any():
             # the first trials of each repetition, and of the pilot, are independent
             most = upper_limit_unseen(tried, self.confidence)
             upper = float(
@@ -679,6 +686,10 @@ class _Question:
         left_out = (rows.sum(axis=1, keepdims=True) - rows) / (count - 1)
         error = jackknife_error(risk(left_out))
         lower, upper = logarithmic_interval(value, error, count - 1, self.confidence)
+        if not events_suffice(value, error, count):
+            upper = most_events(value, error, count, self.confidence)
+            words = f"seen {TOO_FEW}: {count} repetitions"
+            return self._at_most(kind, levels, count, upper, words)
         if not levels.reached:
             words = f"the chance of exceeding {levels.levels[-1]:.4g}, {count} repetitions"
             return self._at_most(kind, levels, count, upper, words)
@@ -688,7 +699,7 @@ class _Question:
         return RareHits(
             chance=Estimate(
                 value=value,
-                standard_error=error,
+                standard_error=error * student_factor(count),
                 bias=None if step is None else step + apart,
                 how=f"{count} repetitions; bias from twice the sampling interval",
             ),
@@ -714,7 +725,7 @@ class _Question:
 
 def _unfinished(kind: Kind, done: list[Repetition]) -> bool:
     """Whether the exceedances of bursts come so late that bursts do not seem to end."""
-    if len(done) < FEWEST_WITH_ERROR:
+    if len(done) < FEWEST_WITH_SHARE:
         return False
     exceeded, _, late, scored = np.mean(done, axis=0)
     return kind.unfinished(exceeded, late, scored) > UNFINISHED

@@ -31,7 +31,7 @@ from stochvi.model.modal import absolute_accelerations
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.deadline import Deadline, as_far_as_it_got
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import binomial_interval, jackknife_error, upper_limit_unseen
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.rigid_body import MOTIONS, RigidBody
@@ -77,12 +77,13 @@ class Limit(NamedTuple):
 @dataclass(frozen=True, kw_only=True)
 class HitCounts:
     """Hits per second and their mean speed (m/s; None where unknown), together and by pair; and how
-    they were found, "bursts" or "simulation"."""
+    they were found, "bursts" or "simulation", in so many independent `samples`."""
 
     rate: Estimate
     rates: Mapping[str, Estimate]
     speeds: Mapping[str, Estimate | None]
     way: str
+    samples: int
     hits_per_burst: Estimate | None = None
     steps: int = 0
 
@@ -153,13 +154,14 @@ def count_hits(scene: Scene, overlap: float, **sampling: Any) -> HitCounts:
     found = _apart(scene, overlap, sampling)
     if found is not None:
         return HitCounts(
-            rate=found.hit_rate(),
-            rates={name: found.hit_rate(name) for name in found.pairs},
+            rate=of_events(found.hit_rate(), found.paths),
+            rates={name: of_events(found.hit_rate(name), found.paths) for name in found.pairs},
             speeds={
                 name: found.impact_speed_mean(name) if hits.any() else None
                 for name, hits in zip(found.pairs, found.hits, strict=True)
             },
             way="bursts",
+            samples=found.paths,
             hits_per_burst=found.hits_per_burst(),
         )
     response = as_far_as_it_got(simulate, scene, **sampling)
@@ -174,7 +176,7 @@ def count_hits(scene: Scene, overlap: float, **sampling: Any) -> HitCounts:
         speeds[pair.name] = speed if isinstance(speed, Estimate) else None
     return HitCounts(
         rate=_sum([*rates.values()]), rates=rates, speeds=speeds, way="simulation",
-        steps=response.cost.steps,
+        samples=response.cost.paths, steps=response.cost.steps,
     )  # fmt: skip
 
 
@@ -194,13 +196,16 @@ def exceedance(
     if found is None:
         return windows(scene, limit, mission, **sampling)
     reach = found.window / WINDOW_RELAXATIONS / mission
-    by_output = {name: chance_of(rate(found, (name,)), mission, reach) for name in limit.outputs}
+
+    def chance(outputs: tuple[str, ...]) -> Estimate:
+        return chance_of(of_events(rate(found, outputs), found.paths), mission, reach)
+
     return Exceedance(
-        chance=chance_of(rate(found), mission, reach),
-        by_output=by_output,
+        chance=chance(limit.outputs),
+        by_output={name: chance((name,)) for name in limit.outputs},
         way="bursts",
         trials=len(found.path),
-        degrees=max(len(np.unique(found.path)) - 1, 1),
+        degrees=max(found.paths - 1, 1),
     )
 
 
@@ -225,14 +230,15 @@ def _apart(
 
 def _sum(rates: list[Estimate]) -> Estimate:
     """Sum of rates of one simulation, whose errors add up at worst."""
-    unseen = [each.upper_95 for each in rates if each.upper_95 is not None]
-    total = math.fsum(each.value for each in rates)
+    known = [each for each in rates if each.upper_95 is None]
+    if not known:
+        return replace(rates[0], upper_95=math.fsum(each.upper_95 or 0.0 for each in rates))
     return replace(
-        rates[0],
-        value=total,
-        standard_error=math.fsum(each.standard_error for each in rates),
-        bias=math.fsum(each.bias or 0.0 for each in rates),
-        upper_95=math.fsum(unseen) if unseen and total == 0.0 else None,
+        known[0],
+        value=math.fsum(each.value for each in known),
+        standard_error=math.fsum(each.standard_error for each in known),
+        # hits on pairs of which an upper limit alone is known are left out
+        bias=math.fsum(each.bias or each.upper_95 or 0.0 for each in rates),
     )
 
 
@@ -400,6 +406,8 @@ def _of_windows(seen: NDArray[np.bool_], window: float, mission: float) -> Estim
     if whole.all():  # the error then follows from the lower limit of the chance
         least = binomial_interval(count, count)[0]
         error = 0.5 * float(1.0 - risk(np.array(least), np.array(0.0)))
-    return Estimate(
+    found = Estimate(
         value=value, standard_error=error, bias=0.0, how=f"{count} windows of {window:.3g} s"
     )
+    at_most = found if whole.all() else of_events(found, count)
+    return replace(at_most, upper_95=at_most.upper_95 and min(at_most.upper_95, 1.0))

@@ -153,12 +153,12 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
     print_table(console, table)
     if found.pairs:
         _print_pairs(console, found)
-    if "expected_hits" in found.missing:
+    if "expected_hits" in found.missing and found.hits is None:
         console.print("expected hits not found", highlight=False)
     if found.hits is not None and found.hits_interval is not None:
         lower, upper = found.hits_interval
-        value = format_with_error(found.hits.value, found.hits.standard_error)
-        console.print(f"expected hits {value}, {lower:.4g} to {upper:.4g}", highlight=False)
+        ends = "" if found.hits.upper_95 is not None else f", {lower:.4g} to {upper:.4g}"
+        console.print(f"expected hits {_number(found.hits)}{ends}", highlight=False)
     for chance in found.chances.values():
         print_line(console, f"{chance.event.replace('_', ' ')}: {chance.why}")
     for warning in found.warnings:

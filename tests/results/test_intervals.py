@@ -13,15 +13,17 @@ from stochvi.results.intervals import (
     PathMoments,
     binomial_interval,
     delta_method,
+    events_suffice,
     jackknife_error,
     jackknife_ratio,
     logarithmic_interval,
     mean_and_error,
-    mean_interval,
+    most_events,
     normal_quantile,
     poisson_interval,
     ratio_and_error,
     satterthwaite_degrees,
+    student_factor,
     student_quantile,
     upper_limit_unseen,
 )
@@ -41,15 +43,6 @@ def test_quantiles_of_95_percent() -> None:
 
 def test_a_logarithmic_interval_of_nothing_is_everything() -> None:
     assert logarithmic_interval(0.0, 0.0, 5, 0.95) == (0.0, math.inf)
-
-
-def test_students_interval_of_a_mean_covers_as_often_as_it_says() -> None:
-    samples = np.random.default_rng(1).standard_normal((REPEATS, 5))
-    ends = np.array([mean_interval(row) for row in samples])
-    assert covers_95((ends[:, 0] < 0.0) & (ends[:, 1] > 0.0))
-    # that of the normal law is too narrow for 5 samples: the negative control
-    found = np.array([mean_and_error(row) for row in samples])
-    assert not covers_95(np.abs(found[:, 0]) < GAUSSIAN_95 * found[:, 1])
 
 
 @pytest.mark.parametrize("events", [0, 1, 7])
@@ -152,3 +145,31 @@ def test_degrees_of_freedom_of_a_sum_are_those_of_satterthwaite() -> None:
     assert found == pytest.approx((0.01 + 0.09) ** 2 / (0.01**2 / 10.0 + 0.09**2 / 40.0))
     assert satterthwaite_degrees([1e-9, 0.3], [11, 41]) == pytest.approx(40.0)
     assert satterthwaite_degrees([0.0, 0.3], [11, 41]) == 40.0
+
+
+@pytest.mark.parametrize("samples", [2, 4, 8, 64])
+@pytest.mark.parametrize("single", [True, False])
+def test_a_rate_of_clusters_is_within_its_interval_or_limit(samples: int, single: bool) -> None:
+    """Clusters of one event, or of an exponential number, from one of them to hundreds."""
+    random = np.random.default_rng(4)
+    for mean in (1.0, 6.0, 20.0, 300.0):
+        counts = random.poisson(mean / samples, (1000, samples)).astype(float)
+        if not single:
+            counts = np.where(counts > 0.0, random.gamma(np.maximum(counts, 1.0)), 0.0)
+        held, plain = [], []
+        for row in counts[counts.any(axis=1)]:
+            value, error = mean_and_error(row)
+            low, high = 0.0, most_events(value, error, samples)
+            if events_suffice(value, error, samples):
+                low, high = logarithmic_interval(value, error, samples - 1)
+            held.append(low <= mean / samples <= high)
+            plain.append(abs(value - mean / samples) <= GAUSSIAN_95 * error)
+        assert np.mean(held) > 0.95 - 4.5 * math.sqrt(0.05 * 0.95 / len(held))
+        # the negative control: two standard errors, of few samples or clusters
+        if samples == 2 or (mean == 1.0 and not single):
+            assert np.mean(plain) < 0.87
+
+
+def test_few_samples_widen_a_standard_error_to_students() -> None:
+    assert student_factor(5) == pytest.approx(stats.t.ppf(0.975, 4) / GAUSSIAN_95)
+    assert student_factor(1) == math.inf and student_factor(10**6) == 1.0

@@ -25,7 +25,8 @@ from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
-from stochvi.results.intervals import jackknife_ratio, mean_and_error
+from stochvi.results.estimates import Estimate, of_events
+from stochvi.results.intervals import jackknife_ratio, mean_and_error, student_factor
 from stochvi.results.progress import Progress
 from stochvi.scenes.impact_laws import Elastic, Viscoelastic
 from stochvi.scenes.scene import Scene
@@ -94,7 +95,8 @@ def clatter(
     pandas.DataFrame
         A row per clearance and stiffness, SI units, standard errors in columns with `_error`:
         `clearance`, `clearance_in_sigma`, `stiffness_ratio` (NaN for the scene's own),
-        `hit_rate` (all contacts), `acceleration_rms`, `largest_acceleration` (mean over windows),
+        `hit_rate` (all contacts; with `hit_rate_upper_95` where these were seen in too few windows
+        for an interval, else NaN), `acceleration_rms`, `largest_acceleration` (mean over windows),
         `rms_amplification`, `peak_amplification` (over the same without stops, from the same
         random numbers), and `largest_acceleration_bias` (a third of what half as many samples
         change).
@@ -285,20 +287,23 @@ class _Windows:
         square, square_error = mean_and_error(stopped.mean_square)
         rms = math.sqrt(square)
         largest, largest_error = mean_and_error(stopped.largest)
+        hit_rate = of_events(Estimate(value=hits, standard_error=hits_error), len(stopped.hits))
         # the windows with stops and without them have their random numbers in common
         rms_ratio, rms_ratio_error = jackknife_ratio(stopped.mean_square, free.mean_square, np.sqrt)
         peak_ratio, peak_ratio_error = jackknife_ratio(stopped.largest, free.largest)
+        few = student_factor(len(stopped.hits))
         return {
-            "hit_rate": hits,
-            "hit_rate_error": hits_error,
+            "hit_rate": hit_rate.value,
+            "hit_rate_error": hit_rate.standard_error,
+            "hit_rate_upper_95": math.nan if hit_rate.upper_95 is None else hit_rate.upper_95,
             "acceleration_rms": rms,
-            "acceleration_rms_error": 0.5 * square_error / rms,
+            "acceleration_rms_error": few * 0.5 * square_error / rms,
             "largest_acceleration": largest,
-            "largest_acceleration_error": largest_error,
+            "largest_acceleration_error": few * largest_error,
             "largest_acceleration_bias": abs(float(coarse.largest.mean()) - largest) / 3.0,
             "rms_amplification": rms_ratio,
-            "rms_amplification_error": rms_ratio_error,
+            "rms_amplification_error": few * rms_ratio_error,
             "peak_amplification": peak_ratio,
-            "peak_amplification_error": peak_ratio_error,
+            "peak_amplification_error": few * peak_ratio_error,
             "windows": float(len(stopped.largest)),
         }

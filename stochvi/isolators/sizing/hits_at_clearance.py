@@ -15,7 +15,7 @@ from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.deadline import as_far_as_it_got
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.response import Response
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.statistics.burst_flights import WINDOWS
@@ -115,7 +115,7 @@ class Hits:
         return Tried(
             clearance=clearance,
             rel_error=rel_error,
-            hit_rate=found.hit_rate(),
+            hit_rate=of_events(found.hit_rate(), found.paths),
             impact_speed_mean=found.impact_speed_mean(),
             hits_per_burst=found.hits_per_burst().value,
         )
@@ -143,7 +143,7 @@ class Hits:
             rel_error=rel_error,
             hit_rate=hit_rate,
             impact_speed_mean=speed if isinstance(speed, Estimate) else None,
-            hits_per_burst=hit_rate.value / first if first else None,
+            hits_per_burst=hit_rate.value / first if first and not hit_rate.upper_95 else None,
             response=response,
             unknown=unknown,
         )

@@ -37,7 +37,7 @@ from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline, as_far_as_it_got, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
-from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.estimates import TOO_FEW, Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
 from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
@@ -653,7 +653,11 @@ class _Job:
         return self.sigma * math.sqrt(2.0 * math.log(max(zero / wanted, 1.2)))
 
     def _hit_rate(self, clearance: float, rel_error: float) -> Estimate:
-        return self.hits.at(clearance, rel_error).hit_rate
+        found = self.hits.at(clearance, rel_error).hit_rate
+        if TOO_FEW in found.how:
+            where = f"when hits at {1e3 * clearance:.4g} mm had been seen {TOO_FEW}"
+            raise self.deadline.fell_short(where, "raise budget")
+        return found
 
     def _exceedance_rate(self, clearance: float, rel_error: float) -> Estimate:
         """Rate of bursts with a hit beyond the limit of the target."""

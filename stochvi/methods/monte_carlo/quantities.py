@@ -20,6 +20,9 @@ Quantity = Callable[[Means], float]
 RATES = ("collision_rate", "collision_rate_lower", "collision_rate_upper", "impact_speed_mean")
 """Quantities that count impacts; where stops lose energy, only those above a speed threshold."""
 
+EVENTS = (*RATES[:3], "impact_speed_rate", "impact_speed_square_rate")
+"""Quantities that are sums over impacts, per second."""
+
 CONTACT_QUANTITIES = (
     "peak_force",
     "contact_probability",

@@ -23,6 +23,7 @@ from stochvi.methods.monte_carlo.checkpoints import Keeper, State
 from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.quantities import (
+    EVENTS,
     RATES,
     Key,
     Means,
@@ -42,8 +43,8 @@ from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Pair
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotConverged
-from stochvi.results.estimates import Cost, Estimate
-from stochvi.results.intervals import upper_limit_unseen
+from stochvi.results.estimates import TOO_FEW, Cost, Estimate, of_events
+from stochvi.results.intervals import events_suffice, student_factor, upper_limit_unseen
 from stochvi.results.progress import Progress
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
@@ -249,6 +250,8 @@ class Run:
         """The estimate of a quantity from its value and standard error, and from its difference to
         twice the step, which is asked for only where the scheme has a bias."""
         value, error = fine
+        # of events, `of_events` sees to it together with their number
+        error *= 1.0 if name in EVENTS else student_factor(self.fine.count)
         how = f"{self.fine.count} paths of {self.plan.duration:.4g} s"
         if value == 0.0 and (name in RATES or name.startswith("impact_speed")):
             limit = self._limit_unseen(name) if name.startswith("collision_rate") else None
@@ -339,6 +342,12 @@ class Run:
             found |= _with_largest_bias(
                 {name: each for name, each in pressed.items() if not math.isnan(each.value)}
             )
+        # last, as means per impact are made of the numbers as they were seen
+        found |= {
+            name: of_events(each, self.fine.count)
+            for name, each in found.items()
+            if name in EVENTS and each is not None
+        }
         return PairResponse(**found, speed_threshold=self.layout.thresholds[pair.name])
 
     def _speed_mean(self, pair: Pair, known: Mapping[str, Estimate | None]) -> Estimate:
@@ -456,6 +465,12 @@ class Run:
                         "motion: its rate has an upper limit only, rel_error does not govern it; "
                         "more paths or a longer duration look further"
                     )
+            seen = self.fine.evaluate(of_pair(pair.name)["collision_rate"])
+            if seen[0] > 0.0 and not events_suffice(*seen, self.fine.count):
+                yield (
+                    f"impacts{of} were seen {TOO_FEW}: their rates have upper limits only; more "
+                    "paths or a longer duration tell more"
+                )
 
 
 def _of_few_impacts(mean: Estimate, known: Mapping[str, Estimate | None]) -> Estimate:

@@ -161,7 +161,7 @@ class ImpactStatistics(Result):
         for name, pair in self.pairs.items():
             spread = pair.dispersion
             if spread is None:
-                seen = pair.rates["both"].estimate.value > 0.0
+                seen = pair.speeds is not None
                 few = "too few impacts were seen to say how they come"
                 found.append(f"{name}: {few if seen else 'no impact was seen'}")
                 continue

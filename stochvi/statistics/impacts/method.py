@@ -33,7 +33,7 @@ from stochvi.model.coverage import functions
 from stochvi.model.model import LOWER, UPPER, Model, Pair, model_of
 from stochvi.results.deadline import Deadline, as_far_as_it_got
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.estimates import TOO_FEW, Cost, Estimate, provenance
 from stochvi.results.intervals import ratio_and_error
 from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
@@ -360,11 +360,14 @@ def _pair(scene: Scene, pair: Pair, plan: ImpactPlan, grid: Grid, tally: Tally) 
     how = f"{len(numbers)} paths of {plan.duration:.4g} s"
     spread = dispersion(tally.windows, grid.window) if hits >= FEWEST_HITS else None
     poisson = passes_for_poisson(spread)
+    cluster = plan.source.hits_in_a_cluster
     rates: dict[str, Rate] = {
-        stop.name: rate(tally.numbers[:, int(stop.side == UPPER)], plan.duration, poisson, how)
+        stop.name: rate(
+            tally.numbers[:, int(stop.side == UPPER)], plan.duration, poisson, how, cluster
+        )
         for stop in pair.stops
     }
-    rates["both"] = rate(numbers, plan.duration, poisson, how)
+    rates["both"] = rate(numbers, plan.duration, poisson, how, len(pair.stops) * cluster)
     gap = linear_gap(plan.source.model, pair)
     square = ratio_and_error(tally.squares.sum(axis=1), numbers) if hits else None
     loss = ratio_and_error(tally.energies.sum(axis=1), numbers) if hits else None
@@ -462,11 +465,15 @@ def _first_hits(
 
 
 def _unseen(pairs: dict[str, PairStatistics], exposure: float) -> list[str]:
-    """Notes on stops that were never hit, in the words of `simulate`."""
+    """Notes on stops that were never hit, or hardly ever, in the words of `simulate`."""
     return [
-        f"no impact on the {side} stop of {name} in {exposure:.3g} s of motion: its rate has an "
-        "upper limit only, rel_error does not govern it; more paths or a longer duration look "
-        "further"
+        (
+            f"impacts on the {side} stop of {name} were seen {TOO_FEW}: "
+            if found.estimate.how.startswith(f"seen {TOO_FEW}")
+            else f"no impact on the {side} stop of {name} in {exposure:.3g} s of motion: "
+        )
+        + "its rate has an upper limit only, rel_error does not govern it; more paths or a longer "
+        "duration look further"
         for name, pair in pairs.items()
         for side, found in pair.rates.items()
         if side != "both" and found.estimate.value == 0.0

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import (
     jackknife_error,
-    mean_interval,
+    logarithmic_interval,
     poisson_interval,
     ratio_and_error,
+    upper_limit_unseen,
 )
 
 Vector = NDArray[np.float64]
@@ -100,7 +101,7 @@ class Tally:
             energies=total(np.array(grid.losses)[side] * speed**2, side, 2),
             fits=fits,
             speeds=total(one, np.searchsorted(grid.speeds, speed), BINS + 2),
-            intervals=intervals,
+            intervals=np.asarray(intervals, dtype=float),
             windows=total(one, window, WINDOWS),
         )
 
@@ -121,22 +122,23 @@ class Rate:
     interval: str
 
 
-def rate(counts: Vector, duration: float, poisson: bool, how: str) -> Rate:
-    """The rate from counts of impacts in independent paths of `duration` seconds."""
+def rate(counts: Vector, duration: float, poisson: bool, how: str, cluster: float = 1.0) -> Rate:
+    """The rate from counts of impacts in independent paths of `duration` seconds; where none was
+    seen, with as many impacts in a `cluster` as there may be."""
     value, error = ratio_and_error(counts, np.full(len(counts), duration))
-    if poisson:
+    seen = Estimate(value=value, standard_error=error, bias=None, how=how)
+    if value == 0.0:
+        most = cluster * upper_limit_unseen(duration * len(counts))
+        found, low, high = replace(seen, upper_95=most), 0.0, most
+    elif poisson:
+        found = seen
         low, high = poisson_interval(round(counts.sum()), duration * len(counts))
     else:
-        low, high = mean_interval(counts / duration)
-    limit = high if value == 0.0 else None
-    return Rate(
-        estimate=Estimate(
-            value=value, standard_error=error, bias=None, how=how, upper_95=limit
-        ),
-        lower=max(low, 0.0),
-        upper=high,
-        interval="Poisson" if poisson else "paths",
-    )  # fmt: skip
+        found = of_events(seen, len(counts))
+        low, high = logarithmic_interval(value, error, len(counts) - 1)
+        low, high = (low, high) if found.upper_95 is None else (0.0, found.upper_95)
+    exact = poisson or value == 0.0
+    return Rate(estimate=found, lower=low, upper=high, interval="Poisson" if exact else "paths")
 
 
 def dispersion(windows: Matrix, window: float) -> Estimate:
@@ -160,9 +162,10 @@ def dispersion(windows: Matrix, window: float) -> Estimate:
 
 
 def passes_for_poisson(found: Estimate | None) -> bool:
-    """Whether counts of this dispersion may pass for those of Poisson's process."""
+    """Whether counts of this dispersion may pass for those of Poisson's process; not where nothing
+    is known of it, since a few hits may be those of one cluster."""
     if found is None:
-        return True
+        return False
     low, high = (found.value + side * 2.0 * found.standard_error for side in (-1.0, 1.0))
     return low <= 1.0 and 1.0 / LARGEST_DISPERSION <= high <= LARGEST_DISPERSION
 

@@ -174,6 +174,7 @@ class Reliability(Result):
 
     def __repr__(self) -> str:
         percent = f"{100.0 * self.confidence:g} %"
+        found = {*self.chances} | (set() if self.hits is None else {"expected_hits"})
         lines = [
             f"  P({name}) at most {chance.upper:.4g} in {self.mission:g} s ({percent}) "
             f"[{chance.way}]"
@@ -190,7 +191,7 @@ class Reliability(Result):
             for name, risk in self.pairs.items()
         ]
         lines += [
-            f"  {name}: {'not accurate' if name in self.chances else 'not found'}: {why}"
+            f"  {name}: {'not accurate' if name in found else 'not found'}: {why}"
             for name, why in self.missing.items()
         ]
         return "\n".join([f"<{self.method}", *lines]) + ">"

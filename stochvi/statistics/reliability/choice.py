@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple
 
@@ -28,8 +28,8 @@ from stochvi.methods.monte_carlo.splitting import (
 )
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import Interrupted, NotConverged
-from stochvi.results.estimates import Estimate
-from stochvi.results.intervals import logarithmic_interval
+from stochvi.results.estimates import Estimate, of_events
+from stochvi.results.intervals import logarithmic_interval, student_factor, upper_limit_unseen
 from stochvi.results.progress import Progress
 from stochvi.statistics.reliability.answer import Chance
 
@@ -160,12 +160,18 @@ class Jobs:
             how=f"{interval.rule}; {_source(coarse)}",
             upper_95=interval.upper if fine.chance == 0.0 else None,
         )
+        lower, upper = interval.lower, interval.upper
+        if not isinstance(fine, Counted):  # whose interval is exact, however few there are
+            estimate = of_events(estimate, fine.trials)
+        if estimate.upper_95 is not None:
+            lower, upper = 0.0, min(estimate.upper_95, 1.0)
+            estimate = replace(estimate, upper_95=upper)
         return Chance(
             event=event,
             limit=limit,
             estimate=estimate,
-            lower=interval.lower,
-            upper=interval.upper,
+            lower=lower,
+            upper=upper,
             confidence=self.confidence,
             rule=interval.rule,
             wilson=wilson,
@@ -182,16 +188,29 @@ class Jobs:
         """Expected impacts in so many missions of the plan, and their interval."""
         found = self._found(plan, "expected hits", way, hits=True)
         fine = found.fine
-        lower, upper = logarithmic_interval(
-            fine.hits, fine.hits_error, fine.trials - 1, self.confidence
+        estimate = of_events(
+            Estimate(
+                value=fine.hits,
+                standard_error=fine.hits_error,
+                bias=None if found.coarse is None else _bias(plan, fine.hits, found.coarse.hits),
+                how=f"{found.way}, {fine.trials} {_trials(found.way)}; {_source(found.coarse)}",
+            ),
+            fine.trials,
         )
-        estimate = Estimate(
-            value=fine.hits,
-            standard_error=fine.hits_error,
-            bias=None if found.coarse is None else _bias(plan, fine.hits, found.coarse.hits),
-            how=f"{found.way}, {fine.trials} {_trials(found.way)}; {_source(found.coarse)}",
-        )
-        return Hits(estimate * missions, (missions * lower, missions * upper), found.steps)
+        if estimate.value == 0.0 and estimate.upper_95 is None:
+            stops = len(plan.base.model.stops)
+            most = stops * plan.base.hits_in_a_cluster * upper_limit_unseen(fine.missions)
+            estimate = replace(estimate, bias=None, upper_95=most)
+        estimate = estimate * missions
+        return Hits(estimate, self.interval(estimate, fine.trials), found.steps)
+
+    def interval(self, estimate: Estimate, samples: int) -> tuple[float, float]:
+        """Confidence interval of expected hits, from 0 where an upper limit alone is known."""
+        if estimate.upper_95 is not None:
+            return 0.0, estimate.upper_95
+        # the standard error is Student's already where samples are few (`of_events`)
+        error = estimate.standard_error / student_factor(samples)
+        return logarithmic_interval(estimate.value, error, samples - 1, self.confidence)
 
     def _found(self, plan: MissionPlan, event: str, way: Way | None, hits: bool) -> Found:
         """Run the pilot, choose a way, and run the second stage."""

@@ -16,8 +16,8 @@ from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
 from stochvi.model.model import model_of
 from stochvi.results.deadline import as_far_as_it_got
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
-from stochvi.results.estimates import Estimate
-from stochvi.results.intervals import logarithmic_interval, normal_quantile
+from stochvi.results.estimates import Estimate, of_events
+from stochvi.results.intervals import logarithmic_interval
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import bursts
 from stochvi.statistics.first_crossings import first_crossings
@@ -141,7 +141,7 @@ def hits_of_pairs(
         for name, risk in risks.items()
         if name in named
     }
-    return _in_mission(found.rate, mission, found.steps, jobs), dict(risks) | known
+    return _in_mission(found.rate, found.samples, mission, found.steps, jobs), dict(risks) | known
 
 
 SMALLEST = sys.float_info.min
@@ -191,7 +191,7 @@ def by_conditioning(
         return chances, None, {}
     missing: dict[str, str] = {}
     for done, (name, limit) in enumerate(limits.items()):
-        left = len(limits) - done - 1
+        left = len(limits) - done  # the expected hits are one of them
         some = replace(jobs, deadline=jobs.deadline.sooner(left / (left + 1.0)))
         try:
             chances[name] = exceedance(scene, name, limit, mission, some)
@@ -246,28 +246,30 @@ def exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Jobs
     )
 
 
-def _rate_of_bursts(scene: Scene, jobs: Jobs) -> Estimate | None:
-    """Hits per second by bursts; None where these meet, or no pause separates them."""
+def _rate_of_bursts(scene: Scene, jobs: Jobs) -> tuple[Estimate, int] | None:
+    """Hits per second by bursts, and the number of paths; None where bursts meet, or no pause
+    separates them."""
     try:
         found = as_far_as_it_got(bursts, scene, rel_error=jobs.rel_error, **jobs.sampling)
     except NotApplicable:
         return None
-    return found.hit_rate() if found.apart else None
+    return (found.hit_rate(), found.paths) if found.apart else None
 
 
 def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
     """Rate times mission: by bursts where they are apart, else by simulating everything."""
-    rate, steps = _rate_of_bursts(scene, jobs), 0
-    if rate is None:
+    by_bursts, steps = _rate_of_bursts(scene, jobs), 0
+    if by_bursts is not None:
+        rate, samples = of_events(*by_bursts), by_bursts[1]
+    else:
         response = as_far_as_it_got(simulate, scene, rel_error=jobs.rel_error, **jobs.sampling)
         simulated = response.impact_pairs[scene.impact_pairs[0].name]["collision_rate"]
         assert isinstance(simulated, Estimate)
-        rate, steps = simulated, response.cost.steps
-    return _in_mission(rate, mission, steps, jobs)
+        rate, samples, steps = simulated, response.cost.paths, response.cost.steps
+    return _in_mission(rate, samples, mission, steps, jobs)
 
 
-def _in_mission(rate: Estimate, mission: float, steps: int, jobs: Jobs) -> Hits:
-    """Expected hits of a mission from their rate."""
+def _in_mission(rate: Estimate, samples: int, mission: float, steps: int, jobs: Jobs) -> Hits:
+    """Expected hits of a mission from their rate, which so many independent paths gave."""
     estimate = replace(rate * mission, how=f"{mission:g} s times the rate: {rate.how}")
-    reach = normal_quantile(1.0 - jobs.confidence) * estimate.standard_error
-    return Hits(estimate, (max(estimate.value - reach, 0.0), estimate.value + reach), steps)
+    return Hits(estimate, jobs.interval(estimate, samples), steps)

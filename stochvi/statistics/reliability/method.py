@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,7 @@ from scipy.special import ndtr
 
 from stochvi.methods.monte_carlo.blocks import crew_of
 from stochvi.methods.monte_carlo.missions import (
+    MissionPlan,
     Start,
     acceleration_plan,
     impact_plan,
@@ -35,7 +37,7 @@ from stochvi.model.coverage import beyond_one_oscillator, without_noise
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
-from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.estimates import TOO_FEW, Cost, Estimate, provenance
 from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import deviations
@@ -199,7 +201,7 @@ def reliability(
             chances, hits, missing = by_conditioning(scene, ends, limits, mission, jobs)
         else:
             chances, hits, missing = _sampled(model, scene, ends, limits, mission, start, way, jobs)
-        missing |= _inaccurate(chances, jobs)
+        missing |= _inaccurate(_estimates(chances, hits), jobs)
     found = Reliability(
         mission=mission,
         start=start,
@@ -285,7 +287,7 @@ def _of_pairs(
         raise NotApplicable("reliability", reason.conditions) from reason
     chances = {"hit": chance}
     # first crossings end once the chances below SMALL are known
-    missing = _inaccurate(chances, jobs) if chance.estimate.value < SMALL else {}
+    missing = _inaccurate({"hit": chance.estimate}, jobs) if chance.estimate.value < SMALL else {}
     outputs: dict[str, Estimate] = {}
     unknown: list[str] = []
     hits = None
@@ -303,10 +305,11 @@ def _of_pairs(
             continue
         chances[limit.event] = harder
         outputs |= by_output
-        missing |= _inaccurate({limit.event: harder}, jobs)
+        missing |= _inaccurate({limit.event: harder.estimate}, jobs)
     try:
         if chance.estimate.value > 0.0:
             hits, risks = hits_of_pairs(stopped, mission, overlap, risks, jobs)
+            missing |= _inaccurate({"expected_hits": hits.estimate}, jobs)
     except NotApplicable as reason:
         unknown.append(f"expected hits are not calculated: {'; '.join(reason.conditions)}")
     except (NotConverged, Interrupted) as error:
@@ -362,7 +365,9 @@ def _sampled(
     if way == "first crossings" or (way is None and start == "stationary"):
         found = first_hit(scene, ends, mission, jobs, surely=way is not None)
     missions = None if way == "first crossings" else way
-    plans = {} if found else {name: passage_plan(model, *ends, mission, start)}
+    plans: dict[str, MissionPlan] = (
+        {} if found else {name: passage_plan(model, *ends, mission, start)}
+    )
     if found is not None:
         chances[name] = found
     if "impact_speed" in limits:
@@ -370,13 +375,15 @@ def _sampled(
     if "peak_acceleration" in limits:
         sharpest = limits["peak_acceleration"]
         plans["peak_acceleration"] = acceleration_plan(model, mission, start, sharpest)
-    for event, plan in plans.items():
+    for done, (event, plan) in enumerate(plans.items()):
+        left = len(plans) - done - (0 if model.stops else 1)  # with the expected hits, if any
+        some = replace(jobs, deadline=jobs.deadline.sooner(left / (left + 1.0)))
         try:
-            chances[event] = jobs.chance(plan, event, limits.get(event), missions)
+            chances[event] = some.chance(plan, event, limits.get(event), missions)
         except (NotConverged, Interrupted) as error:
             guided = None
             if event in limits and start == "stationary" and missions is None:
-                guided = _without_energy(scene, event, limits[event], mission, jobs)
+                guided = _without_energy(scene, event, limits[event], mission, some)
             if guided is None:
                 missing[event] = str(error)
             else:
@@ -564,25 +571,31 @@ def _by_the_spring(model: Model, ends: Ends, limit: float | None) -> list[str]:
     ]
 
 
-def _inaccurate(chances: dict[str, Chance], jobs: Jobs) -> dict[str, str]:
-    """Why chances are not as accurate as asked for, by event."""
-    found = {}
+def _inaccurate(found: Mapping[str, Estimate], jobs: Jobs) -> dict[str, str]:
+    """Why what was found is not as accurate as asked for, by name."""
+    reasons = {}
     budget = jobs.deadline.budget
     ended = "" if budget is None else f" when the budget of {budget:g} s ended"
-    for name, chance in chances.items():
-        estimate = chance.estimate
-        if estimate.value == 0.0 and chance.way != "first crossings":
-            found[name] = (
-                f"it was not seen once{ended}: its chance is at most {chance.upper:.3g} "
-                f"({100.0 * chance.confidence:g} %); raise budget, or ask for a lower limit"
+    for name, estimate in found.items():
+        if estimate.upper_95 is not None:
+            seen = TOO_FEW if TOO_FEW in estimate.how else "not once"
+            reasons[name] = (
+                f"it was seen {seen}{ended}: it is at most {estimate.upper_95:.3g} "
+                f"({100.0 * jobs.confidence:g} %); raise budget, or ask for a lower limit"
             )
         elif estimate.standard_error > MISSED * jobs.rel_error * estimate.value:
             error = estimate.standard_error / estimate.value
             remedies = [f"rel_error to {MISSED * error:.2g}"] if MISSED * error < 1.0 else []
             if budget is not None:
                 remedies.append(f"budget to about {budget * (error / jobs.rel_error) ** 2:.0f} s")
-            found[name] = (
+            reasons[name] = (
                 f"its relative error was {error:.2g}{ended}, asked for {jobs.rel_error:g}; raise "
                 f"{' or '.join(remedies)}"
             )
-    return found
+    return reasons
+
+
+def _estimates(chances: Mapping[str, Chance], hits: Hits | None) -> dict[str, Estimate]:
+    """Everything that `rel_error` governs, by name."""
+    found = {name: chance.estimate for name, chance in chances.items()}
+    return found if hits is None else found | {"expected_hits": hits.estimate}

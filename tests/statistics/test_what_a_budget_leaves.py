@@ -1,0 +1,197 @@
+"""Whatever ends a calculation early: what it states holds as often as it says, or is an upper
+limit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stochvi import impacts, reliability, spectrum
+from stochvi.isolators import clatter
+from stochvi.methods.closed_form import exact
+from stochvi.methods.fokker_planck import first_passage
+from stochvi.methods.monte_carlo import simulate
+from stochvi.methods.monte_carlo.impact_logs import plan_impacts
+from stochvi.results.errors import NotConverged
+from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import GAUSSIAN_95, mean_and_error
+from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
+from stochvi.scenes.impact_laws import Elastic, Restitution
+from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.structures import Isolator, Oscillator
+from support.clocks import tick
+
+Ends = tuple[float, float]
+
+ALL = (0.0, math.inf)
+"""Where a budget was too short for an answer."""
+
+MISSION = 20.0 * math.pi
+"""Mission of the splitting, s."""
+
+
+def scene(stop: float | None, *, damping: float = 0.1) -> Scene:
+    law = Restitution(coefficient=1.0)
+    pairs = [] if stop is None else [ImpactPair(clearance=stop, law=law)]
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=damping, stiffness=1.0),
+        impact_pairs=pairs,
+        excitations=[WhiteNoise(intensity=2.0 * damping)],
+    )
+
+
+FAR = scene(2.5, damping=0.05)
+"""Elastic stops at 2.5 deviations: hits come in clusters of some ten periods."""
+
+
+def partial_answer(calculate: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
+    try:
+        return calculate(*arguments, **named)
+    except NotConverged as reason:
+        return reason.response
+
+
+def ends_of(found: Estimate) -> Ends:
+    """The 95 % interval of an estimate of a positive number."""
+    if found.upper_95 is not None:
+        return 0.0, found.upper_95
+    reach = math.exp(found.half_width_95() / found.value)
+    bias = found.bias or 0.0
+    return found.value / reach - bias, found.value * reach + bias
+
+
+def simulated_rate(seed: int) -> Ends:
+    found = simulate(FAR, paths=12, duration=300.0, seed=seed, threads=1)
+    return ends_of(found.impact_pairs["stops"]["collision_rate"])
+
+
+def simulated_deviation(seed: int) -> Ends:
+    found = simulate(FAR, paths=3, duration=300.0, seed=seed, threads=1)
+    return ends_of(found.coordinates["x"]["velocity_std"])
+
+
+def counted_impacts(seed: int) -> Ends:
+    found = impacts(FAR, paths=12, duration=300.0, seed=seed, threads=1)
+    rate = found.pairs["stops"].rates["both"]
+    return rate.lower, rate.upper
+
+
+def sampled_spectrum(seed: int) -> Ends:
+    found = spectrum(scene(None), paths=6, seed=seed, threads=1)
+    curve = found.curves["x"]["velocity"]
+    place = int(np.argmin(np.abs(found.frequency_hz - 1.0 / (2.0 * math.pi))))
+    return float(curve.lower[place]), float(curve.upper[place])
+
+
+def hits_of_missions(seed: int) -> Ends:
+    found = partial_answer(
+        reliability, FAR, mission=100.0, rel_error=0.01, budget=0.05, seed=seed, threads=1
+    )
+    return ALL if found is None or found.hits is None else found.hits_interval
+
+
+def split_chance(seed: int) -> Ends:
+    found = partial_answer(
+        reliability, scene(None), mission=MISSION, barrier=4.0, start="rest", way="splitting",
+        rel_error=0.01, budget=0.15, seed=seed, threads=1,
+    )  # fmt: skip
+    chance = found and found.chances.get("passage")
+    return (chance.lower, chance.upper) if chance else ALL
+
+
+SOFT = Scene(
+    structure=Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0),
+    impact_pairs=[ImpactPair(clearance=8e-3, law=Elastic(stiffness=1e5))],
+    excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
+)
+"""Soft stops of a mount under a table."""
+
+
+def hits_of_bursts(seed: int) -> Ends:
+    found = partial_answer(
+        reliability, SOFT, mission=10.0, rel_error=0.01, budget=0.05, seed=seed, threads=1
+    )
+    return ALL if found is None or found.hits is None else found.hits_interval
+
+
+def clatter_of_windows(seed: int) -> Ends:
+    row = clatter(SOFT, [6e-3], rel_error=0.001, budget=0.02, seed=seed, threads=1).iloc[0]
+    reach = GAUSSIAN_95 * row["acceleration_rms_error"]
+    return row["acceleration_rms"] - reach, row["acceleration_rms"] + reach
+
+
+def exact_rate() -> float:
+    return exact(FAR).impact_pairs["stops"]["collision_rate"].value
+
+
+def exact_chance() -> float:
+    """The chance of a passage from rest, by the Fokker-Planck equation."""
+    passed = first_passage(scene(None), -4.0, 4.0, times=[MISSION])
+    return float(passed.probability[-1].value)
+
+
+def long_bursts() -> float:
+    found = reliability(SOFT, mission=10.0, rel_error=0.008, budget=None, seed=10**6, threads=1)
+    return found.hits.value
+
+
+def long_clatter() -> float:
+    found = clatter(SOFT, [6e-3], rel_error=0.008, budget=None, seed=10**6, threads=1)
+    return float(found["acceleration_rms"].iloc[0])
+
+
+QUESTIONS: dict[str, tuple[Callable[[int], Ends], Callable[[], float]]] = {
+    "rate, simulate": (simulated_rate, exact_rate),
+    "deviation, simulate": (simulated_deviation, lambda: 1.0),
+    "rate, impacts": (counted_impacts, exact_rate),
+    # two-sided S0 / (2 pi b^2) per rad/s at resonance; one-sided per hertz
+    "density, spectrum": (sampled_spectrum, lambda: 2.0 * 0.2 / 0.1**2),
+    "hits of missions, reliability": (hits_of_missions, lambda: 100.0 * exact_rate()),
+    "chance by splitting, reliability": (split_chance, exact_chance),
+    "hits of bursts, reliability": (hits_of_bursts, long_bursts),
+    "acceleration, clatter": (clatter_of_windows, long_clatter),
+}
+"""An interval from little work, by seed, and the truth."""
+
+
+@pytest.mark.parametrize("seeds", [5, pytest.param(200, marks=pytest.mark.verify)])
+def test_what_is_left_of_a_budget_holds_as_often_as_it_says(
+    seeds: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    truths = {name: truth() for name, (_, truth) in QUESTIONS.items()}
+    tick(monkeypatch, 1e-3)
+    held: dict[str, float] = {}
+    intervals: list[bool] = []
+    for name, (ask, _) in QUESTIONS.items():
+        ends = [ask(seed) for seed in range(seeds)]
+        inside = [low <= truths[name] <= high for low, high in ends]
+        held[name] = float(np.mean(inside))
+        intervals += [hit for hit, (low, _) in zip(inside, ends, strict=True) if low > 0.0]
+        assert held[name] > 0.9 - 3.0 * math.sqrt(0.9 * 0.1 / seeds), name
+    # upper limits hold more often than they say, intervals as often
+    assert len(intervals) > seeds
+    assert abs(np.mean(intervals) - 0.95) < 0.02 + 3.0 * math.sqrt(0.05 * 0.95 / len(intervals))
+
+
+def test_twice_the_error_of_two_paths_does_not_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was stated before: the negative control, from the same paths as the upper limits."""
+    truth, plain, stated = exact_rate(), 0, 0
+    for seed in range(40):
+        found = impacts(FAR, paths=2, duration=300.0, seed=seed, threads=1).pairs["stops"]
+        rate = found.rates["both"]
+        assert rate.estimate.value == 0.0 and rate.estimate.upper_95 == rate.upper
+        stated += rate.upper >= truth
+        counts = _counts(seed)
+        mean, error = mean_and_error(counts / 300.0)
+        plain += abs(mean - truth) <= GAUSSIAN_95 * error
+    assert stated > 36 > 30 > plain
+
+
+def _counts(seed: int) -> np.ndarray:
+    """Impacts of the same two paths."""
+    log = plan_impacts(FAR, duration=300.0).impacts(seed, 0, 2)["stops"]
+    return np.bincount(log.path, minlength=2).astype(float)
