@@ -54,6 +54,9 @@ MOST_POINTS = 4000
 """Number of points above which a curve is drawn by the smallest and largest values of
 neighbours."""
 
+EXCERPT_PERIODS = 20
+"""Mean periods of a motion around its shock that a picture shows: in many more, x(t) is a comb."""
+
 LEGEND_COLUMNS = 2
 """Number of columns of a legend: more do not fit above a picture of half a page."""
 
@@ -188,6 +191,29 @@ def thinned(t: Vector, x: Vector, most: int = MOST_POINTS) -> tuple[Vector, Vect
         rest = x[whole:]
         places = np.append(places, whole + np.sort([rest.argmin(), rest.argmax()]))
     return t[places], x[places]
+
+
+def around_shock(time: Vector, x: Vector, shock: float | None) -> slice:
+    """The samples to draw of a motion (m) that would be a comb as a whole: some mean periods around
+    its shock, at the time `shock` (s), or around its largest size where that is None.
+
+    >>> t = np.arange(10_000) / 100.0
+    >>> part = around_shock(t, np.sin(2.0 * np.pi * t), 50.0)
+    >>> float(t[part][0].round(1)), float(t[part][-1].round(1))
+    (39.9, 60.1)
+    """
+    away = x - x.mean()
+    turns = max(1, int(np.count_nonzero(np.diff(np.signbit(away)))) // 2)
+    number = min(len(x), -(-EXCERPT_PERIODS * len(x) // turns))
+    middle = int(np.argmax(np.abs(away)) if shock is None else np.searchsorted(time, shock))
+    first = min(max(0, middle - number // 2), len(x) - number)
+    return slice(first, first + number)
+
+
+def seconds_of(part: slice, time: Vector) -> str:
+    """Label of the axis of time of an excerpt of samples: which part of the whole it is."""
+    whole = len(time) <= part.stop - part.start
+    return "time (s)" if whole else f"time (s), a part of {time[-1] - time[0]:.4g} s"
 
 
 def plain_ticks(ax: Axes) -> None:

@@ -11,7 +11,15 @@ from matplotlib.axes import Axes
 from stochvi.results.response import ROTATIONS
 from stochvi.views.absorber_sine import plot_absorber_sine
 from stochvi.views.absorbers import draw_design, draw_levels
-from stochvi.views.axes import SCREEN, add_grid, axes_or_new, length_unit, thinned
+from stochvi.views.axes import (
+    SCREEN,
+    add_grid,
+    around_shock,
+    axes_or_new,
+    length_unit,
+    seconds_of,
+    thinned,
+)
 from stochvi.views.basins import draw_bifurcation, plot_basins, plot_lifetimes
 from stochvi.views.colours import COLOURS, GRID_COLOUR, OWNERS
 from stochvi.views.first_passage import plot_first_passage
@@ -22,6 +30,7 @@ from stochvi.views.report.missions import plot_chances
 from stochvi.views.sine import plot_sine
 from stochvi.views.sizing import plot_risk
 from stochvi.views.spectra import draw_spectrum, plot_curve
+from stochvi.views.tables import value_with_error
 from stochvi.views.verification import (
     WORK_TITLES,
     draw_scores,
@@ -35,7 +44,7 @@ if TYPE_CHECKING:
     from stochvi.methods.fokker_planck.transients import Transient
     from stochvi.methods.replay.answer import Replay
     from stochvi.results.base import Result
-    from stochvi.results.response import Response
+    from stochvi.results.response import PairResponse, Response
     from stochvi.statistics.histories import History
     from stochvi.statistics.impacts import ImpactStatistics
     from stochvi.statistics.spectra import ResponseSpectrum
@@ -70,26 +79,66 @@ def plot(found: Result, ax: Axes | None = None) -> Axes:
 
 
 def plot_response(found: Response, ax: Axes | None = None) -> Axes:
-    """Mean and one standard deviation of each coordinate, and the stops where they are."""
-    moving = {name: each for name, each in found.coordinates.items() if each.displacement_std}
-    ax = _list(ax, len(moving))
-    means = {name: float(each.displacement_mean or 0.0) for name, each in moving.items()}
-    stds = {name: float(each.displacement_std or 0.0) for name, each in moving.items()}
-    turns = any(name in ROTATIONS for name in moving)
-    size = max((abs(means[name]) + stds[name] for name in moving), default=1.0)
+    """Mean and one standard deviation of each coordinate and gap between its stops, and the rates
+    and mean speeds of the hits. A response holds no density: `history` and the pictures of `exact`
+    and `fokker-planck` on the command line do."""
+    rows: list[tuple[str, Any, Any]] = [
+        (name, each.displacement_mean, each.displacement_std)
+        for name, each in found.coordinates.items()
+        if each.displacement_std
+    ]
+    rows += [
+        (f"gap of {name}", pair.relative_displacement_mean, pair.relative_displacement_std)
+        for name, pair in found.impact_pairs.items()
+        if pair.relative_displacement_std
+    ]
+    pairs = found.provenance.get("scene", {}).get("impact_pair", [])
+    single = len(found.coordinates) == 1
+    ax = axes_or_new(ax, (8.0, 1.6 + 0.6 * max(len(rows), 1)))
+    size = max((abs(float(mean or 0.0)) + float(std) for _, mean, std in rows), default=1.0)
+    turns = any(name in ROTATIONS for name, _, _ in rows)
     unit, length = (1e-3, "mm") if turns else length_unit(size)
-    for row, name in enumerate(moving):
-        for place in _stops(found.provenance, name, len(moving)):
-            ax.plot([place / unit] * 2, [row - 0.4, row + 0.4], color=COLOURS["stop"], linewidth=4)
-        ax.errorbar(
-            means[name] / unit, row, xerr=stds[name] / unit, fmt="o", color=COLOURS["simulate"],
-            linewidth=3.0, capsize=4,
+    for row, (name, mean, std) in enumerate(rows):
+        centre, spread = float(mean or 0.0) / unit, float(std) / unit
+        ax.barh(row, 2.0 * spread, left=centre - spread, height=0.3, color=COLOURS["simulate"],
+                alpha=0.35)  # fmt: skip
+        ax.plot(centre, row, "o", color=COLOURS["simulate"])
+        angle = "mrad" if name in ROTATIONS else length
+        ax.annotate(
+            f"{value_with_error(std / unit)} {angle}", (centre, row - 0.2), ha="center",
+            va="bottom", fontsize="small",
         )  # fmt: skip
-    _label_rows(ax, list(moving))
+        for pair in pairs:
+            own = name in (pair.get("on"), f"gap of {pair.get('name')}")
+            if own or (single and not pair.get("between")):
+                _draw_stops_of(
+                    found.impact_pairs.get(pair.get("name", "stops")), pair, row, unit, ax
+                )
+    _label_rows(ax, [name for name, _, _ in rows])
+    ax.margins(x=0.5 if pairs else 0.1)  # room for the words beside the stops
     rotations = ", rotations in mrad" if turns else ""
-    ax.set_xlabel(f"displacement, mean and standard deviation ({length}{rotations})")
+    ax.set_xlabel(f"displacement, mean and one standard deviation ({length}{rotations})")
     ax.set_title(found.method, fontsize="medium")
     return ax
+
+
+def _draw_stops_of(
+    hits: PairResponse | None, pair: Mapping[str, Any], row: int, unit: float, ax: Axes
+) -> None:
+    """The stops of a pair in a row of a list, with the rate of their hits, and the mean speed."""
+    for side, align in (("lower", "right"), ("upper", "left")):
+        place = pair.get(side)
+        if place is None:
+            continue
+        ax.plot([place / unit] * 2, [row - 0.38, row + 0.38], color=COLOURS["stop"], linewidth=5)
+        rate = getattr(hits, f"collision_rate_{side}", None)
+        speed = hits.impact_speed_mean if hits is not None else None
+        words = [] if rate is None else [f"{value_with_error(rate)} hits/s"]
+        words += [] if speed is None or rate is None else [f"mean {float(speed):.2g} m/s"]
+        ax.annotate(
+            "\n".join(words), (place / unit, row), xytext=(8 if side == "upper" else -8, 0),
+            textcoords="offset points", ha=align, va="center", fontsize="x-small",
+        )  # fmt: skip
 
 
 def _stops(provenance: Mapping[str, Any], coordinate: str, coordinates: int) -> list[float]:
@@ -210,22 +259,28 @@ def plot_transient(found: Transient, ax: Axes | None = None) -> Axes:
 
 
 def plot_motion(found: History, ax: Axes | None = None) -> Axes:
-    """Displacement of each coordinate in time, with its stops."""
+    """Displacement of each coordinate around the fastest impact, with its stops."""
     ax = axes_or_new(ax, (9.6, 4.2))
     names = list(found.coordinates)
     several = len(names) > 1
-    columns = {
-        name: found.samples[f"{name}.displacement_m" if several else "displacement_m"]
-        for name in names
+    columns = [f"{name}.displacement_m" if several else "displacement_m" for name in names]
+    time, hits = found.samples["time_s"].to_numpy(), found.impacts
+    shock = None
+    if len(hits):
+        shock = float(hits["time_s"].iloc[int(hits["speed_m_s"].to_numpy().argmax())])
+    part = around_shock(time, found.samples[columns[0]].to_numpy(), shock)
+    shown = {
+        name: found.samples[column].to_numpy()[part]
+        for name, column in zip(names, columns, strict=True)
     }
-    unit, length = length_unit(max(float(each.abs().max()) for each in columns.values()))
-    for colour, (name, each) in zip(OWNERS, columns.items(), strict=False):
-        t, x = thinned(found.samples["time_s"].to_numpy(), each.to_numpy() / unit)
-        ax.plot(t, x, color=colour, linewidth=0.8, label=name)
+    unit, length = length_unit(max(float(np.abs(each).max()) for each in shown.values()))
+    for colour, (name, each) in zip(OWNERS, shown.items(), strict=False):
+        t, x = thinned(time[part], each / unit)
+        ax.plot(t, x, color=colour, linewidth=1.1, label=name)
         for place in _stops(found.provenance, name, len(names)):
             ax.axhline(place / unit, color=COLOURS["stop"], linewidth=2.0)
     ax.margins(x=0.0)
-    ax.set_xlabel("time (s)")
+    ax.set_xlabel(seconds_of(part, time))
     ax.set_ylabel(f"displacement ({length})")
     add_grid(ax)
     if several:

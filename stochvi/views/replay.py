@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.views.axes import add_grid, axes_or_new, length_unit, thinned
+from stochvi.views.axes import (
+    add_grid,
+    around_shock,
+    axes_or_new,
+    length_unit,
+    seconds_of,
+    thinned,
+)
 from stochvi.views.colours import COLOURS, OWNERS
 from stochvi.views.tables import new_table, print_frame, print_line, print_table
 from stochvi.views.words import MM, UNKNOWN, G, four_digits
@@ -24,8 +31,11 @@ if TYPE_CHECKING:
 MOST_ON_LINEAR_AXIS = 50
 """Number of hits up to which single ones can be read off a linear axis."""
 
-HEADROOM = 1.08
-"""Top of an axis over its largest value, so that no marker is cut."""
+HEADROOM = 1.15
+"""Top of an axis over its largest value, so that no marker or number is cut."""
+
+MOST_SPEEDS, MOST_MOTIONS = 6, 3
+"""Largest number of impact speeds in a picture, and of clearances whose x(t) is drawn."""
 
 ROWS = {
     "displacement_max": ("largest displacement (mm)", MM),
@@ -99,74 +109,110 @@ def _print_many(console: Console, found: Replay) -> None:
 
 
 def plot_history(each: ReplayAt, ax: Axes | None = None) -> Axes:
-    """x(t) between its stops, with the impacts; all coordinates where there are several."""
-    ax = axes_or_new(ax, (9.6, 4.2))
+    """x(t) around the shock between its stops, with the impacts; all coordinates where there are
+    several."""
+    return _plot_shock(each, axes_or_new(ax, (9.6, 4.2)))
+
+
+def _plot_shock(each: ReplayAt, ax: Axes, *, whole: bool = False, legend: bool = True) -> Axes:
+    """x(t) with stops and impacts: around the shock, that is the fastest impact, or `whole`."""
     kept = each.histories
     assert kept is not None
-    size = max(float(np.max(np.abs(x))) for x in kept.displacement.values())
+    first = next(iter(kept.displacement.values()))
+    part = slice(0, len(first)) if whole else around_shock(kept.time, first, _shock(each))
+    size = max(float(np.max(np.abs(x[part]))) for x in kept.displacement.values())
     unit, name = length_unit(size)
     for colour, (owner, x) in zip(OWNERS, kept.displacement.items(), strict=False):
-        t, y = thinned(kept.time, x)
-        ax.plot(t, y / unit, color=colour, linewidth=0.7, label=owner)
+        t, y = thinned(kept.time[part], x[part])
+        ax.plot(t, y / unit, color=colour, linewidth=0.5 if whole else 1.1, label=owner)
     if len(kept.displacement) == 1:
+        begin, end = kept.time[part][0], kept.time[part][-1]
         for number, (stop, place) in enumerate(each.stops.items()):
             label = f"{stop.rpartition(' ')[0]}" if number == 0 else None
             ax.axhline(place / unit, color=COLOURS["stop"], linewidth=2.0, label=label)
-            hit = each.impacts[each.impacts["side"] == stop.rpartition(" ")[2]]
+            hit = each.impacts[
+                (each.impacts["side"] == stop.rpartition(" ")[2])
+                & each.impacts["time"].between(begin, end)
+            ]
+            if not len(hit):
+                continue  # markers that are not clipped take the whole figure where there are none
+            named = "hits" in ax.get_legend_handles_labels()[1]
             ax.plot(hit["time"], np.full(len(hit), place / unit), "v", markersize=4.5,
                     color=COLOURS["linearise:closure"], clip_on=False, zorder=3,
-                    label="hits" if number == 0 else None)  # fmt: skip
+                    label=None if named else "hits")  # fmt: skip
     ax.margins(x=0.0)
-    ax.set_xlabel("time (s)")
+    ax.set_xlabel(seconds_of(part, kept.time))
     ax.set_ylabel(f"displacement ({name})")
     add_grid(ax)
-    ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
-              ncols=4)  # fmt: skip
+    if legend:
+        ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
+                  ncols=4)  # fmt: skip
     return ax
 
 
+def _shock(each: ReplayAt) -> float | None:
+    """Time of the fastest impact, s; None without impacts."""
+    if not len(each.impacts):
+        return None
+    return float(each.impacts["time"].iloc[int(each.impacts["speed"].to_numpy().argmax())])
+
+
 def plot_clearances(found: Replay, ax: Axes | None = None) -> Axes:
-    """Hits and the largest impact speed against clearance."""
+    """Hits against clearance; the largest impact speed stands at each point."""
     ax = axes_or_new(ax)
     places = np.array([each.clearance for each in found.clearances], dtype=float)
     order = np.argsort(places)
     unit, name = length_unit(float(places.max()))
     pairs = [next(iter(each.impact_pairs.values())) for each in found.clearances]
     hits = np.array([float(pair.hits) for pair in pairs])
-    speeds = np.array(
-        [np.nan if p.impact_speed_max is None else float(p.impact_speed_max) for p in pairs]
-    )
-    (left,) = ax.plot(places[order] / unit, hits[order], "o-", color=OWNERS[0], label="hits")
+    ax.plot(places[order] / unit, hits[order], "o-", color=OWNERS[0])
     if hits.max() > MOST_ON_LINEAR_AXIS:
         ax.set_yscale("symlog", linthresh=1.0)
-        ax.set_ylim(0.0, 2.0 * hits.max())
+        ax.set_ylim(0.0, 4.0 * hits.max())
     else:
         from matplotlib.ticker import MaxNLocator
 
         ax.yaxis.set_major_locator(MaxNLocator(integer=True))
         ax.set_ylim(0.0, HEADROOM * max(hits.max(), 1.0))
+    for number in order[:: -(-len(order) // MOST_SPEEDS)]:
+        if (speed := pairs[number].impact_speed_max) is not None:
+            ax.annotate(
+                f"{float(speed):.2g} m/s", (places[number] / unit, hits[number]), xytext=(5, 5),
+                textcoords="offset points", fontsize="small",
+            )  # fmt: skip
+    ax.margins(x=0.12)
     ax.set_xlabel(f"clearance ({name})")
-    ax.set_ylabel("hits in the record")
+    ax.set_ylabel("hits, largest speed")
     add_grid(ax)
-    other = ax.twinx()
-    (right,) = other.plot(
-        places[order] / unit, speeds[order], "s--", color=OWNERS[1], label="largest impact speed"
-    )
-    fastest = np.nan_to_num(speeds).max()
-    other.set_ylim(0.0, HEADROOM * fastest if fastest > 0.0 else 1.0)
-    other.set_ylabel("largest impact speed (m/s)")
-    ax.legend(handles=[left, right], frameon=False, fontsize="small", loc="lower center",
-              bbox_to_anchor=(0.5, 1.0), ncols=2)  # fmt: skip
     return ax
 
 
 def draw_replay(found: Replay, title: str = "") -> Axes:
-    """x(t) at one clearance, else hits and speeds over clearances, with a title."""
-    if found.single is None:
-        return _titled(plot_clearances(found), title)
-    if found.histories is None:
-        raise ValueError("there is no picture of x(t): its samples were not kept")
-    return _titled(plot_history(found.single), title)
+    """x(t) around the shock with the stops, above the whole record; over several clearances x(t)
+    around the shock at some of them, then hits over clearances."""
+    import matplotlib.pyplot as plt
+
+    single = found.single
+    if single is not None:
+        if single.histories is None:
+            raise ValueError("there is no picture of x(t): its samples were not kept")
+        above, below = plt.subplots(
+            2, 1, figsize=(9.6, 6.4), height_ratios=[2, 1], layout="constrained"
+        )[1]
+        _plot_shock(single, above)
+        _plot_shock(single, below, whole=True, legend=False)
+        return _titled(above, title)
+    shown = [each for each in found.clearances if each.histories is not None]
+    shown = sorted(shown, key=lambda each: each.clearance or 0.0)[:MOST_MOTIONS]
+    axes = plt.subplots(
+        len(shown) + 1, 1, figsize=(9.6, 2.2 * len(shown) + 3.2), squeeze=False,
+        layout="constrained",
+    )[1][:, 0]  # fmt: skip
+    for each, ax in zip(shown, axes, strict=False):
+        _plot_shock(each, ax, legend=False)
+        ax.set_title(f"stops {four_digits(MM * (each.clearance or 0.0))} mm away", fontsize="small")
+    plot_clearances(found, axes[-1])
+    return _titled(axes[0], title)
 
 
 def _titled(ax: Axes, title: str) -> Axes:

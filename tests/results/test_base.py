@@ -28,6 +28,7 @@ from stochvi.statistics.impacts.method import impacts
 from stochvi.statistics.spectra.method import spectrum
 from stochvi.verification.check_of_many import check_many
 from stochvi.verification.cost import cost
+from stochvi.views.tables import value_with_error
 from support.known import oscillator
 from support.pairs import pair, uncoupled
 from support.sized import scene_between_stops, sizing_of
@@ -177,6 +178,28 @@ def test_a_picture_is_drawn_in_axes_of_its_own_and_in_given_ones(answer: Result)
         assert ax.get_xlabel() or ax.get_ylabel() or ax.get_title()
         assert given is None or ax is given
     ax.get_figure(root=True).savefig(io.BytesIO(), format="svg")
+    plt.close("all")
+
+
+def test_the_picture_of_a_response_tells_its_stops_and_hits() -> None:
+    found = stochvi.fokker_planck(oscillator(-1.0, 0.5, 0.8))
+    ax = found.plot()
+    walls = [line.get_xdata()[0] for line in ax.get_lines() if len(line.get_xdata()) == 2]
+    assert walls == [-1.0, 0.5]
+    words = " ".join(text.get_text() for text in ax.texts)
+    pair = found.impact_pairs["stops"]
+    for rate in (pair.collision_rate_lower, pair.collision_rate_upper):
+        assert f"{value_with_error(rate)} hits/s" in words
+    assert f"{value_with_error(found.coordinates['x'].displacement_std)} m" in words
+    plt.close("all")
+
+
+def test_the_picture_of_a_long_history_is_no_comb() -> None:
+    found = stochvi.history(oscillator(-1.0, 1.0, 0.8), duration=3000.0, seed=1)
+    low, high = found.plot().get_xlim()
+    fastest = found.impacts["time_s"].iloc[found.impacts["speed_m_s"].argmax()]
+    assert low <= fastest <= high
+    assert high - low == pytest.approx(20 * 2.0 * math.pi, rel=0.5)
     plt.close("all")
 
 

@@ -36,7 +36,7 @@ from stochvi.methods.replay.march import Shaking, march
 from stochvi.model.model import model_of
 from stochvi.scenes import Hertz
 from stochvi.scenes.impact_laws import CompliantLaw, Law
-from stochvi.views.replay import plot_clearances
+from stochvi.views.replay import draw_replay, plot_clearances
 from support.commands import Run, one_document, refused
 
 Vector = NDArray[np.float64]
@@ -339,10 +339,32 @@ def test_no_marker_of_the_picture_over_clearances_is_cut(
     scene = scene_of(tmp_path, shaken(), Restitution(coefficient=0.5))
     hits = plot_clearances(replay(scene, [narrowest, 0.5]))
     assert hits.get_yscale() == scale
-    (speeds,) = [ax for ax in hits.figure.axes if ax is not hits]
-    for ax in (hits, speeds):
-        top, values = ax.get_ylim()[1], np.asarray(ax.get_lines()[0].get_ydata(), dtype=float)
-        assert ax.get_ylim()[0] == 0.0 and top > 1.05 * np.nan_to_num(values).max()
+    top, values = hits.get_ylim()[1], np.asarray(hits.get_lines()[0].get_ydata(), dtype=float)
+    assert hits.get_ylim()[0] == 0.0 and top > 1.05 * values.max()
+    speed = replay(scene, [narrowest]).impact_pairs["stops"].impact_speed_max
+    told = [] if speed is None else [f"{float(speed):.2g} m/s"]
+    assert [text.get_text() for text in hits.texts] == told
+    plt.close("all")
+
+
+@pytest.mark.parametrize("clearances", [[2e-3], [2e-3, 3e-3, 4e-3, 1.0]])
+def test_the_picture_of_a_replay_shows_the_motion_around_the_shock(
+    tmp_path: Path, clearances: list[float]
+) -> None:
+    """Whole seconds of record are a comb; two axes at one place cannot be told apart."""
+    a = np.concatenate([0.1 * shaken(seed=6)] * 8)
+    a[len(a) // 3 : len(a) // 3 + 4] += 50.0 * np.abs(a).max()
+    found = replay(scene_of(tmp_path, a, Restitution(coefficient=0.5)), clearances)
+    first = draw_replay(found)
+    axes = first.figure.axes
+    first.figure.canvas.draw()
+    assert len({ax.get_position().bounds for ax in axes}) == len(axes), "no twin axes"
+    for each, ax in zip(found.clearances, axes[:-1], strict=False):
+        low, high = ax.get_xlim()
+        shock = each.impacts["time"].iloc[each.impacts["speed"].argmax()]
+        assert low < shock < high and high - low < 0.6 * found.duration
+        walls = {round(line.get_ydata()[0] * 1e-3, 9) for line in ax.get_lines()[1:]}
+        assert {round(place, 9) for place in each.stops.values()} <= walls
     plt.close("all")
 
 
