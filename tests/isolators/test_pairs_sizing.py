@@ -29,6 +29,7 @@ from stochvi.isolators.sizing.hits_at_clearance import at_distances
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
 from stochvi.model.model import model_of
+from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import ImpactPair, scene_from
 from stochvi.statistics.bursts import bursts
@@ -334,3 +335,35 @@ def test_the_command_sizes_a_box(stochvi: Run, tmp_path: Path) -> None:
         assert (tmp_path / name).stat().st_size > 0
     refused = stochvi("size", scene, *options, "--sensitivity")
     assert refused.code == 2 and "--tolerances" in refused.err
+
+
+@pytest.mark.parametrize("hazard", [1e-6, 0.3, 5.0, 25.0])
+def test_a_chance_next_to_one_has_an_interval(hazard: float) -> None:
+    """Of 1000 paths: next to 1 the relative error of a hazard grows like 1 / (1 - P), beyond what a
+    double holds."""
+    hazards = hazard * np.array([0.5, 1.0, 2.0])
+    values = np.minimum(-np.expm1(-hazards), pairs.KNOWN)
+    errors = np.sqrt(values * (1.0 - values) / 1000.0) + 1e-4
+    estimates = [Estimate(value=v, standard_error=e) for v, e in zip(values, errors, strict=True)]
+    total = pairs._Total.of(np.array([0.1, 0.2, 0.4]), estimates)
+    found = total.at(0.2)
+    assert found.value == pytest.approx(values[1], rel=1e-6)
+    assert 0.0 <= found.lower < found.value <= found.upper <= 1.0
+    # where a chance and its complement are resolved, the interval is that of the estimate
+    half = 1.959964 * errors[1]
+    assert found.value - found.lower == pytest.approx(min(half, found.value), rel=1e-3)
+    risk, width = total.risk(found.value)
+    assert risk == pytest.approx(0.2, rel=1e-6) and math.isfinite(math.exp(width))
+
+
+def test_looks_are_never_rougher_than_a_simulation_allows(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[float] = []
+
+    def counted(*_: object, rel_error: float, **__: object) -> None:
+        asked.append(rel_error)
+        raise NotApplicable("hits", ["enough was seen"])
+
+    monkeypatch.setattr(pairs, "count_hits", counted)
+    with pytest.raises(NotApplicable, match="enough was seen"):
+        size(uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0)), rate=0.2, rel_error=0.6)
+    assert asked and max(asked) < 1.0

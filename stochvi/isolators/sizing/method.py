@@ -78,6 +78,8 @@ class SearchSettings:
         Share of the budget for the worst case, where tolerances were asked for.
     rough_factor
         Relative error of the first look at a clearance, as a multiple of the error asked for.
+    roughest
+        Largest relative error of a first look; a simulation takes none of 1 or more.
     close
         Relative difference between a rate and the wanted one below which the clearance is
         extrapolated from the place that was tried.
@@ -112,6 +114,7 @@ class SearchSettings:
     share_of_limit: float = 0.4
     share_of_tolerances: float = 0.4
     rough_factor: float = 3.0
+    roughest: float = 0.9
     close: float = 0.02
     grace: float = 0.05
     least_seconds: float = 0.2
@@ -500,7 +503,8 @@ class _Job:
                 break
             self.report(min(0.1 + 0.05 * attempt, 0.65), f"{1e3 * place:.4g} mm")
             rough = attempt < SEARCH.rough_looks
-            roughly = risk(place, (SEARCH.rough_factor if rough else 1.0) * self.rel_error)
+            roughest = min(SEARCH.rough_factor * self.rel_error, SEARCH.roughest)
+            roughly = risk(place, roughest if rough else self.rel_error)
             excess, tolerance = _excess(roughly, wanted)
             if abs(excess) <= (max(tolerance, SEARCH.close) if rough else SEARCH.reach):
                 found = risk(place, self.rel_error) if rough else roughly

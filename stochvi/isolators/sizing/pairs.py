@@ -97,6 +97,12 @@ and the largest number of places."""
 FIRST_LOOK = 3.0
 """Relative error of the first look at a risk, as a multiple of the error asked for."""
 
+WIDEST_HALF = 50.0
+"""Largest half width of the logarithm of a risk: it holds all risks that are looked at."""
+
+ROUGHEST = 0.9
+"""Largest relative error of a look at a risk; a simulation takes none of 1 or more."""
+
 CLOSE = 0.05
 """Logarithm of a rate over the wanted one from which the risk is extrapolated."""
 
@@ -285,7 +291,9 @@ class _PairsJob:
                 break
             self.report(0.5 + 0.4 * look / LOOKS, f"hits at {look + 1} places")
             risk = math.exp(place)
-            found = self._expected(risk, _at(risks, overlaps, risk), rough * self.rel_error)
+            found = self._expected(
+                risk, _at(risks, overlaps, risk), min(rough * self.rel_error, ROUGHEST)
+            )
             excess = math.log(found.value / wanted) if found.value else UNSEEN
             known.append((place, excess))
             error = found.standard_error / found.value if found.value else math.inf
@@ -581,9 +589,9 @@ class _Total:
         wanted = math.log(-math.log1p(-probability))
         if not self.logs[0] <= wanted <= self.logs[-1]:
             raise ValueError(
-                f"probability of {probability:g} belongs to clearances that are not looked at: the "
-                f"chances there are {self.least:.3g} to {self.most:.3g}; ask for another "
-                "probability or mission"
+                f"probability must be in [{self.least:.3g}, {self.most:.3g}], the chances at the "
+                f"clearances that are looked at for this mission, got {probability:g}; ask for "
+                "another probability or mission"
             )
         low, high = self.risks[[0, -1]]
         place = float(brentq(lambda x: self._curve(x) - wanted, low, high, xtol=1e-12))
@@ -591,22 +599,27 @@ class _Total:
         inside = min(max(place, low + step), high - step)
         slope = (self._curve(inside + step) - self._curve(inside - step)) / (2.0 * step)
         half = float(np.interp(place, self.risks, self.halves)) / max(slope, STEEP)
-        return math.exp(place), half
+        return math.exp(place), min(half, WIDEST_HALF)
 
     def at(self, risk: float) -> Probability:
         """The chance of any hit at a risk of each pair; 1 where it cannot be told from 1."""
         place = math.log(risk)
         if place > self.risks[-1]:
             return Probability(value=1.0, lower=self.most, upper=1.0)
-        return self.probability(-math.expm1(-math.exp(self._curve(max(place, self.risks[0])))))
+        place = max(place, self.risks[0])
+        return self._with_interval(place, self._curve(place))
 
     def probability(self, value: float) -> Probability:
         """A chance between those looked at, with its interval."""
-        hazard = -math.log1p(-value)
-        place = math.log(self.risk(value)[0])
-        half = float(np.interp(place, self.risks, self.halves))
-        low, high = (-math.expm1(-hazard * math.exp(sign * half)) for sign in (-1.0, 1.0))
-        return Probability(value=value, lower=low, upper=high)
+        return self._with_interval(math.log(self.risk(value)[0]), math.log(-math.log1p(-value)))
+
+    def _with_interval(self, place: float, log: float) -> Probability:
+        """The chance of which `log` is ln(-ln(1 - P)), at the logarithm of a risk."""
+        hazard = math.exp(log)
+        value = -math.expm1(-hazard)
+        # next to 1 the half width of the logarithm tends to infinity, that of the chance to 0
+        half = float(np.interp(place, self.risks, self.halves)) * math.exp(-hazard) * hazard
+        return Probability(value=value, lower=max(value - half, 0.0), upper=min(value + half, 1.0))
 
 
 def _value(estimate: Estimate | None) -> float:
