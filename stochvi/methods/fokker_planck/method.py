@@ -224,15 +224,15 @@ def _on_fixed_meshes(
     reach rtol."""
     scenes = OscillatorArrays.of(model)
     speed, threshold = speed_scale(scenes), np.array([speed_threshold])
-    coarse = solve(scenes, speed, LEVELS[0], threshold).moments
-    for level in LEVELS[1:]:
-        fine, bounds = _refine(scenes, speed, level, threshold, coarse)
+    before = _first_levels(scenes, speed, threshold)
+    for level in LEVELS[len(before) :]:
+        fine, bounds = _refine(scenes, speed, level, threshold, before)
         found = _averages(_physical(fine)), _averages(bounds)
         if worst_relative_error(*found) <= rtol and rates_not_resolved(*found).isdisjoint(
             _finite_rates(model, speed_threshold)
         ):
             return found
-        coarse = fine
+        before = [*before[1:], fine]
     return None
 
 
@@ -297,13 +297,18 @@ def _collapses(model: Model) -> list[str]:
     ]
 
 
+def _first_levels(scenes: OscillatorArrays, speed: Array, threshold: Array) -> list[Moments]:
+    """Averages on the two coarsest levels, to which a finer one is compared."""
+    return [solve(scenes, speed, level, threshold).moments for level in LEVELS[:2]]
+
+
 def _refine(
-    scenes: OscillatorArrays, speed: Array, level: Level, threshold: Array, coarse: Moments
+    scenes: OscillatorArrays, speed: Array, level: Level, threshold: Array, before: list[Moments]
 ) -> tuple[Moments, Moments]:
-    """Averages on a level of meshes, with bounds on their errors."""
+    """Averages on a level of meshes, with bounds on their errors from the two levels before."""
     fine = solve(scenes, speed, level, threshold)
     far = unreached(scenes, speed, fine.moments.upcrossing_rate)
-    return fine.moments, errors(scenes, coarse, fine, far)
+    return fine.moments, errors(scenes, before, fine, far)
 
 
 class Batch(NamedTuple):
@@ -331,7 +336,7 @@ def fokker_planck_many(
     restitution_upper: ArrayLike = 1.0,
     speed_threshold: ArrayLike | None = None,
 ) -> Batch:
-    """The averages of `fokker_planck` for arrays of scenes, some thousand per second.
+    """The averages of `fokker_planck` for arrays of scenes, some hundred per second.
 
     Parameters
     ----------
@@ -346,7 +351,7 @@ def fokker_planck_many(
     Returns
     -------
     Batch
-        `values` and `errors` hold arrays of the common shape. The two coarsest meshes are used
+        `values` and `errors` hold arrays of the common shape. The three coarsest meshes are used
         whatever error they leave: look at `errors`.
 
     Raises
@@ -387,8 +392,8 @@ def fokker_planck_many(
         threshold = np.where(scenes.elastic, 0.0, SLOW_IMPACTS * speed)
     else:
         threshold = np.broadcast_to(np.asarray(speed_threshold, dtype=float), shape).reshape(-1)
-    coarse = solve(scenes, speed, LEVELS[0], threshold).moments
-    fine, bounds = _refine(scenes, speed, LEVELS[1], threshold, coarse)
+    before = _first_levels(scenes, speed, threshold)
+    fine, bounds = _refine(scenes, speed, LEVELS[len(before)], threshold, before)
     return Batch(_shaped(_physical(fine), shape), _shaped(bounds, shape), threshold.reshape(shape))
 
 
