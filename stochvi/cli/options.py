@@ -430,7 +430,7 @@ class Varied:
 
     def frequencies(self) -> list[float] | None:
         """The frequencies, Hz; None without --from and --to."""
-        import numpy as np
+        from stochvi.results.sizes import spaced
 
         if self.start is None and self.end is None:
             return None
@@ -441,8 +441,7 @@ class Varied:
             )
         if self.points < 2:
             raise ValueError(f"--points must be at least 2, got {self.points}")
-        found: list[float] = np.linspace(self.start, self.end, self.points).tolist()
-        return found
+        return spaced("--points", self.start, self.end, self.points)
 
     def values(self, scene: Scene) -> dict[str, Any] | None:
         """The key of a scene that --vary names, and its values; None without --vary."""

@@ -196,9 +196,8 @@ def _show(options: Common, found: Any, tell: Any, draw: Any, name: str) -> None:
 def _numbers_of(text: str) -> tuple[str, list[float]]:
     """Name and values of a displacement (m) or velocity (m/s), from "NAME=FIRST:LAST:NUMBER" or
     "NAME=VALUE,VALUE"."""
-    import numpy as np
-
     from stochvi.mathematics.units import measured_in
+    from stochvi.results.sizes import spaced
 
     name, _, listed = text.partition("=")
     unit = "m/s" if name.startswith("velocity") else "m"
@@ -206,10 +205,12 @@ def _numbers_of(text: str) -> tuple[str, list[float]]:
         if ":" not in listed:
             return name, [measured_in(word, unit) for word in listed.split(",")]
         first, last, number = listed.split(":")
-        ends = measured_in(first, unit), measured_in(last, unit)
-        return name, np.linspace(*ends, int(number)).tolist()
+        ends, count = [measured_in(first, unit), measured_in(last, unit)], int(number)
+        if count < 1:
+            raise ValueError
     except ValueError:
         raise ValueError(
             f"--start must be NAME=FIRST:LAST:NUMBER or NAME=VALUE, such as displacement.x=-1mm:"
             f"1mm:300 or velocity.x=0.2, got {text!r}"
         ) from None
+    return name, spaced(f"--start {name}", ends[0], ends[1], count)

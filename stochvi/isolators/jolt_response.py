@@ -26,6 +26,7 @@ from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
 from stochvi.results.intervals import binomial_interval, poisson_interval
 from stochvi.results.progress import Progress
+from stochvi.results.sizes import MOST_NUMBERS, check_size
 from stochvi.scenes.excitations import BASE, Sine
 from stochvi.scenes.scene import Scene
 
@@ -239,6 +240,8 @@ def jolts(
     windows = max(windows, SETTLING_WINDOWS + 1)
     steps = math.ceil(window / plan.step)
     plan = plan.with_step(window / steps)
+    each = 2 * windows * len(speeds) + 4 * plan.modes.size
+    check_size("paths", paths, MOST_NUMBERS // each, "ask for fewer, or for a shorter duration")
     counted: list[NDArray[np.float64]] = []
     with heeding_ctrl_c(), given_up_after(deadline), suppress(GivenUp):
         for number, speed in enumerate(speeds):

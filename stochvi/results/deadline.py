@@ -34,7 +34,7 @@ _heeded_from: list[int] = []
 """Value of `_heard` when `heeding_ctrl_c` was entered, as the only entry; empty outside it."""
 
 
-OVERDUE_SHARE, OVERDUE_SECONDS = 0.1, 1.5
+OVERDUE_SHARE, OVERDUE_SECONDS = 0.15, 1.2
 """Time after the deadline, or after Ctrl-C, at which a calculation that has not ended by itself is
 ended by an exception: this share of its budget, and these seconds. A command ends within 2 s after
 1.2 budgets, and within 2 s after Ctrl-C."""
@@ -66,6 +66,10 @@ def start_clock() -> None:
     since = _stands_still_since.pop()
     if not _stands_still_since:
         _stood_still[0] += time.time() - since
+
+
+class Overdue(KeyboardInterrupt):
+    """Ends a calculation that has not ended by itself after its deadline, as a second Ctrl-C."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +174,14 @@ class Deadline:
         budget = float(f"{self.budget or 0.0:.3g}")
         return NotConverged(f"the budget of {budget:g} s ended {where}; {remedy}", answer)
 
+    def ended_by_exception(
+        self, reason: KeyboardInterrupt, where: str, answer: Any = None
+    ) -> NotConverged | Interrupted:
+        """The error to raise in place of a KeyboardInterrupt: that of the budget for `Overdue`."""
+        if isinstance(reason, Overdue):
+            return self.fell_short(where, "raise budget", answer)
+        return Interrupted(f"interrupted by Ctrl-C {where}", answer)
+
 
 def as_far_as_it_got(calculate: Callable[..., Found], *arguments: Any, **named: Any) -> Found:
     """The answer of a calculation, or its answer so far if its budget or Ctrl-C ended it.
@@ -240,10 +252,6 @@ def heeding_ctrl_c() -> Iterator[None]:
 def ctrl_c_was_heard() -> bool:
     """Whether Ctrl-C was heard in the `heeding_ctrl_c` block that is entered now."""
     return bool(_heeded_from) and _heard[0] > _heeded_from[0]
-
-
-class Overdue(KeyboardInterrupt):
-    """Ends a calculation that has not ended by itself after its deadline, as a second Ctrl-C."""
 
 
 _raise_overdue: list[bool] = []

@@ -6,6 +6,8 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
+from stochvi.results.sizes import few_lines
+
 
 class StochviError(Exception):
     """Base of every error that this package raises on purpose.
@@ -20,7 +22,7 @@ class StochviError(Exception):
 class SceneError(StochviError, ValueError):
     """The scene, or a file it names, is not valid.
 
-    `problems` holds (key, sentence) pairs; the message joins them, one line each.
+    `problems` holds (key, sentence) pairs; the message has a line for each of the first.
 
     See Also
     --------
@@ -29,7 +31,7 @@ class SceneError(StochviError, ValueError):
 
     def __init__(self, problems: Sequence[tuple[str, str]] | str) -> None:
         self.problems = [("", problems)] if isinstance(problems, str) else list(problems)
-        super().__init__("\n".join(f"{key} {text}".strip() for key, text in self.problems))
+        super().__init__(few_lines([f"{key} {text}".strip() for key, text in self.problems]))
 
 
 class NotApplicable(StochviError):

@@ -27,7 +27,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.fft import ifft
+from scipy.fft import irfft
 from scipy.special import ndtr
 
 from stochvi.mathematics.impact_rates import rice_rate
@@ -348,6 +348,6 @@ def _correlation(plan: TabulatedPlan) -> Vector:
     """r, r' and r'' at every sample of a block, from the variances of its bins."""
     variances = plan.amplitudes**2
     omega = 2.0 * math.pi / plan.block_length * np.arange(1, len(variances) + 1)
-    spectrum = np.zeros((plan.samples, 3), complex)
+    spectrum = np.zeros((plan.samples // 2 + 1, 3), complex)
     spectrum[1 : len(variances) + 1] = variances[:, None] * (1j * omega[:, None]) ** [0, 1, 2]
-    return np.asarray(ifft(spectrum, axis=0, norm="forward").real)
+    return np.asarray(irfft(spectrum, plan.samples, axis=0, norm="forward") / 2.0)

@@ -29,6 +29,7 @@ from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.response import ROTATIONS, Quantities
+from stochvi.results.sizes import MOST_NUMBERS
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
@@ -39,9 +40,8 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-MOST_NUMBERS = 2**25
-"""Largest number of floats that a path records, burn-in included: 256 MB, and a few times as much
-while the table is made."""
+COLUMNS = 4.0
+"""Numbers that the table of a history and its making take for each number of the record."""
 
 CONTACT_SAMPLES = 8.0
 """Samples in a contact with a stop that gives way, below which its force is not resolved."""
@@ -248,8 +248,10 @@ def history(
     steps_per_sample = 1.0 if rate is None else 1.0 / (rate * usual.step) * (1.0 + ROUNDING)
     stride = max(1, math.floor(steps_per_sample))
     finer = steps_per_sample < 1.0
-    source = usual.sampled(usual.step * min(1.0, steps_per_sample), duration)
-    count = _fitting(source, duration)
+    step = usual.step * min(1.0, steps_per_sample)
+    _check_fits(usual, step, duration)
+    source = usual.sampled(step, duration)
+    count = source.history_samples(duration)
     found, logged = logged_impacts(
         lambda log: source.histories(seed, path, 1, count, log), [pair.name for pair in model.pairs]
     )
@@ -286,17 +288,15 @@ def history(
     )  # fmt: skip
 
 
-def _fitting(plan: Plan, duration: float) -> int:
-    """Samples of the history; NotApplicable if the record would not fit into the memory."""
-    count = plan.history_samples(duration)
-    if (size := plan.record_size(count)) > MOST_NUMBERS:
+def _check_fits(plan: Plan, step: float, duration: float) -> None:
+    """NotApplicable if the record, and the table made of it, would not fit into the memory."""
+    if (size := COLUMNS * plan.record_size(math.ceil(duration / step))) > MOST_NUMBERS:
         longest = duration * MOST_NUMBERS / size
         raise NotApplicable(
             "history",
             [f"duration = {duration:g} s takes {size:.2g} numbers, at most {MOST_NUMBERS:.2g} are "
              f"kept; ask for about {longest:.2g} s or less, or for several paths"],
         )  # fmt: skip
-    return count
 
 
 def _columns(

@@ -18,6 +18,7 @@ from stochvi.mathematics.cut_normal import CUT
 from stochvi.mathematics.impact_rates import ContactStatistics
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.model.model import LOWER, UPPER, Pair, Stop
+from stochvi.results.sizes import MOST_NUMBERS
 from stochvi.scenes.impact_laws import CompliantLaw
 
 Vector = NDArray[np.float64]
@@ -30,9 +31,6 @@ of a hundred."""
 NODES = {2: (24, 32), 3: (16, 20)}
 """Numbers of nodes in each panel of a coordinate, by the number of pairs: of the coarse rule, from
 which the error is estimated, and of the fine one."""
-
-MOST_POINTS = 20_000_000
-"""Largest number of points of a product rule: they take some seconds and some hundred megabytes."""
 
 ALLOWED = 1e-6
 """Largest relative change of a moment from the coarse to the fine rule with which the integrals
@@ -198,7 +196,7 @@ class CoupledLaw:
             panel_nodes, panel_weights = gauss_panels(self._panels(place), nodes)
             places.append(panel_nodes)
             weights.append(panel_weights)
-        if math.prod(map(len, places)) > MOST_POINTS:
+        if math.prod(map(len, places)) > MOST_NUMBERS:
             raise Intractable(f"the quadrature over {len(places)} coupled pairs is too large")
         grid = np.meshgrid(*places, indexing="ij", sparse=True)
         energy = sum(

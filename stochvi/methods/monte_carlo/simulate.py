@@ -36,10 +36,11 @@ from stochvi.methods.monte_carlo.rounds import (
 )
 from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
-from stochvi.results.deadline import Deadline
+from stochvi.results.deadline import Deadline, Overdue
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.progress import Progress
 from stochvi.results.response import Response
+from stochvi.results.sizes import MOST_NUMBERS, check_size
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -172,8 +173,8 @@ def simulate(
     deadline = Deadline.after(budget)
     try:
         run, asked = _begun(scene, asked, files, threads, executor, progress, deadline)
-    except KeyboardInterrupt:
-        raise Interrupted("interrupted by Ctrl-C before any path was simulated") from None
+    except KeyboardInterrupt as reason:
+        raise deadline.ended_by_exception(reason, "before any path was simulated") from None
     try:
         try:
             with sampling():
@@ -191,11 +192,11 @@ def simulate(
     except (NotConverged, Interrupted) as error:
         error.response = error.response and _noted(run, error.response)
         raise
-    except KeyboardInterrupt:  # a second Ctrl-C, or one that a program raises
-        raise Interrupted(
-            "interrupted by Ctrl-C",
-            _so_far(run, "interrupted before all paths were simulated", True),
-        ) from None
+    except KeyboardInterrupt as reason:  # a second Ctrl-C, or one that a program raises
+        by_clock = isinstance(reason, Overdue)
+        why = "not all" if by_clock else "interrupted before all"
+        answer = _so_far(run, f"{why} paths were simulated", not by_clock)
+        raise deadline.ended_by_exception(reason, "on the way", answer) from None
     return _noted(run, run.response())
 
 
@@ -318,11 +319,23 @@ def record_path(
     if not 0 <= path < 2**40:
         raise ValueError(f"path must be in [0, 2^40), got {path}")
     plan = make_plan(model_of(scene), None, duration)
+    _check_record(plan, plan.step if step is None else step, 1)
     if step is not None:
         plan = plan.with_step(step)
     columns = plan.record(seed, path)
     samples = len(next(iter(columns.values())))
     return pd.DataFrame({"time": plan.step * np.arange(1, samples + 1), **columns})
+
+
+def _check_record(plan: Plan, step: float, paths: int) -> None:
+    """Raise ValueError where the records of so many paths would not fit into the memory."""
+    if paths < 1:
+        raise ValueError(f"paths must be at least 1, got {paths}")
+    each = plan.record_size(1) * (plan.burn_in + plan.duration) / step
+    check_size(
+        "numbers of all records", paths * each, MOST_NUMBERS, "give a shorter duration or fewer "
+        "paths, or a larger step"
+    )  # fmt: skip
 
 
 @calculation
@@ -369,6 +382,7 @@ def record_paths(
     model = model_of(scene)
     settling = plan_several(model, None, duration).burn_in
     plan = plan_several(model, None, settling + duration)
+    _check_record(plan, plan.step, paths)
     record = np.zeros((plan.steps, paths, plan.record_width))
     plan.averages(seed, first_path, paths, record)
     time = {"time": plan.step * np.arange(1, plan.steps + 1)}

@@ -18,14 +18,11 @@ from stochvi.model.coverage import functions, without_form
 from stochvi.model.model import Model, Pair, Stop, inertia_of, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.sizes import MOST_NUMBERS
 from stochvi.scenes.excitations import BASE, ConstantLoad, RecordedNoise
 from stochvi.scenes.scene import Scene
 
 Vector = NDArray[np.float64]
-
-MOST_KEPT = 20_000_000
-"""Largest count of numbers in the histories of all clearances together (160 MB); where there are
-more, no histories are kept."""
 
 EXACT = "the record itself, exact steps"
 """Words in every estimate of a replay on how it was found."""
@@ -117,7 +114,7 @@ def replay(
         raise NotApplicable("replay", missing)
     segments = shaking_of(scene, model)
     numbers = sum(each.forces.size for each in segments) * len(places)
-    keep = numbers <= MOST_KEPT
+    keep = numbers <= MOST_NUMBERS
     compile_time = _compiled(model, segments[0])
 
     def at(clearance: float | None) -> ReplayAt:

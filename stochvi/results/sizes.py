@@ -1,0 +1,47 @@
+"""Sizes beyond which something is refused before memory is taken for it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+MOST_NUMBERS = 2**25
+"""Largest number of floats that one calculation keeps at a time: 256 MB."""
+
+MOST_SPACED = 10**6
+"""Largest number of values that are put between two ends: more than any calculation takes."""
+
+MOST_LINES = 20
+"""Largest number of lines of a message."""
+
+
+def check_size(name: str, number: float, most: float, remedy: str) -> None:
+    """Raise ValueError if there is more of something than there may be.
+
+    >>> check_size("--points", 10**8, MOST_SPACED, "ask for fewer")
+    Traceback (most recent call last):
+    ValueError: --points must be at most 1000000, got 100000000; ask for fewer
+    """
+    if number > most:
+        raise ValueError(f"{name} must be at most {most:.7g}, got {number:.9g}; {remedy}")
+
+
+def spaced(name: str, first: float, last: float, number: int) -> list[float]:
+    """So many evenly spaced numbers, both ends included.
+
+    >>> spaced("--points", 0.0, 1.0, 3)
+    [0.0, 0.5, 1.0]
+    """
+    check_size(name, number, MOST_SPACED, "ask for fewer")
+    found: list[float] = np.linspace(first, last, number).tolist()
+    return found
+
+
+def few_lines(lines: list[str]) -> str:
+    """The lines of a message, or the first of them and how many are left out.
+
+    >>> few_lines(["one"] * 30).splitlines()[-1]
+    'and 11 more like these'
+    """
+    if len(lines) > MOST_LINES:
+        lines = [*lines[: MOST_LINES - 1], f"and {len(lines) - MOST_LINES + 1} more like these"]
+    return "\n".join(lines)
