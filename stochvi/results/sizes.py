@@ -7,6 +7,9 @@ import numpy as np
 MOST_NUMBERS = 2**25
 """Largest number of floats that one calculation keeps at a time: 256 MB."""
 
+MOST_RECORDED = 2**28
+"""Largest number of floats in records that are kept for a moment: 2 GB."""
+
 MOST_SPACED = 10**6
 """Largest number of values that are put between two ends: more than any calculation takes."""
 

@@ -27,7 +27,7 @@ QUESTIONS = {
         (MOUNT, "--start", f"displacement.x=-1:1:{MANY}", "--start", f"velocity.x=-1:1:{MANY}"),
         "--start displacement.x must be at most 1000000",
     ),
-    "history": ((BUMPER, "--duration", "1e6"), "ask for about 1.2e+04 s or less"),
+    "history": ((BUMPER, "--duration", "1e6"), r"ask for about 1.2e\+04 s or less"),
     "jolt": ((MOUNT, "--speeds", "0.1", "--paths", MANY), "paths must be at most 1[0-9]{5}, got"),
 }
 

@@ -40,7 +40,7 @@ from stochvi.results.deadline import Deadline, Overdue
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.progress import Progress
 from stochvi.results.response import Response
-from stochvi.results.sizes import MOST_NUMBERS, check_size
+from stochvi.results.sizes import MOST_RECORDED, check_size
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -333,7 +333,7 @@ def _check_record(plan: Plan, step: float, paths: int) -> None:
         raise ValueError(f"paths must be at least 1, got {paths}")
     each = plan.record_size(1) * (plan.burn_in + plan.duration) / step
     check_size(
-        "numbers of all records", paths * each, MOST_NUMBERS, "give a shorter duration or fewer "
+        "numbers of all records", paths * each, MOST_RECORDED, "give a shorter duration or fewer "
         "paths, or a larger step"
     )  # fmt: skip
 
