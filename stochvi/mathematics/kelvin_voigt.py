@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from stochvi.mathematics.arguments import checked
+
 __all__ = ["identify_viscoelastic"]
 
 
@@ -80,6 +82,7 @@ def damping_ratio_of(restitution: float) -> float:
     return float(brentq(lambda z: 2.0 * z * half_contact(z) - loss, 0.0, highest, xtol=1e-14))
 
 
+@checked
 def identify_viscoelastic(contact_time: float, time_to_peak: float) -> tuple[float, float]:
     """Damping ratio and contact frequency (rad/s) of a stop from the record of one impact.
 

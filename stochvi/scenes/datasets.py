@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from stochvi.mathematics.arguments import checked
 from stochvi.results.errors import SceneError
 from stochvi.scenes.text_tables import read_table
 
@@ -70,6 +71,7 @@ def profiles() -> dict[str, Profile]:
     return found
 
 
+@checked
 def shipped_scene(name: str) -> Path:
     """Path of a scene that ships, `data/scenes/NAME.toml`.
 

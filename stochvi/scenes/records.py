@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics import rounding
+from stochvi.mathematics.arguments import checked
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain, welch
 from stochvi.results.errors import SceneError
 from stochvi.results.intervals import jackknife_error
@@ -307,8 +308,9 @@ def _grid(table: Table, omega: float, damping_rate: float) -> Vector:
     return np.union1d(table.frequency_hz, near[(near > low) & (near < high)])
 
 
+@checked
 def read_record(
-    path: Path,
+    path: str | Path,
     *,
     fs: float | None = None,
     column: int | str | None = None,
@@ -363,6 +365,7 @@ def read_record(
     >>> round(record.fs), columns.unit.name
     (100, 'g')
     """
+    path = Path(path)
     names = ("acceleration",) if fs is not None else ("time", "acceleration")
     columns = read_columns(
         path, names, column=column, variables=variables, dataset=dataset,

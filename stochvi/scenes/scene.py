@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from stochvi.mathematics.arguments import checked
 from stochvi.mathematics.spectra import Table
 from stochvi.results.errors import SceneError, toml_remedy
 from stochvi.scenes.absorbers import Absorber, absorbers_of, on_oscillator
@@ -759,6 +760,7 @@ def _range_sentence(name: str, value: float) -> str:
     )
 
 
+@checked
 def load_scene(path: str | Path) -> Scene:
     """Read a scene file (TOML); the tables that it names are looked for in its folder.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import re
 import resource
 import time
 from collections.abc import Iterator
@@ -12,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from support.commands import Run
-from support.mutations import COMMANDS, LONG_COMMANDS, Mutator
+from support.mutations import BARE, COMMANDS, LONG_COMMANDS, Mutator
 
 SECONDS = 20.0
 """CPU seconds that a command with a budget of 1 s may take: compilation, and its last block."""
@@ -22,15 +21,6 @@ MEGABYTES = 1500.0
 
 QUICKEST = 12
 """Number of commands, from the first, that simulate nothing and take milliseconds."""
-
-BARE = re.compile(
-    r"math domain error|math range error|division by zero|divide by zero|Singular matrix|"
-    r"cannot convert float|Result too large|infs or NaNs|Numerical result|invalid literal|"
-    r"could not broadcast|out of bounds|zero-size|different signs|JSON compliant|must be finite|"
-    r"has no attribute|object is not|not supported between|unexpected keyword|Traceback|"
-    r"not positive definite|Expecting|ufunc|dtype|operand|ndarray",
-)
-"""Words of errors of Python and its libraries, which say nothing to a user."""
 
 
 def hunt(stochvi: Run, folder: Path, seed: int, commands: tuple[tuple[str, ...], ...]) -> None:

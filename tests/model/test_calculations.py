@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import re
+import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import stochvi
-from stochvi.results.errors import SceneError
+from stochvi.results.deadline import stood_still
+from stochvi.results.errors import SceneError, StochviError
+from support.calls import SECONDS, Caller, callables
 from support.known import oscillator
+from support.mutations import BARE
 
 ROOMS = (
     "", ".statistics", ".isolators", ".absorbers", ".verification", ".testing", ".methods.periodic",
@@ -75,3 +81,49 @@ def test_a_very_long_budget_is_none() -> None:
     found = stochvi.simulate(scene, paths=2, duration=1.0, budget=10**29, threads=1)
     same = stochvi.simulate(scene, paths=np.int64(2), duration=np.float32(1.0), threads=1)
     assert found.coordinates == same.coordinates
+
+
+OF_PYTHON = re.compile(r"missing .* required|unexpected keyword|positional argument|keywords only")
+"""What Python says of arguments that are missing or unknown."""
+
+LONGEST = 1.2 * SECONDS + 2.0
+"""CPU seconds that a call may take, without the compiling of kernels."""
+
+
+def call(seed: int) -> None:
+    """One call, which answers or refuses in a sentence, in time."""
+    caller = Caller(seed)
+    began, stood = time.process_time(), stood_still()
+    said = "an answer"
+    try:
+        caller()
+    except (StochviError, ValueError, OSError) as error:
+        said = str(error).split(", got ")[0].replace("must be finite", "")
+    except TypeError as error:
+        if not OF_PYTHON.search(str(error)):
+            raise AssertionError(f"seed {seed}: {caller}") from error
+    except BaseException as error:
+        raise AssertionError(f"seed {seed}: {caller}") from error
+    assert len(said) > 8 and not BARE.search(said), f"seed {seed}: {said}, {caller}"
+    spent = time.process_time() - began - (stood_still() - stood)
+    assert spent < LONGEST, f"seed {seed}: {spent:.1f} s, {caller}"
+
+
+@pytest.mark.filterwarnings("ignore")
+def test_calls_with_wrong_arguments_end_in_sentences(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for seed in range(len(callables())):
+        call(seed)
+
+
+@pytest.mark.verify
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("part", range(1, 31))
+def test_thousands_of_calls_end_in_sentences(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, part: int
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for seed in range(part * len(callables()), (part + 1) * len(callables())):
+        call(seed)

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 import copy
 import random
+import re
 from pathlib import Path
 from typing import Any
 
 from support.known import to_toml
+
+BARE = re.compile(
+    r"math domain error|math range error|division by zero|divide by zero|Singular matrix|"
+    r"cannot convert float|Result too large|infs or NaNs|Numerical result|invalid literal|"
+    r"could not broadcast|out of bounds|zero-size|different signs|JSON compliant|must be finite|"
+    r"has no attribute|object is not|not supported between|unexpected keyword|Traceback|"
+    r"not positive definite|Expecting|ufunc|dtype|operand|ndarray",
+)
+"""Words of errors of Python and its libraries, which say nothing to a user."""
 
 NUMBERS = (
     0, 0.0, -0.0, -1.0, 1.0, 1e-3, 1e3, 1e10, 1e-10, 1e50, 1e-50, 1e154, 1e200, -1e200, 1e308,

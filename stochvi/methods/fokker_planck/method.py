@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arguments import checked
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, ContactStatistics, StopStatistics
 from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.conditions import check_rtol, unmet
@@ -324,6 +325,7 @@ class Batch(NamedTuple):
     speed_threshold: Array
 
 
+@checked
 def fokker_planck_many(
     *,
     omega: ArrayLike,

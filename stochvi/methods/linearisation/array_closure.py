@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arguments import checked
 from stochvi.methods.linearisation.cut_normal_arrays import (
     ROUGH,
     Booleans,
@@ -88,6 +89,7 @@ class Linearised(NamedTuple):
     converged: Booleans
 
 
+@checked
 def linearise_many(
     *,
     omega: ArrayLike,

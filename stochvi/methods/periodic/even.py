@@ -29,6 +29,10 @@ NOTHING = 1e-13
 stays below it."""
 
 
+MOST_STEPS = 20_000
+"""Largest number of steps of a period, so that a regime takes fractions of a second."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EvenRegime:
     """A periodic motion whose impacts are even in time (SI units).
@@ -77,6 +81,12 @@ def even_regimes(numbers: Numbers, stops: Sequence[int], periods: int = 1) -> li
     first; of several impacts those that are symmetric between equal stops."""
     units, length, duration = numbers.units()
     motion, shapes = numbers.motion(units), numbers.shapes / units.shapes
+    steps = 2.0 * math.pi * periods / motion.omega / solver.step_of(motion)
+    if not 0.0 < steps <= MOST_STEPS:
+        raise ValueError(
+            "omega must not be so much slower than the structure: a period takes "
+            f"{steps:.3g} steps, at most {MOST_STEPS} are made; ask for a higher frequency"
+        )
     pattern, speed, n = pattern_of(stops, periods), length / duration, len(shapes)
     states = np.empty((len(stops), 2 * n))
     found = []

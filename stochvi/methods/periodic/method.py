@@ -17,6 +17,7 @@ from stochvi.methods.periodic.answer import (
 )
 from stochvi.methods.periodic.branches import DEFAULT_IMPACTS, Finder, Track
 from stochvi.methods.periodic.contact_branches import finder_of
+from stochvi.methods.periodic.even import MOST_STEPS
 from stochvi.methods.periodic.family import Family, unmet
 from stochvi.methods.periodic.jumps import Sweep
 from stochvi.methods.periodic.kernels import solver
@@ -41,10 +42,6 @@ MARGIN = 1e-3
 WIDEST = 1e5
 """Largest ratio of the frequencies of one range: up to it, the series of the numbers of a scene
 give the lowest ones to 1e-8."""
-
-MOST_STEPS = 20_000
-"""Largest number of steps in a period of the force: with more, a simulation from one start takes
-seconds."""
 
 MOST_VALUES = 100_000
 """Largest number of values of the varied number."""

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
+from stochvi.mathematics.arguments import checked
 from stochvi.mathematics.spectra import Table
 from stochvi.model.model import UPPER, Model, Pair, inertia_of
 from stochvi.results.errors import SceneError
@@ -260,6 +261,7 @@ class ProblemFile(Checked):
             yield ImpactPair(name=name, on=stops[0].on, between=stops[0].between, **keys)
 
 
+@checked
 def read_problem(path: str | Path) -> Problem:
     """The problem of a file that `stochvi problems --out` wrote; its numbers may have been changed.
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arguments import checked
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.verification.testing.documents import read_problem
@@ -84,6 +85,7 @@ class Sheet:
         return ValueError(f"{self.source}, row {self.rows[row]}, {sentence}")
 
 
+@checked
 def judge_file(
     path: str | Path,
     problem: str | Path,

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
+from stochvi.mathematics.arguments import checked
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.datasets import data_folder
@@ -14,6 +15,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.verification.check_of_many import zoo
 
 
+@checked
 def known_answers(*names: str) -> dict[str, Response]:
     """Known responses to scenes of the zoo, by closed form or by the Fokker-Planck equation.
 
