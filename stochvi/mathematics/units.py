@@ -230,6 +230,9 @@ def _parsed(text: str) -> tuple[float, str]:
     text = re.sub(r"(?<=[A-Za-z)])(-?\d)(?!\d)", r"**\1", text)
     if not re.fullmatch(r"(?:[A-Za-zµμ_]+|\*\*-?\d(?:\.5)?|[\s()/*]|\b1\b)+", text):
         raise _unknown(given)
+    # m**9**9**9 and its like in brackets would never end
+    if re.search(r"\*\*-?\d(?:\.5)?\s*\*\*", text) or len(re.findall(r"\)\s*\*\*", text)) > 2:
+        raise _unknown(given)
     try:
         registry = _registry()
         factor, base = registry.get_base_units(registry.parse_units(text))

@@ -1,27 +1,31 @@
-"""Columns of numbers from the files that instruments and analysers write: text, UFF, MATLAB."""
+"""Columns of numbers from the files that instruments and analysers write: text, UFF, MATLAB,
+NumPy, IDE."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Mapping, Sequence
+import importlib.util
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.units import UNITS, Unit, listed_units, unit
 from stochvi.results.errors import SceneError
-from stochvi.scenes.text_tables import TextTable, check_file, read_text_table
+from stochvi.scenes.foreign_files import LARGEST_DATA_FILE, Foreign, read_foreign, read_numpy
+from stochvi.scenes.text_headings import unit_in
+from stochvi.scenes.text_tables import VALUES, TextTable, read_text_table
 
 Vector = NDArray[np.float64]
 
-LARGEST_DATA_FILE = 200_000_000
-"""Largest size of a record file, bytes: an hour at 1 kHz takes about 70 million bytes as text."""
-
 UFF_SUFFIXES = (".uff", ".unv", ".ufb", ".uf")
-MATLAB_SUFFIXES = (".mat",)
+ARRAY_SUFFIXES = (".mat", ".npy", ".npz")
+IDE_SUFFIXES = (".ide",)
+
+LISTED = 20
+"""Largest number of arrays, datasets or channels of a file that a sentence lists."""
 
 SLOWEST_UNSTATED = 0.05
 """Largest interval between two times of a record at which times without a unit are taken for
@@ -66,16 +70,17 @@ def read_columns(
     dataset: int | None = None,
     function_type: int = SPECTRAL_DENSITY,
 ) -> Columns:
-    """Two columns (or one) of a text, UFF or MATLAB file, recognised by the ending of its name.
+    """Two columns (or one) of a file, whose kind the ending of its name says.
 
     Parameters
     ----------
     names
         Names of the two columns that are needed, or of one column if no more is needed.
     column
-        For a text file: name of the column of values, or its number from 1.
+        For a text file or a logger's recording (.ide): name of the column or channel of values, or
+        its number from 1.
     variables
-        For a MATLAB file: names of the two vectors, or of one matrix of two columns.
+        For a MATLAB or NumPy file: names of the two vectors, or of one matrix of two columns.
     dataset
         For a UFF file: number of the dataset, from 1.
     function_type
@@ -87,17 +92,21 @@ def read_columns(
         If the file does not hold what was expected, or holds several columns that could be meant.
     """
     suffix = path.suffix.lower()
-    if variables is not None and suffix not in MATLAB_SUFFIXES:
-        raise SceneError([("variables", f"is for MATLAB files (.mat), got {path.name}")])
+    if variables is not None and suffix not in ARRAY_SUFFIXES:
+        raise SceneError(
+            [("variables", f"is for MATLAB and NumPy files (.mat, .npz), got {path.name}")]
+        )
     if dataset is not None and suffix not in UFF_SUFFIXES:
         raise SceneError([("dataset", f"is for UFF files (.uff, .unv), got {path.name}")])
-    if column is not None and suffix in (*UFF_SUFFIXES, *MATLAB_SUFFIXES):
-        other = "variables" if suffix in MATLAB_SUFFIXES else "dataset"
+    if column is not None and suffix in (*UFF_SUFFIXES, *ARRAY_SUFFIXES):
+        other = "variables" if suffix in ARRAY_SUFFIXES else "dataset"
         raise SceneError([("column", f"is for text files, got {path.name}; give {other}")])
     if suffix in UFF_SUFFIXES:
         return _read_uff(path, names, dataset, function_type)
-    if suffix in MATLAB_SUFFIXES:
-        return _read_matlab(path, names, variables)
+    if suffix in ARRAY_SUFFIXES:
+        return _read_arrays(path, names, variables)
+    if suffix in IDE_SUFFIXES:
+        return _read_ide(path, names, column)
     return _read_text(path, names, column, function_type)
 
 
@@ -204,15 +213,15 @@ def _counts_rows(table: TextTable, chosen: int | None) -> bool:
     return bool(np.all(np.diff(first) == 1.0)) and any(rise)
 
 
-def _check_seconds(path: Path, times: Vector) -> None:
+def _check_seconds(path: Path, times: Vector, where: str = "its first column") -> None:
     """Refuse times without a unit that lie too far apart for seconds (`SLOWEST_UNSTATED`)."""
     interval = float(np.nanmedian(np.diff(times)))
     if interval > (1.0 + 1e-6) * SLOWEST_UNSTATED:  # beyond the rounding of binary numbers
         raise SceneError(
-            f"{path} has a time every {interval:.6g} in its first column, without a unit; in "
+            f"{path} has a time every {interval:.6g} in {where}, without a unit; in "
             f"seconds the rate would be {1.0 / interval:.4g} Hz, in milliseconds "
-            f"{1e3 / interval:.6g} Hz; write the unit into the heading (time (s), time (ms)), or "
-            "take numbers of rows out and give fs"
+            f"{1e3 / interval:.6g} Hz; write the unit into the heading (time (s), time (ms)) or "
+            "name (time_s), or take numbers of rows out and give fs"
         )
 
 
@@ -249,8 +258,10 @@ def _label(label: str) -> Unit | None:
 
 
 def _read_uff(path: Path, names: Sequence[str], dataset: int | None, function_type: int) -> Columns:
-    functions = _uff_functions(path)
-    fitting = [n for n, entry in functions.items() if entry["func_type"] == function_type]
+    functions = {int(each.name): each for each in read_foreign(path, "UFF")}
+    if not functions:
+        raise SceneError(f"{path} holds no dataset 58 (a function at a node)")
+    fitting = [n for n, each in functions.items() if each.facts["type"] == function_type]
     if dataset is None:
         if len(fitting) != 1:
             kind = "a power spectral density" if function_type == SPECTRAL_DENSITY else "a record"
@@ -263,61 +274,88 @@ def _read_uff(path: Path, names: Sequence[str], dataset: int | None, function_ty
             [("dataset", f"must be one of {path}: {_listed_datasets(functions)}, got {dataset}")]
         )
     entry = functions[dataset]
-    x, y = np.asarray(entry["x"]), np.asarray(entry["data"])
-    if np.iscomplexobj(y):
+    if entry.facts["complex"]:
         raise SceneError(
             [("dataset", f"{dataset} of {path} is complex, expected the real column {names[-1]}")]
         )
-    label = str(entry.get("ordinate_axis_units_lab") or "")
+    # a character that is not UTF-8 is the raised 2 of an older encoding
+    label = entry.facts["unit"].replace("\ufffd", "²").strip()
+    known = _label(label)
     return Columns(
-        x=x.astype(float), y=y.astype(float), unit=_label(label),
-        stated_in=f"dataset {dataset} of {path}",
+        x=entry.x, y=entry.y, unit=known, stated_in=f"dataset {dataset} of {path}",
+        unread="" if known or label.upper() == "NONE" else label,
         remarks=[
-            (f"dataset {dataset} of {path}", str(entry.get(key) or ""))
-            for key in (*(f"id{n}" for n in range(1, 6)), "ordinate_axis_lab")
+            (f"dataset {dataset} of {path}", entry.facts[key])
+            for key in (*(f"id{n}" for n in range(1, 6)), "label")
         ],
     )  # fmt: skip
 
 
-def _uff_functions(path: Path) -> dict[int, Mapping[str, Any]]:
-    """The datasets 58 of a file by their numbers among all datasets, from 1."""
-    import pyuff
-
-    check_file(path, LARGEST_DATA_FILE)
-    try:
-        file = pyuff.UFF(str(path))
-        numbers = [n for n, kind in enumerate(file.get_set_types()) if int(kind) == 58]
-        found: dict[int, Mapping[str, Any]] = {n + 1: file.read_sets(n) for n in numbers}
-    except Exception:  # pyuff raises errors of many kinds when it parses
-        raise SceneError(f"{path} is not a UFF file that can be read") from None
-    if not found:
-        raise SceneError(f"{path} holds no dataset 58 (a function at a node)")
-    return found
-
-
-def _listed_datasets(functions: Mapping[int, Mapping[str, Any]]) -> str:
-    return "; ".join(
-        f"dataset = {number}: {str(entry.get('id1', '')).strip() or 'without a name'} "
-        f"(function type {entry['func_type']})"
-        for number, entry in functions.items()
+def _listed_datasets(functions: Mapping[int, Foreign]) -> str:
+    return _listed(
+        [
+            f"dataset = {number}: {each.facts['id1'].strip() or 'without a name'} "
+            f"(function type {each.facts['type']})"
+            for number, each in functions.items()
+        ]
     )
 
 
-# MATLAB -----------------------------------------------------------------------------------
+def _listed(entries: Sequence[str]) -> str:
+    more = f"; and {len(entries) - LISTED} more" if len(entries) > LISTED else ""
+    return "; ".join(entries[:LISTED]) + more
 
 
-def _read_matlab(path: Path, names: Sequence[str], variables: Sequence[str] | None) -> Columns:
-    arrays = _matlab_arrays(path)
+# Loggers ----------------------------------------------------------------------------------
+
+
+def _read_ide(path: Path, names: Sequence[str], column: int | str | None) -> Columns:
+    """A channel of acceleration of a recording of Mide's loggers, by the package idelib."""
+    if importlib.util.find_spec("idelib") is None:
+        raise SceneError(f"{path} needs the package idelib: pip install 'stochvi[ide]'")
+    channels = read_foreign(path, "IDE")
+    if not channels:
+        raise SceneError(f"{path} holds no channel of acceleration")
+    listed = _listed(
+        [f"{n} {each.name} of {each.facts['of']}" for n, each in enumerate(channels, start=1)]
+    )
+    chosen = [
+        each for number, each in enumerate(channels, start=1) if column in (None, number, each.name)
+    ]
+    if len(chosen) != 1:
+        raise SceneError(
+            [("column", f"must be one channel of {path}, by number or name: {listed}")]
+        )
+    (channel,) = chosen
+    return Columns(
+        x=channel.x, y=channel.y, unit=_label(channel.facts["unit"]),
+        stated_in=f"channel {channel.name} of {path}",
+        unread=channel.facts["unit"] if _label(channel.facts["unit"]) is None else "",
+    )  # fmt: skip
+
+
+# MATLAB and NumPy -------------------------------------------------------------------------
+
+
+def _read_arrays(path: Path, names: Sequence[str], variables: Sequence[str] | None) -> Columns:
+    if path.suffix.lower() == ".mat":
+        arrays = {each.name: each.y for each in read_foreign(path, "MATLAB")}
+    else:
+        arrays = read_numpy(path)
     example = ", ".join(f'"{name}"' for name in names)
     if variables is None:
-        choices = _matlab_choices(arrays, len(names))
+        choices = list(islice(_choices(arrays, len(names)), 2))
         if len(choices) != 1:
+            alone = next((name for name, array in arrays.items() if array.ndim == 1), None)
+            remedy = ""
+            if len(names) == 2 and not choices and alone is not None:
+                remedy = f'; for values without times give fs, and variables = ["{alone}"]'
             raise SceneError(
                 [
                     (
                         "variables",
                         f"must say which variables of {path} are [{example}]; it holds "
-                        f"{_listed_arrays(arrays)}",
+                        f"{_listed_arrays(arrays)}{remedy}",
                     )
                 ]
             )
@@ -353,69 +391,52 @@ def _read_matlab(path: Path, names: Sequence[str], variables: Sequence[str] | No
                 )
             ]
         )
-    return Columns(x=chosen[0] if len(chosen) == 2 else None, y=chosen[-1])
+    known = _unit_of(variables[-1])
+    if known is not None and known.quantity not in VALUES:
+        known = None
+    return Columns(
+        x=_over(path, names[0], variables[0], chosen[0]) if len(chosen) == 2 else None,
+        y=chosen[-1], unit=known, stated_in=f"the name {variables[-1]} in {path}",
+    )  # fmt: skip
 
 
-def _matlab_arrays(path: Path) -> dict[str, Vector]:
-    """Every real array of numbers by its name, vectors with one dimension; a field of a structure
-    has a name such as "run.acc"."""
-    from scipy.io import loadmat
-
-    check_file(path, LARGEST_DATA_FILE)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            content = loadmat(str(path), simplify_cells=True)
-    except NotImplementedError:
-        raise SceneError(f"{path} is of MATLAB 7.3; save it with the option -v7") from None
-    except Exception:  # scipy raises errors of many kinds when it parses
-        raise SceneError(f"{path} is not a MATLAB file that can be read") from None
-    return _numeric({name: value for name, value in content.items() if name[:2] != "__"})
+def _over(path: Path, quantity: str, name: str, values: Vector) -> Vector:
+    """Times or frequencies in SI units, by the unit in the name of their variable."""
+    known = _unit_of(name)
+    if known is not None and known.quantity == ("time" if quantity == "time" else "frequency"):
+        return known.to_si(values)
+    if quantity == "time":
+        _check_seconds(path, values, f"the variable {name}")
+    return values
 
 
-def _numeric(content: Mapping[str, Any]) -> dict[str, Vector]:
-    """The arrays of numbers among variables, and among fields of structures ("run.acc")."""
-    found: dict[str, Vector] = {}
-    for name, value in content.items():
-        if isinstance(value, Mapping):
-            found |= {f"{name}.{field}": array for field, array in _numeric(value).items()}
-            continue
-        try:
-            array = np.asarray(value)
-        except ValueError:  # cells of different sizes
-            continue
-        if array.dtype.kind in "fiu" and array.size > 1:
-            flat = array.ravel() if max(array.shape) == array.size else array
-            found[name] = flat.astype(float)
-    return found
+def _unit_of(name: str) -> Unit | None:
+    """The unit in the name of a variable, "acc_g" or "run.t_ms"."""
+    return unit_in(name.rsplit(".", 1)[-1])
 
 
-def _matlab_choices(arrays: Mapping[str, Vector], count: int) -> list[tuple[str, ...]]:
+def _choices(arrays: Mapping[str, Vector], count: int) -> Iterator[tuple[str, ...]]:
     """The variables that the columns may be: a matrix of two columns, or vectors of one length of
     which the first rises."""
     vectors = {name: array for name, array in arrays.items() if array.ndim == 1}
     if count == 1:
-        return [(name,) for name in vectors]
-    matrices: list[tuple[str, ...]] = [
-        (name,) for name, array in arrays.items() if array.ndim == 2 and 2 in array.shape
-    ]
-    pairs: list[tuple[str, ...]] = [
-        (one, two)
-        for one, first in vectors.items()
-        for two, second in vectors.items()
-        if one != two
-        and len(first) == len(second)
-        and np.all(np.diff(first) > 0.0)
-        and not np.all(np.diff(second) > 0.0)
-    ]
-    return matrices + pairs
+        yield from ((name,) for name in vectors)
+        return
+    yield from ((name,) for name, each in arrays.items() if each.ndim == 2 and 2 in each.shape)
+    rises = {name: bool(np.all(np.diff(array) > 0.0)) for name, array in vectors.items()}
+    for one in (name for name, rising in rises.items() if rising):
+        for two, rising in rises.items():
+            if not rising and len(vectors[one]) == len(vectors[two]):
+                yield one, two
 
 
 def _listed_arrays(arrays: Mapping[str, Vector]) -> str:
     return (
-        "; ".join(
-            f"{name} ({' x '.join(str(size) for size in array.shape)})"
-            for name, array in arrays.items()
+        _listed(
+            [
+                f"{name[:40]} ({' x '.join(str(size) for size in array.shape)})"
+                for name, array in arrays.items()
+            ]
         )
         or "no arrays of numbers"
     )

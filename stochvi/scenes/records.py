@@ -156,10 +156,10 @@ class Record:
         """
         total = 0.0
         for part in self.segments:
-            f = np.arange(min(math.ceil(below_hz * len(part) / self.fs), len(part) // 2))
-            lines = np.abs(np.fft.rfft(part)[: len(f)] / len(part)) ** 2
+            count = min(rounding.ceil(below_hz * len(part) / self.fs), len(part) // 2)
+            lines = np.abs(np.fft.rfft(part)[:count] / len(part)) ** 2
             lines[1:] *= 2.0
-            f = f * self.fs / len(part)
+            f = np.arange(count) * self.fs / len(part)
             total += len(part) * float(np.sum(lines * squared_gain(f, omega, damping_rate)))
         return total / len(self.values)
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from stochvi.mathematics.units import unit
 from stochvi.results.errors import SceneError
-from stochvi.scenes.readers import LARGEST_DATA_FILE, Columns
+from stochvi.scenes.foreign_files import LARGEST_DATA_FILE
+from stochvi.scenes.readers import Columns
 from stochvi.scenes.text_tables import decoded
 
 HEADING = ("of", "quantity", "frequency_hz", "value", "standard_error", "unit")
@@ -60,7 +61,10 @@ def read_response_spectrum(path: Path, of: str | None) -> EstimatedDensity:
               f"got {path.name} without its columns {', '.join(HEADING)}; column = chooses one of "
               "another table")]
         )  # fmt: skip
-    table = list(csv.DictReader(decoded(path, LARGEST_DATA_FILE).splitlines()))
+    try:
+        table = list(csv.DictReader(decoded(path, LARGEST_DATA_FILE).splitlines()))
+    except csv.Error as reason:
+        raise SceneError([("file", f"{path} cannot be read: {reason}; write it again")]) from None
     owners = list(dict.fromkeys(row["of"] for row in table if row["quantity"] == QUANTITY))
     if not owners:
         raise SceneError(

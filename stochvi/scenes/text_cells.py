@@ -46,7 +46,10 @@ def split_cells(line: str, delimiter: str | None) -> list[str]:
     """The cells of a line, without quotes and blanks around them."""
     if '"' in line:
         around = {"skipinitialspace": True, "delimiter": delimiter or " "}
-        return [cell.strip() for cell in next(csv.reader([line.strip()], **around))]  # type: ignore[arg-type]
+        try:
+            return [cell.strip() for cell in next(csv.reader([line.strip()], **around))]  # type: ignore[arg-type]
+        except csv.Error:  # a cell of more than 131,072 characters is no number
+            pass
     if delimiter is None:
         return line.split()
     return [cell.strip() for cell in line.split(delimiter)]

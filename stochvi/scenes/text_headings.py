@@ -111,12 +111,13 @@ def headings_above(
     found = []
     # lines of units come last, because the name of a column is not looked for there
     named = sorted(fitting, key=lambda each: not _holds_units(each[1]))
+    of_units = [all(map(_is_unit, filter(None, row))) for _, row in fitting]
     for place in range(count):
         stack = tuple(row[place] for _, row in named if row[place])
         unit_line = [
             (known, number)
-            for number, row in reversed(fitting)
-            if (known := unit_in(row[place], all(map(_is_unit, filter(None, row)))))
+            for (number, row), alone in zip(reversed(fitting), reversed(of_units), strict=True)
+            if (known := unit_in(row[place], alone))
         ]
         known, number = unit_line[0] if unit_line else (None, 0)
         found.append(Heading(cells=stack, unit=known, line=number))

@@ -13,6 +13,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,9 @@ DAY = 86_400.0
 
 VALUES = (*DENSITIES, "acceleration", "force")
 """Quantities of what is read over frequency or time."""
+
+MOST_COLUMNS = 10_000
+"""Largest number of columns of a table; a logger has some hundred channels."""
 
 COLUMNS_LISTED = 20
 """Number of columns that a sentence lists."""
@@ -194,7 +198,11 @@ class TextTable:
 
     def is_stamp(self, place: int) -> bool:
         """Whether a column holds dates with times of day."""
-        return bool(STAMP.fullmatch(split_cells(self.lines[0][1], self.delimiter)[place]))
+        return bool(STAMP.fullmatch(self._first_cells[place]))
+
+    @cached_property
+    def _first_cells(self) -> list[str]:
+        return split_cells(self.lines[0][1], self.delimiter)
 
     def columns(self, *places: int) -> list[Vector]:
         """The numbers of some columns, NaN where one is missing; of time stamps, s after the first.
@@ -379,6 +387,11 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
     ]
     content = [(number, plain) for number, line in lines if (plain := _uncommented(line))]
     delimiter, count, full = _layout([line for _, line in content[:SAMPLE]], needed)
+    if count > MOST_COLUMNS:
+        raise SceneError(
+            f"{path} must have at most {MOST_COLUMNS} columns, got {count}; write those alone that "
+            "are needed"
+        )
     begin = 0
     for number, line in content if count else ():
         cells = split_cells(line, delimiter)

@@ -50,13 +50,13 @@ def gaussian(
 
 
 def scene_of(folder: Path, values: Vector, natural: float = 12.0, zeta: float = 0.1) -> Scene:
-    file = folder / "record.mat"
-    savemat(file, {"a": values})
+    file = folder / "record.npy"
+    np.save(file, values)
     stops = ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.5))
     return Scene(
         structure=Isolator(frequency_hz=natural, zeta=zeta, mass=1.0),
         impact_pairs=[stops],
-        excitations=[RecordedNoise(file=str(file), variables=("a",), unit="g", fs=FS)],
+        excitations=[RecordedNoise(file=str(file), unit="g", fs=FS)],
     )
 
 

@@ -95,7 +95,9 @@ def test_a_matlab_file_that_leaves_a_choice_is_answered_with_what_it_holds(tmp_p
 
 def test_keys_for_one_kind_of_file_are_refused_for_another(tmp_path: Path) -> None:
     (tmp_path / "run.csv").write_text("1,2\n3,4\n")
-    with pytest.raises(SceneError, match=r"variables is for MATLAB files \(.mat\), got run.csv"):
+    with pytest.raises(
+        SceneError, match=r"variables is for MATLAB and NumPy files \(.mat, .npz\), got run"
+    ):
         read_columns(tmp_path / "run.csv", NAMES, variables=["f", "G"])
     with pytest.raises(SceneError, match=r"dataset is for UFF files .* got run.csv"):
         read_columns(tmp_path / "run.csv", NAMES, dataset=1)

@@ -476,7 +476,7 @@ def test_a_name_is_the_problem_though_a_program_is_called_the_same(
     (tmp_path / "linear").write_bytes(b"\x7fELF\x80")
     (tmp_path / "mine.csv").write_text(GOOD, encoding="utf-8")
     assert stochvi("judge", "mine.csv", "--problem", "linear").code == 0
-    assert "not JSON" in refused(stochvi("judge", "mine.csv", "--problem", "./linear"))
+    assert "linear is not text" in refused(stochvi("judge", "mine.csv", "--problem", "./linear"))
 
 
 def test_a_problem_that_is_not_there_is_refused(stochvi: Run, tmp_path: Path) -> None:

@@ -309,6 +309,11 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
             [("file", f"{columns.stated_in} says {stated.name!r}, expected the unit of an "
               f"{' or a '.join(quantities)} ({listed_units(*quantities)})")]
         )  # fmt: skip
+    if stated is None and name is None and columns.unread and columns.lines is None:
+        raise SceneError(
+            [("unit", f"must be one of {listed_units(*quantities)}, but {columns.stated_in} says "
+              f"{columns.unread!r}; choose another one, or give unit if that text is wrong")]
+        )  # fmt: skip
     if stated is None and name is None:
         wanted = f"needs unit, one of {listed_units(*quantities)}, got none"
         raise ValueError(wanted + _unread_heading(columns, quantities))
@@ -318,11 +323,14 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
 def unread_unit(columns: Columns, taken: Unit) -> tuple[str, ...]:
     """A sentence on a text above the values that looks like a unit but is not a known one, and was
     therefore not compared with the unit of the scene."""
-    if not re.search(r"[/^²]", columns.unread):
+    if not columns.unread or (
+        columns.lines is not None and not re.search(r"[/^²]", columns.unread)
+    ):
         return ()
+    where = "above the values" if columns.lines is not None else f"in {columns.stated_in}"
     return (
-        f"the text {columns.unread!r} above the values is not a known unit; the values were taken "
-        f"to be in {taken.name}, as the scene states",
+        f"the text {columns.unread!r} {where} is not a known unit; the values were taken to be in "
+        f"{taken.name}, as the scene states",
     )
 
 

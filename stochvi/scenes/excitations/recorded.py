@@ -49,19 +49,19 @@ class RecordedNoise(DensityNoise):
     ----------
     file
         Text with a time (s, or ISO 8601 stamps) and a value in each line, or with a value alone
-        and `fs` given; a UFF file with a dataset 58 (`dataset` says which), or a MATLAB file
-        (`variables`).
+        and `fs` given; a UFF file with a dataset 58 (`dataset` says which), a MATLAB or NumPy file
+        (`variables`), or a logger's recording (.ide, `column`, with the package idelib).
     unit
         Of the values: "g", "m/s2" or "N"; may be left out where the file states it.
     fs
         Sampling rate, Hz; needed where there are no times, and compared with them where there are.
     column
-        Name or number, from 1, of the column of values, where a text file has several.
+        Name or number, from 1, of the column or channel of values, where a file has several.
     gaps
         What to do with missing values and missing samples: "refuse" them, or "split" the record
         there into segments, whose statistics are pooled and never bridge a gap.
     variables
-        Names of the vectors of a MATLAB file, if several fit.
+        Names of the vectors of a MATLAB or NumPy file, if several fit.
     dataset
         Number of the dataset of a UFF file, from 1, if several fit.
     band_hz

@@ -37,7 +37,7 @@ class TabulatedNoise(DensityNoise):
     profile
         Name of a table that ships (`stochvi profiles`), in g^2/Hz.
     file
-        A text file, a UFF file with a dataset 58, or a MATLAB file. It may also be the
+        A text file, a UFF file with a dataset 58, or a MATLAB or NumPy file. It may also be the
         `spectrum.csv` that `stochvi spectrum --out` wrote for another scene.
     column
         Name of the column of densities in a text file, or its number from 1, if there are more than
@@ -45,7 +45,8 @@ class TabulatedNoise(DensityNoise):
     of
         For a `spectrum.csv`: the coordinate of the other scene whose absolute acceleration is used.
     variables
-        Names of the two vectors of a MATLAB file, or of its matrix of two columns, if several fit.
+        Names of the two vectors of a MATLAB or NumPy file, or of its matrix of two columns, if
+        several fit.
     dataset
         Number of the dataset of a UFF file, from 1, if several fit.
     frequency_hz

@@ -26,6 +26,7 @@ from stochvi.scenes.excitations import (
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
+from stochvi.scenes.text_tables import read_text
 from stochvi.scenes.validation import Checked, Column, Count, Matrix, NonNegative, Number, Positive
 from stochvi.verification.testing.problems import Problem
 from stochvi.verification.testing.samples import AVERAGES, FEWEST_PATHS, returnable, split
@@ -295,8 +296,8 @@ def read_problem(path: str | Path) -> Problem:
     0.2
     """
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8-sig"))
-    except (UnicodeDecodeError, json.JSONDecodeError) as error:
+        document = json.loads(read_text(Path(path)))
+    except (json.JSONDecodeError, RecursionError) as error:
         raise SceneError(
             f"{path} is not JSON ({error}); a problem file is what `stochvi problems --out` writes"
         ) from None

@@ -7,7 +7,7 @@ import csv
 import difflib
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from stochvi.mathematics.arguments import checked
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
+from stochvi.scenes.text_tables import check_file, read_text
 from stochvi.verification.testing.documents import read_problem
 from stochvi.verification.testing.judging import Judgement, judge_returned
 from stochvi.verification.testing.known_answers import known_answers
@@ -40,6 +41,9 @@ if TYPE_CHECKING:
 STATISTICS, PER_PATH, RECORDS = "statistics", "averages", "records"
 FORMATS = (STATISTICS, PER_PATH, RECORDS)
 """The forms of a file: a row for each quantity, for each path, or for each time of each path."""
+
+LARGEST_SHEET = 2_000_000_000
+"""Largest size of a file of records, bytes: 10,000 paths of 1,000 samples take 500 million."""
 
 SHORT_NAMES = {"x": "displacement", "v": "velocity"}
 """Short names that columns of records may have, with the names for which they stand."""
@@ -202,6 +206,7 @@ def judge_sheet(
 
 def read_sheet(path: str | Path) -> Sheet:
     """The table of a text file; empty lines and lines that begin with # are left out."""
+    check_file(Path(path), LARGEST_SHEET)
     try:
         with Path(path).open(encoding="utf-8-sig") as file:
             place, first = next(
@@ -211,7 +216,7 @@ def read_sheet(path: str | Path) -> Sheet:
     except UnicodeDecodeError:
         raise ValueError(f"{path} is not text in UTF-8; write it as a CSV file") from None
     separator = max(";\t,", key=first.count)
-    header = tuple(name.strip() for name in next(csv.reader([first], delimiter=separator), []))
+    header = tuple(name.strip() for name in next(_rows(path, [first], separator), []))
     twice = [name for number, name in enumerate(header) if name in header[:number]]
     if twice:
         raise ValueError(f"{path}, header: the column {twice[0]!r} stands there twice")
@@ -219,6 +224,14 @@ def read_sheet(path: str | Path) -> Sheet:
     if cells is not None and len(cells) and cells.shape[1] == len(header):
         return Sheet(str(path), header, cells, range(place + 1, place + 1 + len(cells)))
     return _texts(path, separator, header)
+
+
+def _rows(path: str | Path, lines: Sequence[str], separator: str) -> Iterator[list[str]]:
+    """The cells of each line."""
+    try:
+        yield from csv.reader(lines, delimiter=separator)
+    except csv.Error as error:
+        raise ValueError(f"{path} is not a table of numbers: {error}; write it again") from None
 
 
 def _holds(line: str) -> bool:
@@ -242,11 +255,11 @@ def _all_numbers(path: str | Path, separator: str, header: int) -> NDArray[np.fl
 
 def _texts(path: str | Path, separator: str, header: tuple[str, ...]) -> Sheet:
     """The table as texts, so that a cell that is wrong can be named."""
-    lines = Path(path).read_text(encoding="utf-8-sig").splitlines()
+    lines = read_text(Path(path), LARGEST_SHEET).splitlines()
     kept = [(number, line) for number, line in enumerate(lines, start=1) if _holds(line)][1:]
     if not kept:
         raise ValueError(f"{path} must hold a header and at least one row below it, got none")
-    cells = list(csv.reader((line for _, line in kept), delimiter=separator))
+    cells = list(_rows(path, [line for _, line in kept], separator))
     if separator != ",":
         cells = [[cell.replace(",", ".") for cell in row] for row in cells]  # decimal commas
     for (number, _), row in zip(kept, cells, strict=True):

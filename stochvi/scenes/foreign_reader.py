@@ -1,0 +1,163 @@
+"""A program that reads one binary file of another program and writes its arrays to standard output.
+
+`foreign_files.py` starts it: a damaged file may crash a library that reads it, or fill the memory,
+and takes down nothing but this. It imports nothing of stochvi, which would take longer than most
+files. First comes a line of JSON, an error or the arrays with their names, then their numbers.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, BinaryIO
+
+MOST_BYTES = 4_000_000_000
+"""Largest address space, bytes."""
+
+MOST_SECONDS = 60
+"""Largest processor time, s: a file of 200 MB takes some seconds."""
+
+MOST_NUMBERS = 100_000_000
+"""Largest count of numbers in all arrays together, 800 MB."""
+
+REAL = "fiu"
+"""Kinds of the data types of numpy that hold real numbers."""
+
+
+def main(kind: str, path: str, modules: str) -> None:
+    """Read a file of a kind, with modules from the folders that a list in JSON names."""
+    output = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # what a library prints is no answer
+    limit()
+    sys.path[:] = json.loads(modules)
+    warnings.simplefilter("ignore")
+    try:
+        arrays = list(within_limit(READERS[kind](path)))
+    except MemoryError:
+        answer: dict[str, Any] = {"error": "memory"}
+    except NotImplementedError:
+        answer = {"error": "version"}
+    except Exception as error:  # libraries raise errors of many kinds when they parse
+        answer = {"error": "unreadable", "text": type(error).__name__}
+    else:
+        write(output, arrays)
+        return
+    output.write(json.dumps(answer).encode() + b"\n")
+    output.close()
+
+
+def limit() -> None:
+    """Limit memory and time, where the system can."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    for what, most in (
+        (resource.RLIMIT_AS, MOST_BYTES), (resource.RLIMIT_CPU, MOST_SECONDS),
+        (resource.RLIMIT_CORE, 0), (resource.RLIMIT_FSIZE, 0),
+    ):  # fmt: skip
+        try:
+            resource.setrlimit(what, (most, most))
+        except (OSError, ValueError):  # a lower limit holds already
+            continue
+
+
+def within_limit(arrays: Iterator[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    """The arrays, as long as they hold no more than `MOST_NUMBERS` together."""
+    count = 0
+    for each in arrays:
+        count += sum(each[axis].size for axis in ("x", "y") if each[axis] is not None)
+        if count > MOST_NUMBERS:
+            raise MemoryError
+        yield each
+
+
+def write(output: BinaryIO, arrays: list[dict[str, Any]]) -> None:
+    """Write facts and sizes of arrays as JSON, and their numbers after it."""
+    facts = [
+        each | {axis: None if each[axis] is None else each[axis].shape for axis in ("x", "y")}
+        for each in arrays
+    ]
+    output.write(json.dumps({"arrays": facts}).encode() + b"\n")
+    for each in arrays:
+        for axis in ("x", "y"):
+            if each[axis] is not None:
+                output.write(each[axis].astype("<f8").tobytes())
+    output.close()
+
+
+def matlab(path: str) -> Iterator[dict[str, Any]]:
+    """Real arrays of numbers, vectors with one dimension; a field of a structure has a name such as
+    "run.acc"."""
+    from scipy.io import loadmat
+
+    content = loadmat(path, simplify_cells=True)
+    yield from numeric({name: value for name, value in content.items() if name[:2] != "__"})
+
+
+def numeric(content: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """The arrays of numbers among variables, and among fields of structures."""
+    import numpy as np
+
+    for name, value in content.items():
+        if isinstance(value, Mapping):
+            yield from numeric({f"{name}.{field}": inner for field, inner in value.items()})
+            continue
+        try:
+            array = np.asarray(value)
+        except ValueError:  # cells of different sizes
+            continue
+        if array.dtype.kind in REAL and array.size > 1:
+            flat = array.ravel() if max(array.shape) == array.size else array
+            yield {"name": name, "x": None, "y": flat.astype(float)}
+
+
+def uff(path: str) -> Iterator[dict[str, Any]]:
+    """The datasets 58, named by their numbers among all datasets, from 1."""
+    import numpy as np
+    import pyuff
+
+    file = pyuff.UFF(path)
+    for number, kind in enumerate(file.get_set_types()):
+        if int(kind) != 58:
+            continue
+        entry = file.read_sets(number)
+        y = np.asarray(entry["data"])
+        turned = bool(np.iscomplexobj(y) and np.any(y.imag))
+        facts = {key: str(entry.get(key) or "") for key in (*(f"id{n}" for n in range(1, 6)),)}
+        yield {
+            "name": str(number + 1), "type": int(entry["func_type"]), "complex": turned, **facts,
+            "label": str(entry.get("ordinate_axis_lab") or ""),
+            "unit": str(entry.get("ordinate_axis_units_lab") or ""),
+            "x": np.asarray(entry["x"]).real.astype(float), "y": y.real.astype(float),
+        }  # fmt: skip
+
+
+def ide(path: str) -> Iterator[dict[str, Any]]:
+    """The channels of acceleration of a logger, with their times in seconds."""
+    import idelib
+
+    with idelib.importFile(path) as recording:
+        for channel in recording.channels.values():
+            for each in channel.subchannels or ():
+                if each.units[0] != "Acceleration":
+                    continue
+                times, values = each.getSession().arraySlice()
+                yield {
+                    "name": str(each.name), "of": str(channel.name), "unit": str(each.units[1]),
+                    "x": 1e-6 * times, "y": values,
+                }  # fmt: skip
+
+
+READERS: dict[str, Callable[[str], Iterator[dict[str, Any]]]] = {
+    "MATLAB": matlab,
+    "UFF": uff,
+    "IDE": ide,
+}
+"""Name of a format -> its reader."""
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
