@@ -145,7 +145,9 @@ def argument_checker(function: Callable[..., Any]) -> Callable[..., inspect.Boun
         given = bound.arguments
         for name, (raise_if_wrong, optional) in checks.items():
             if name in given and not (optional and given[name] is None):
-                raise_if_wrong(name, given[name])
+                several = signature.parameters[name].kind is inspect.Parameter.VAR_POSITIONAL
+                for each in given[name] if several else (given[name],):
+                    raise_if_wrong(name, each)
                 if isinstance(given[name], int) and abs(given[name]) >= LARGEST_WHOLE:
                     given[name] = float(given[name])
         return bound
