@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ def write_pages(app: Sphinx) -> None:
     folder.mkdir(exist_ok=True)
     pages = dict(api_pages()) | {
         "scene-file.md": scene_file_page(), "coverage.md": coverage_page(),
+        "judges.md": judges_page(Path(app.srcdir) / "judges.toml"),
     }  # fmt: skip
     pages |= study_pages()
     for name, text in pages.items():
@@ -216,6 +218,48 @@ METHODS: dict[str, Callable[[Any, Any], list[str]]] = {
     "screen": lambda scene, model: refusal(lambda: stochvi.screen(scene)),
 }
 """What each method says of a scene: the conditions that it does not meet."""
+
+
+def judges_page(source: Path) -> str:
+    """Every quantity of every answer, and the tests and studies that hold it against something that
+    is known from elsewhere."""
+    table = tomllib.loads(source.read_text(encoding="utf-8"))
+    text = [
+        "# Who judges each number",
+        "",
+        "Every quantity in the documents of answers, by the class that holds it "
+        "([API](../reference/api.md)), with the tests and studies that hold it against something "
+        "that shares no code with it: a closed form, another method, a plain integration, brute "
+        "force. A quantity that is missing here, and a test that is not there, fail "
+        "`tests/verification/test_judges.py`.",
+        "",
+        "| answer or part | quantities | judged by |",
+        "|---|---|---|",
+    ]  # fmt: skip
+    for name, rows in table["judged"].items():
+        for number, (keys, judges) in enumerate(rows.items()):
+            words = ", ".join(f"`{key}`" for key in keys.split())
+            named = ", ".join(map(_judge_in_words, judges))
+            text.append(f"| {'' if number else f'`{name}`'} | {words} | {named} |")
+    for group, title in (
+        ("asked", "What the question or the scene says, repeated"),
+        ("work", "Time and work on the machine, counted or measured"),
+    ):
+        text += ["", f"## {title}", "", "| answer or part | quantities |", "|---|---|"]
+        for name, keys in table[group].items():
+            text.append(f"| `{name}` | {', '.join(f'`{key}`' for key in keys.split())} |")
+    return "\n".join(text) + "\n"
+
+
+def _judge_in_words(judge: str) -> str:
+    """A test in words with its file, or the link to a study."""
+    if judge.startswith("study "):
+        number = judge.removeprefix("study ")
+        (folder,) = STUDIES.glob(f"{number}_*")
+        return f"[{judge}](studies/{folder.name}.md)"
+    file, _, name = judge.partition("::")
+    room, _, stem = file.rpartition("/")
+    return f"{name.replace('_', ' ')} (`{room}/test_{stem}.py`)"
 
 
 def refusal(run: Callable[[], Any]) -> list[str]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from numba import njit
 
 from stochvi import (
     Absorber,
@@ -33,6 +34,7 @@ from stochvi import (
 from stochvi.absorbers import design, design_absorber, performance
 from stochvi.absorbers.design import GRID, _best_box, alone
 from stochvi.absorbers.performance import (
+    PEAK_PERIODS,
     _absorbed,
     _mean_peak,
     _play_curve,
@@ -717,3 +719,100 @@ def test_the_command_tells_the_verdict_first(tmp_path) -> None:
     assert "Tuned damper of the same mass" in page
     result = runner.invoke(main, ["absorber", str(file), "--levels", "a"])
     assert result.exit_code == 2 and "--levels must be numbers" in result.output
+
+
+def test_what_a_box_does_is_what_a_plain_integration_does() -> None:
+    """A rubber box, by small steps of the equations of motion of both masses in white noise."""
+    stiffness, ratio, mass, play = 20.0, 0.3, 0.1, 3.0
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        absorber=Absorber(
+            mass=mass, play=play, law=Viscoelastic(stiffness=stiffness, damping_ratio=ratio)
+        ),
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+    found = absorber(scene, levels_db=[0.0], rel_error=0.02, seed=1).performances[0]
+    reduced = mass / (1.0 + mass)
+    damper = 2.0 * ratio * math.sqrt(stiffness * reduced)
+    own_period = 2.0 * math.pi * found.displacement_std.value / found.velocity_std.value
+    threshold = found.response.impact_pairs["box"].speed_threshold
+    # windows are as long as PEAK_PERIODS periods of the structure without its box
+    steps, windows, h = int(PEAK_PERIODS * 2.0 * math.pi / 2e-3), 96, 2e-3
+    box = _plain_box(
+        np.random.default_rng(3), windows, steps, h, mass, 0.5 * play, stiffness, damper, threshold
+    )
+    free = _plain_box(
+        np.random.default_rng(4), windows, steps, h, mass, 1e9, stiffness, damper, threshold
+    )
+
+    def agrees(estimate: Estimate, samples: np.ndarray, wrong: float) -> None:
+        mean, own = float(samples.mean()), float(samples.std(ddof=1)) / math.sqrt(len(samples))
+        # the step leaves either side some per mille, the windows of a path hang together
+        whole = replace(
+            estimate, standard_error=math.hypot(estimate.standard_error, 1.5 * own),
+            bias=(estimate.bias or 0.0) + 0.01 * mean,
+        )  # fmt: skip
+        assert_agrees(whole, mean)
+        with pytest.raises(AssertionError):
+            assert_agrees(whole, wrong * mean)
+
+    time = steps * h
+    peak, square, speeds, counts, impulse, pushed, highest, contacts, fast = box.T
+    agrees(found.displacement_std, np.sqrt(square), 1.5)
+    agrees(found.velocity_std, np.sqrt(speeds), 1.5)
+    agrees(found.peak_factor, peak / np.sqrt(square.mean()), 1.3)
+    agrees(found.impacts_per_period, counts / time * own_period, 1.5)
+    agrees(found.wall_force, pushed / time, 1.5)
+    assert found.impulse is not None and found.wall_force_largest is not None
+    assert found.wall_force_peak is not None and found.wall_acceleration_largest is not None
+    agrees(found.peak_factor_without, free[:, 0], 1.3)
+    assert found.displacement_std_without == pytest.approx(1.0, rel=1e-9)
+    # each contact is taken for that of a free mass: brief against the period, not instantaneous
+    assert found.wall_force_largest.value == pytest.approx(highest.mean(), rel=0.15)
+    assert found.wall_acceleration_largest.value == pytest.approx(highest.mean(), rel=0.15)
+    assert found.wall_force_peak.value == pytest.approx(contacts.mean(), rel=0.25)
+    assert found.impulse.value == pytest.approx(impulse.sum() / fast.sum(), rel=0.25)
+
+
+@njit
+def _plain_box(random, windows, steps, h, mass, half, k, c, threshold):  # type: ignore[no-untyped-def]
+    """Of each window: largest |x|, mean squares of x and v, fast impacts, the impulse of their
+    contacts, integral of |force|, largest force, mean of the peaks of contacts, fast contacts."""
+    x = v = y = u = 0.0
+    kick = np.sqrt(0.2 * h)
+    rows = np.zeros((windows, 9))
+    peak = began = 0.0
+    total = 0.0
+    for n in range(-10, windows):
+        heights, held = 0.0, 0
+        for _ in range(steps if n >= 0 else 5000):
+            gap, rate = y - x, u - v
+            side = 1.0 if gap > 0.0 else -1.0
+            depth = abs(gap) - half
+            force = side * max(k * depth + c * side * rate, 0.0) if depth > 0.0 else 0.0
+            v += h * (-x - 0.1 * v + force) + kick * random.standard_normal()
+            u -= h * force / mass
+            x += h * v
+            y += h * u
+            after = abs(y - x) - half
+            row = rows[max(n, 0)]
+            if depth <= 0.0 < after:
+                began, peak, total = abs(u - v), 0.0, 0.0
+            peak, total = max(peak, abs(force)), total + h * abs(force)
+            if n < 0:
+                continue
+            if after <= 0.0 < depth:
+                heights += peak
+                held += 1
+                if began > threshold:
+                    row[3] += 1.0
+                    row[4] += total
+                    row[8] += 1.0
+            row[0] = max(row[0], abs(x))
+            row[1] += x * x / steps
+            row[2] += v * v / steps
+            row[5] += h * abs(force)
+            row[6] = max(row[6], abs(force))
+        if n >= 0:
+            rows[n, 7] = heights / max(held, 1)
+    return rows

@@ -17,7 +17,7 @@ from stochvi import (
     WhiteNoise,
     screen,
 )
-from stochvi.isolators import clearance_curve
+from stochvi.isolators import clearance_curve, size
 from stochvi.isolators.screening import (
     clearance_notes,
     predicted_curve,
@@ -128,3 +128,41 @@ def test_a_load_that_moves_the_mass_further_than_a_gap_is_noted() -> None:
     assert "+2.484 mm, more than the gap of 2.236 mm" in note
     assert clearance_notes(loaded, linear, [1.1 * sag]) == linear.notes
     assert clearance_notes(scene, screen(scene), [0.9 * sag]) == screen(scene).notes
+
+
+def test_numbers_of_a_screening_are_sums_over_frequency() -> None:
+    """A table by plain sums over many frequencies; Miles' formula at the resonance; gravity."""
+    hertz, zeta, psd = 12.0, 0.1, [0.01, 0.04, 0.002]
+    table = TabulatedNoise(frequency_hz=[5.0, 20.0, 200.0], density=psd, unit="g2/Hz")
+    mount = Isolator(mass=1.0, stiffness=(2.0 * np.pi * hertz) ** 2,
+                     damping=4.0 * np.pi * zeta * hertz, gravity=True)  # fmt: skip
+    stops = ImpactPair(lower=-8e-3, upper=5e-3, law=Restitution(coefficient=0.5))
+    scene = Scene(structure=mount, impact_pairs=[stops], excitations=[table])
+    found = screen(scene)
+    f = np.geomspace(5.0, 200.0, 400_001)
+    density = np.exp(np.interp(np.log(f), np.log([5.0, 20.0, 200.0]), np.log(psd))) * 9.80665**2
+    w, omega = 2.0 * np.pi * f, 2.0 * np.pi * hertz
+    gain = np.abs(1.0 / (omega**2 - w**2 + 2j * zeta * omega * w)) ** 2
+    felt = omega**4 + (2.0 * zeta * omega * w) ** 2
+
+    def root(part: np.ndarray) -> float:
+        return math.sqrt(np.trapezoid(part * density, f))
+
+    assert found.displacement_std == pytest.approx(root(gain), rel=1e-6)
+    assert found.velocity_std == pytest.approx(root(gain * w**2), rel=1e-6)
+    assert found.acceleration_std == pytest.approx(root(gain * felt), rel=1e-6)
+    assert found.input_acceleration_std == pytest.approx(root(np.ones_like(f)), rel=1e-6)
+    crossings = root(gain * w**2) / root(gain) / (2.0 * math.pi)
+    assert found.zero_crossing_rate == pytest.approx(crossings, rel=1e-6)
+    there = float(np.interp(hertz, f, density))
+    assert found.miles == pytest.approx(
+        math.sqrt(0.5 * np.pi * hertz / (2.0 * zeta) * there), rel=1e-5
+    )
+    sized = size(scene, probability=0.5, mission=10.0, rel_error=0.3, seed=1)
+    sag = 9.80665 / omega**2
+    assert sized.sigma == pytest.approx(root(gain), rel=1e-6)
+    gap = sized.to_dict()["gap"]
+    assert gap["mean_position"] == pytest.approx(-sag, rel=1e-9)
+    assert sorted(gap["distances"].values()) == pytest.approx(
+        sorted((8e-3 - sag, 5e-3 + sag)), rel=1e-9
+    )

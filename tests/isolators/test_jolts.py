@@ -246,3 +246,14 @@ def test_the_command_tells_boundary_capture_and_escape(tmp_path) -> None:
     document = json.loads(CliRunner().invoke(main, [*arguments, "--json", "-"]).stdout)
     assert document["energy_boundary"] == pytest.approx(4.4944e-4, rel=1e-4)
     assert [row["jolt"] for row in document["jolts"]] == [0.0, 0.3]
+
+
+def test_boundaries_and_the_free_amplitude_are_those_of_the_motion() -> None:
+    """The amplitude of the motion without stops is a frequency response; B 9.15 is the boundary of
+    the harmonic linearisation."""
+    document = jolts(mount(0.8 * BOUNDARY), [0.0], paths=2).to_dict()
+    gain = 1.0 / (OMEGA**2 - DRIVE**2 + 1j * DAMPING * DRIVE)
+    assert document["free_amplitude"] == pytest.approx(AMPLITUDE * abs(gain), rel=1e-9)
+    assert document["energy_boundary"] == pytest.approx(BOUNDARY, rel=5e-5)
+    harmonic = AMPLITUDE / ((DAMPING + (1.0 - 0.5**2) * DRIVE / math.pi) * DRIVE)
+    assert document["harmonic_boundary"] == pytest.approx(harmonic, rel=1e-9)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -315,3 +316,37 @@ def test_the_memory_of_a_response_is_the_integral_over_its_autocorrelation() -> 
     t, swing = np.linspace(0.0, 5.0, 200_001), np.sqrt(omega**2 - b**2 / 4.0)
     rho = np.exp(-b * t / 2.0) * (np.cos(swing * t) + b / (2.0 * swing) * np.sin(swing * t))
     assert law.memory == pytest.approx(2.0 * np.trapezoid(rho**4, t), rel=1e-2)
+
+
+def test_peaks_and_kurtoses_of_gaussian_records_scatter_as_stated(tmp_path: Path) -> None:
+    """Motions of one mount in many Gaussian records, by Fourier transforms of white noise."""
+    rate, seconds, hertz, zeta = 400.0, 40.0, 12.0, 0.05
+    count, random = int(rate * seconds), np.random.default_rng(3)
+    file = tmp_path / "record.txt"
+    np.savetxt(file, random.normal(size=count))
+    noise = RecordedNoise(file=str(file), unit="m/s2", fs=rate)
+    found = record_verdict(
+        Scene(structure=Isolator(frequency_hz=hertz, zeta=zeta), excitations=[noise])
+    )
+    assert found is not None
+    omega = 2.0 * np.pi * hertz
+    w = 2.0 * np.pi * np.fft.rfftfreq(2 * count, 1.0 / rate)
+    gain = 1.0 / (omega**2 - w**2 + 2j * zeta * omega * w)
+    peaks, kurtoses = [], []
+    for _ in range(400):
+        shaken = np.fft.rfft(random.normal(size=2 * count))
+        x = np.fft.irfft(gain * shaken)[count:]
+        x = (x - x.mean()) / x.std()
+        peaks.append(np.abs(x).max())
+        kurtoses.append(np.mean(x**4))
+    scatter = float(np.std(peaks)) * 1.25 / math.sqrt(400.0)  # standard error of a median
+    assert found.expected_peak_in_sigma == pytest.approx(np.median(peaks), abs=4.5 * scatter + 0.05)
+    error = float(np.std(kurtoses)) / math.sqrt(800.0)
+    assert found.kurtosis_error == pytest.approx(np.std(kurtoses), abs=4.5 * error, rel=0.1)
+    own = np.fft.irfft(gain * np.fft.rfft(np.loadtxt(file), 2 * count))[:count]
+    own = own[int(0.25 * rate) :]  # the start, in which the motion of rest dies out
+    assert found.peak_in_sigma == pytest.approx(
+        np.abs(own - own.mean()).max() / own.std(), rel=0.02
+    )
+    for each in found.crossings:
+        assert each.level == pytest.approx(each.in_sigma * found.displacement_std, rel=0.02)

@@ -257,6 +257,11 @@ def test_each_coordinate_and_pair_has_the_numbers_of_the_tables() -> None:
     moved, hit = found.coordinates["x"], found.impact_pairs["stops"]
     x, speeds = found.samples["displacement_m"], found.impacts["speed_m_s"]
     assert (moved.displacement_min, moved.displacement_max) == (x.min(), x.max())
+    assert moved.displacement_mean == pytest.approx(float(np.mean(x)), rel=1e-12)
+    assert moved.displacement_std == pytest.approx(float(np.std(x)), rel=1e-9)
+    assert moved.velocity_std == pytest.approx(
+        float(np.std(found.samples["velocity_m_s"])), rel=1e-9
+    )
     assert (hit.hits, hit.hits_upper, hit.hits_lower) == (len(speeds), len(speeds), None)
     assert hit.impact_speed_max == speeds.max() > 0.0
     # white noise on a mass leaves no acceleration, and the pair has no lower stop
@@ -264,3 +269,6 @@ def test_each_coordinate_and_pair_has_the_numbers_of_the_tables() -> None:
     assert list(hit) == ["hits", "hits_upper", "impact_speed_max"]
     shaken = history(boxed(SHAKEN), duration=0.5).coordinates["x"]
     assert shaken["acceleration_max"] == shaken.acceleration_max > 0.0
+    felt = history(boxed(SHAKEN), duration=0.5).samples["acceleration_m_s2"]
+    assert shaken.acceleration_max == np.abs(felt).max()
+    assert shaken.acceleration_std == pytest.approx(float(np.std(felt)), rel=1e-9)

@@ -10,7 +10,7 @@ from scipy.stats import chi2, kstest
 
 from stochvi.mathematics.impact_rates import corner_exponent
 from stochvi.methods.closed_form import exact
-from stochvi.methods.fokker_planck import first_passage
+from stochvi.methods.fokker_planck import first_passage, fokker_planck
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog, plan_impacts
 from stochvi.methods.monte_carlo.kernels import flight
@@ -575,3 +575,23 @@ def test_the_energy_is_per_kilogram_where_no_mass_is_given(elastic) -> None:
     assert units["energy lost per impact"] == "J/kg"
     assert any("energies depend on" in each for each in found.assumptions)
     assert elastic.pairs["stops"].energy_unit == "J"
+
+
+def test_a_blow_has_the_energy_of_the_equation() -> None:
+    """Energies per impact from F2 over the rate of the Fokker-Planck equation, for 2 kg."""
+    pair = ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.6))
+    shaken = Scene(
+        structure=Oscillator(mass=2.0, damping=0.2, stiffness=2.0),
+        impact_pairs=[pair],
+        excitations=[WhiteNoise(intensity=0.8)],
+    )
+    found = impacts(shaken, paths=512, speed_threshold=0.05, seed=1, threads=1).pairs["stops"]
+    known = fokker_planck(shaken, speed_threshold=0.05).impact_pairs["stops"]
+    blow = 0.5 * 2.0 * known["impact_speed_square_rate"].value / known["collision_rate"].value
+    assert found.striking_energy is not None and found.energy is not None
+    assert found.energy_unit == "J"
+    for energy, truth in ((found.striking_energy, blow), (found.energy, (1.0 - 0.6**2) * blow)):
+        plain = Estimate(value=energy.value, standard_error=energy.standard_error)
+        assert_agrees(plain, truth)
+        with pytest.raises(AssertionError):  # that of a kilogram
+            assert_agrees(plain, 0.5 * truth)

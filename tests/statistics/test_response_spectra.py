@@ -462,3 +462,22 @@ def test_stops_that_give_way_push_on_every_coordinate_of_a_structure() -> None:
         for name, to, mass in zip("ab", direction, masses, strict=True):
             density = found[name, "acceleration"](rows)
             assert density.tolist() == pytest.approx([(to / mass) ** 2] * 2)
+
+
+def test_bandwidth_and_degrees_of_freedom_are_what_the_scatter_shows() -> None:
+    """The half-power bandwidth of an oscillator is b / (2 pi); over seeds the density scatters by
+    2 / degrees of freedom of its square."""
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.2, stiffness=1.0),
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+    runs = [spectrum(scene, paths=16, seed=seed, threads=1) for seed in range(60)]
+    assert runs[0].bandwidth == pytest.approx(0.2 / (2.0 * np.pi), rel=1e-6)
+    curves = [next(iter(run.curves["x"].values())) for run in runs]
+    values = np.array([curve.value for curve in curves])
+    seen = np.mean(values, axis=0) ** 2 / np.var(values, axis=0, ddof=1)
+    scattered = 2.0 * float(np.median(seen))
+    stated = float(np.median([run.degrees_of_freedom for run in runs]))
+    # the bins of one run hang together: the median over them is known to some per cent
+    assert stated == pytest.approx(scattered, rel=0.25)
+    assert stated != pytest.approx(2.0 * scattered, rel=0.25)

@@ -3,6 +3,7 @@
 import importlib
 import io
 import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,18 @@ from typing import Any
 import numpy as np
 import pytest
 from rich.console import Console
+from scipy.linalg import eigh
 
 from stochvi import (
+    ConstantLoad,
     FilteredNoise,
+    ImpactPair,
     Isolator,
     Matrices,
     NonlinearOscillator,
     NotApplicable,
     Oscillator,
+    Restitution,
     Scene,
     Sine,
     TabulatedNoise,
@@ -229,3 +234,51 @@ def test_methods_for_white_noise_say_so_of_every_other_noise(method: Callable[..
             method(Scene(**unit, excitations=[noise]), **times)
         got = f"excitation must be white noise, got {word}"
         assert any(each.startswith(got) for each in refused.value.conditions), refused.value
+
+
+def test_modes_and_rest_are_those_of_the_matrices() -> None:
+    """Against general solvers of eigenvalues and of equations, on three masses under a load."""
+    m = np.diag([1.0, 0.5, 2.0])
+    k = np.array([[30.0, -10.0, 0.0], [-10.0, 25.0, -15.0], [0.0, -15.0, 40.0]])
+    scene = Scene(
+        structure=Matrices(
+            coordinates=["a", "b", "c"], mass=m.tolist(), damping=(0.01 * k).tolist(),
+            stiffness=k.tolist(),
+        ),
+        impact_pairs=[
+            ImpactPair(between=("a", "b"), lower=-0.3, upper=0.5, law=Restitution(coefficient=0.5))
+        ],
+        excitations=[WhiteNoise(intensity=0.2, on="b"), ConstantLoad(force=3.0, on="c")],
+    )  # fmt: skip
+    told = explain(scene, threads=1)
+    squares, shapes = eigh(k, m)
+    hertz = np.sqrt(squares) / (2.0 * math.pi)
+    assert list(told.natural_frequency_hz) == pytest.approx(hertz, rel=1e-9)
+    for mode, frequency, square in zip(told.modes, hertz, squares, strict=True):
+        assert mode.frequency_hz == pytest.approx(frequency, rel=1e-9)
+        assert mode.damping_ratio == pytest.approx(0.005 * math.sqrt(square), rel=1e-9)
+    moved = (shapes.T @ m @ np.ones(3)) ** 2  # shapes of unit modal mass
+    found = [mode.effective_mass[""] for mode in told.modes]
+    assert found == pytest.approx(moved, rel=1e-9) and sum(found) == pytest.approx(3.5)
+    rest = np.linalg.solve(k, [0.0, 0.0, 3.0])
+    assert list(told.rest.values()) == pytest.approx(rest, rel=1e-9)
+    gap = told.rest_of_gaps["stops"]
+    place = rest[0] - rest[1]
+    assert (gap.position, gap.to_lower, gap.to_upper) == pytest.approx(
+        (place, place + 0.3, 0.5 - place), rel=1e-9
+    )
+
+
+def test_states_are_those_of_masses_and_filters() -> None:
+    """Two states for each mass, and two for each noise with a memory of its own."""
+    noise = FilteredNoise(intensity=0.2, frequency_hz=1.0, zeta=0.1, on="x")
+    unit = Oscillator(mass=1.0, damping=0.1, stiffness=1.0)
+    two = Matrices(
+        coordinates=["x", "y"], mass=[[1.0, 0.0], [0.0, 1.0]], damping=[[0.2, 0.0], [0.0, 0.3]],
+        stiffness=[[2.0, -1.0], [-1.0, 2.0]],
+    )  # fmt: skip
+    for structure, excitation, states in (
+        (unit, WhiteNoise(intensity=0.2), 2), (unit, noise, 4), (two, noise, 6)
+    ):  # fmt: skip
+        found = explain(Scene(structure=structure, excitations=[excitation]), threads=1).simulation
+        assert found is not None and found.states == states

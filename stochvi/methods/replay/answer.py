@@ -60,7 +60,8 @@ class PairReplay(Quantities[Estimate | None]):
     peak_force
         Largest force of a contact, N; None of rigid stops.
     contact_time
-        Time in contact, or at rest on a rigid stop, s.
+        Time in contact, or at rest on a rigid stop, s. Contact with a stop that has a damper ends
+        when its force returns to zero, which is before the mass is back at the stop.
     rests
         Number of times that the mass came to rest on a rigid stop.
     """

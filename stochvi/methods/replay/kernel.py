@@ -522,10 +522,11 @@ def add_contacts(last, span, stops, touch, series, log, scratch):
     for s in range(len(touch.state)):
         if touch.state[s] == FREE:
             continue
+        if stops.kinds[s] == DAMPED and touch.state[s] == 1:
+            continue  # beyond the stop, which does not push: the contact has ended
         touch.tally[s, CONTACT] += span
-        silent = stops.kinds[s] == RIGID or (stops.kinds[s] == DAMPED and touch.state[s] == 1)
         entry = touch.entry[s]
-        if not silent and entry >= 0:
+        if stops.kinds[s] != RIGID and entry >= 0:
             factor = stops.laws[s, 0, 0] if stops.kinds[s] == HERTZ else 1.0
             for power in range(last + 1):
                 p[0, power] = factor * series.f[s, power]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import math
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
+from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
@@ -424,3 +426,62 @@ def test_the_command(tmp_path: Path, stochvi: Run) -> None:
     assert "--clearances must be" in refused(
         stochvi("replay", str(file), "--clearances", "4furlongs")
     )
+
+
+def test_every_number_of_a_replay_is_that_of_a_plain_integration(tmp_path: Path) -> None:
+    """Small steps of the equation of motion, forces interpolated between the samples."""
+    a = shaken(seed=4, samples=800)
+    law = Viscoelastic(stiffness=2e5, damping_ratio=0.3)
+    scene = scene_of(tmp_path, a, law, gap=2e-3)
+    steps = 200
+    time = np.arange((len(a) - 1) * steps + 1) / (FS * steps)
+    base = np.interp(time, np.arange(len(a)) / FS, a)
+    model = model_of(scene)
+    motion = _plain_steps(
+        base, 1.0 / (FS * steps), model.omega**2, model.damping_rate, 2e-3, 2e5 / MASS,
+        2.0 * 0.3 * math.sqrt(2e5 / MASS),
+    )  # fmt: skip
+    x, felt, beyond, force, began = motion.T
+    sampled = slice(None, None, steps)
+    found = replay(scene)
+    moved, hit = found.coordinates["x"], found.impact_pairs["stops"]
+    size = np.abs(x).max()
+    for name, truth in {
+        "displacement_max": x.max(), "displacement_min": x.min(),
+        "displacement_mean": x[sampled].mean(), "displacement_std": x[sampled].std(),
+    }.items():  # fmt: skip
+        assert float(moved[name]) == pytest.approx(truth, abs=2e-3 * size), name
+    y = x[sampled] - x[sampled].mean()
+    kurtosis = np.mean(y**4) / np.mean(y**2) ** 2
+    assert float(moved.displacement_kurtosis) == pytest.approx(kurtosis, rel=5e-3)
+    assert float(moved.acceleration_max) == pytest.approx(np.abs(felt).max(), rel=5e-3)
+    speeds = np.abs(began[began != 0.0])
+    assert (float(hit.hits_lower), float(hit.hits_upper)) == (
+        (began < 0.0).sum(),
+        (began > 0.0).sum(),
+    )
+    assert len(speeds) > 10
+    assert float(hit.hits) == len(speeds)
+    assert float(hit.impact_speed_max) == pytest.approx(speeds.max(), rel=5e-3)
+    assert float(hit.impact_speed_mean) == pytest.approx(speeds.mean(), rel=5e-3)
+    assert float(hit.peak_force) == pytest.approx(MASS * np.abs(force).max(), rel=5e-3)
+    contact = np.sum(force != 0.0) / (FS * steps)
+    assert float(hit.contact_time) == pytest.approx(contact, rel=0.01)
+    assert np.sum(beyond > 0.0) / (FS * steps) > 1.1 * contact  # the stop recovers without a force
+
+
+@njit
+def _plain_steps(base, h, k, c, gap, stop, damper):  # type: ignore[no-untyped-def]
+    """Semi-implicit Euler steps per unit mass: x, felt acceleration, depth, force, touch speed."""
+    x, v, rows = 0.0, 0.0, np.zeros((len(base), 5))
+    for n in range(len(base)):
+        side = 1.0 if x > 0.0 else -1.0
+        depth = max(abs(x) - gap, 0.0)
+        force = side * max(stop * depth + damper * side * v, 0.0) if depth > 0.0 else 0.0
+        felt = -k * x - c * v - force
+        rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = x, felt, depth, force
+        v += h * (felt - base[n])
+        x += h * v
+        if depth == 0.0 and abs(x) > gap:
+            rows[n, 4] = v
+    return rows
