@@ -2,13 +2,16 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test verify distributed lint docs studies bench clean
+.PHONY: demo test everywhere verify distributed lint docs studies bench clean
 
 demo: .venv/test-installed
 	$(BIN)/stochvi demo --out out
 
 test: .venv/test-installed
 	$(BIN)/python -m pytest -n auto --dist worksteal
+
+everywhere: .venv/test-installed
+	$(BIN)/python .ci/everywhere.py
 
 verify: .venv/test-installed
 	$(BIN)/python -m pytest -n auto --dist worksteal -m verify

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import functools
 import gc
+import importlib
 import os
 import signal
 import sys
 from pathlib import Path
+from typing import Any, NoReturn
 
 # The workers of pytest-xdist use every core already: threads of BLAS on top of them wait for each
 # other and triple the cost of the Fokker-Planck tests. numpy reads this when it is first imported.
@@ -47,6 +49,22 @@ def stochvi(capsys: pytest.CaptureFixture[str]) -> Run:
 def blank_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures are put together and left blank: to draw them is most of the time of a page."""
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda *_where, **_how: None)
+
+
+@pytest.fixture
+def early_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The simulation of a check ends after 64 paths, as one whose budget is over. On a busy machine
+    a real budget would end before the first paths, and on a fast one after the last."""
+
+    def simulated(scene: Any, **_: Any) -> NoReturn:
+        from stochvi import simulate
+        from stochvi.results import NotConverged
+
+        answer = simulate(scene, paths=64, seed=1, threads=1)
+        raise NotConverged("the budget of 1 s ended after 64 paths; raise budget", answer)
+
+    module = importlib.import_module("stochvi.verification.check")
+    monkeypatch.setattr(module, "simulate", simulated)
 
 
 @pytest.fixture

@@ -435,9 +435,7 @@ def _best_box(points: Vector, sigma: float, range_db: float, seed: int) -> BestB
     reach = range_db / 20.0 * math.log(10.0)
     grid = np.linspace(at[0], at[-1], GRID)
     inner = grid[(grid >= at[0] + reach) & (grid <= at[-1] - reach)]
-    random = np.random.default_rng(seed)
-    drawn_ratios = ratios + errors * random.standard_normal((DRAWS, len(at)))
-    curves = _smoothed(at, np.vstack([ratios, drawn_ratios]), errors, grid)
+    curves = _smoothed(at, ratios, errors, grid, np.random.default_rng(seed))
     # the range of levels, as a number of neighbours on the grid
     width = round(reach / (grid[1] - grid[0]))
     curves = maximum_filter1d(curves, 2 * width + 1, axis=1)[:, np.searchsorted(grid, inner)]
@@ -459,20 +457,23 @@ def _best_box(points: Vector, sigma: float, range_db: float, seed: int) -> BestB
     )
 
 
-def _smoothed(at: Vector, values: Vector, errors: Vector, grid: Vector) -> Vector:
-    """Polynomials through rows of `values`, by weighted least squares, on a grid.
+def _smoothed(
+    at: Vector, values: Vector, errors: Vector, grid: Vector, random: np.random.Generator
+) -> Vector:
+    """A polynomial through values, by weighted least squares, on a grid; in the rows below it
+    polynomials whose coefficients are drawn with the errors that those of the values leave them.
 
     The degree is the lowest whose residuals are as small as the errors make them (chi^2 below its
     expectation plus two deviations), at most `DEGREE`.
     """
+    # half a second to import, which only a design costs
+    from statsmodels.regression.linear_model import WLS
+
     centre, half = (at[0] + at[-1]) / 2.0, (at[-1] - at[0]) / 2.0
-    weighted = values / errors
     for degree in range(2, min(DEGREE, len(at) - 2) + 1):
-        basis = chebvander((at - centre) / half, degree) / errors[:, None]
-        coefficients, *_ = np.linalg.lstsq(basis, weighted.T, rcond=None)
-        freedom = len(at) - degree - 1
-        misfit = float(np.sum((weighted[0] - basis @ coefficients[:, 0]) ** 2))
-        if misfit <= freedom + 2.0 * math.sqrt(2.0 * freedom):
+        fit = WLS(values, chebvander((at - centre) / half, degree), errors**-2.0).fit()
+        if fit.ssr <= fit.df_resid + 2.0 * math.sqrt(2.0 * fit.df_resid):
             break
-    curves: Vector = (chebvander((grid - centre) / half, degree) @ coefficients).T
-    return curves
+    # errors are known, so that residuals do not scale the covariance
+    drawn = random.multivariate_normal(fit.params, fit.normalized_cov_params, DRAWS)
+    return np.asarray(np.vstack([fit.params, drawn]) @ chebvander((grid - centre) / half, degree).T)

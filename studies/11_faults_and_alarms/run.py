@@ -7,7 +7,7 @@ from pathlib import Path
 import pandas as pd
 from faults import injected, truth
 from pictures import draw
-from scipy.stats import beta
+from statsmodels.stats.proportion import proportion_confint
 
 import stochvi
 from stochvi.results.intervals import normal_quantile
@@ -55,6 +55,7 @@ if __name__ == "__main__":
     print(faults.to_string())
     alarms = false_alarms(10 if options.quick else 1000, options.out / "alarms.csv")
     seen, count = int((alarms["alarms"] > 0).sum()), len(alarms)
-    print(f"{seen} of {count} seeds: at most {beta.ppf(0.95, seen + 1, count - seen):.2%}")
+    most = proportion_confint(seen, count, 0.1, "beta")[1]
+    print(f"{seen} of {count} seeds: at most {most:.2%}")
     z = normal_quantile(single_alarm_rate(int(alarms["comparisons"].iloc[0])))
     draw(faults, alarms, z, options.out / "figure.png")

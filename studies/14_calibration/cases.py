@@ -9,8 +9,9 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2, norm, t
+from scipy.stats import norm, t
 from statsmodels.stats.proportion import proportion_confint
+from statsmodels.stats.rates import confint_poisson
 
 import stochvi
 from stochvi.methods.monte_carlo.choose_plan import make_plan
@@ -76,10 +77,7 @@ def counted(answers: int, barrier: float, truth: float, missions: int) -> Iterat
     ends = {
         "Clopper-Pearson": proportion_confint(failed, missions, 1.0 - CONFIDENCE, "beta"),
         "Wilson": proportion_confint(failed, missions, 1.0 - CONFIDENCE, "wilson"),
-        "Poisson, exact": (
-            np.where(failed > 0, chi2.ppf(0.025, 2 * failed), 0.0) / (2.0 * missions),
-            chi2.ppf(0.975, 2 * failed + 2) / (2.0 * missions),
-        ),
+        "Poisson, exact": confint_poisson(failed, missions, "exact-c", 1.0 - CONFIDENCE),
     }
     for kind, (lower, upper) in ends.items():
         covered = int(np.sum((lower <= truth) & (truth <= upper)))
