@@ -60,7 +60,9 @@ def two_masses(upper: Law, lower: Law, wall: Law) -> Scene:
     )  # fmt: skip
 
 
-def integrated(scene: Scene, state: np.ndarray, phase: float, periods: float) -> np.ndarray:
+def integrated(
+    scene: Scene, state: np.ndarray, phase: float, periods: float, longest: float = 0.0125
+) -> np.ndarray:
     """The state after some periods, by a Runge-Kutta method of order 8 and the force law itself."""
     model, n = model_of(scene), len(model_of(scene).mass)
     lowest = min(sine.omega for sine in model.sines)
@@ -78,7 +80,7 @@ def integrated(scene: Scene, state: np.ndarray, phase: float, periods: float) ->
     end = 2.0 * math.pi * periods / lowest
     return solve_ivp(
         rate, (0.0, end), state, method="DOP853", rtol=1e-12, atol=1e-13,
-        max_step=0.0125 * end / periods,
+        max_step=longest * end / periods,
     ).y[:, -1]  # fmt: skip
 
 
@@ -162,7 +164,11 @@ def test_two_stops_of_hertz_press_at_once() -> None:
     assert motion is not None
     assert set(motion.log[:, 1].astype(int)) == {0, 1, 2}
     end = states.physical(motion.ends[-1][None])[0]
-    assert end == pytest.approx(integrated(scene, start, 0.0, 2.0), abs=1e-9)
+    # a step across a kink of a force does not see its error, which hangs on the step and on the
+    # rounding of the processor: steps of other lengths say how large it is
+    known = np.array([integrated(scene, start, 0.0, 2.0, each) for each in (0.0125, 0.01, 0.008)])
+    assert np.ptp(known, axis=0).max() < 1e-8
+    assert end == pytest.approx(known.mean(axis=0), abs=2.0 * float(np.ptp(known, axis=0).max()))
 
 
 def test_stiff_stops_lead_to_rigid_ones() -> None:
