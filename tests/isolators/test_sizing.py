@@ -158,9 +158,13 @@ def test_the_document_holds_plain_numbers(hourly: Sizing) -> None:
 def test_hits_are_counted_with_the_stop_law() -> None:
     scene = truck(HALF)
     found = size(scene, probability=0.01, seed=2)
-    direct = simulate(at_clearance(scene, 3.0 * found.sigma), rel_error=0.03, seed=9).impact_pairs[
+    stops = simulate(at_clearance(scene, 3.0 * found.sigma), rel_error=0.03, seed=9).impact_pairs[
         "stops"
-    ]["collision_rate"]
+    ]
+    direct, speed = stops.collision_rate, found.three_sigma.impact_speed_mean
+    assert speed is not None and stops.impact_speed_mean is not None
+    error = math.hypot(speed.standard_error, stops.impact_speed_mean.standard_error)
+    assert_agrees(Estimate(value=speed.value, standard_error=error), float(stops.impact_speed_mean))
     assert isinstance(direct, Estimate) and found.three_sigma.hits is not None
     hits = found.three_sigma.hits
     both = Estimate(

@@ -23,6 +23,7 @@ from stochvi import (
 )
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics import lifetimes
+from support.bounces import Bounces
 
 Vector = NDArray[np.float64]
 
@@ -221,3 +222,22 @@ def test_groups_that_begin_later_live_as_long(monkeypatch: pytest.MonkeyPatch) -
     lives = [math.log(each.life_time) for each in (at_once, in_turn)]
     error = math.hypot(*(each.left**-0.5 for each in (at_once, in_turn)))
     assert abs(lives[0] - lives[1]) < 4.0 * error
+
+
+def test_regimes_hit_as_fast_as_in_a_simulation_of_the_sine_alone() -> None:
+    with pytest.raises(NotConverged) as short:  # the clatter outlasts any budget
+        lifetimes(mount(WhiteNoise(intensity=NOISE)), budget=3.0, threads=1)
+    fastest = {each.regime: each.impact_speed_max for each in short.value.response.regimes}
+    seen = set()
+    for start in (0.0, 0.25):
+        flight = Bounces(mount(), steps=60)
+        state, time, speeds = flight.start(np.zeros(1), np.array([start]), 0.0), 0.0, [0.0]
+        end, period = 0.5, 2.0 * math.pi / DRIVE
+        while (hit := flight.next_impact(state, end - time)) is not None:
+            time += hit[0]
+            if time > end - 2.0 * period:
+                speeds.append(flight.speed(hit[2], hit[1]))
+            state = flight.struck(hit[2], hit[1])
+        seen.add(round(max(speeds), 3))
+    assert len(seen) == 2
+    assert {round(speed, 3) for speed in fastest.values()} == seen

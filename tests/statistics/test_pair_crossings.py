@@ -17,10 +17,12 @@ from stochvi import (
     Matrices,
     NotApplicable,
     Oscillator,
+    Restitution,
     Scene,
     Sine,
     TabulatedNoise,
     WhiteNoise,
+    exact,
     reliability,
 )
 from stochvi.model.free_motion import free_motion
@@ -290,6 +292,36 @@ def test_reliability_of_any_pair_and_of_one(monkeypatch: pytest.MonkeyPatch) -> 
     (alone,) = reliability(scene, mission=MISSION, seed=2, pair="z").chances.values()
     known = parts[1]
     assert_agrees(both(alone.estimate, known.value, known.standard_error), known.value)
+
+
+def test_hits_of_pairs_that_lose_nothing_are_those_of_the_exact_law() -> None:
+    """Pair by pair of two oscillators that know nothing of each other."""
+    elastic = Restitution(coefficient=1.0)
+    walls = [each.replace(law=elastic) for each in (pair("x", "x", 3.0), pair("z", "z", 3.2))]
+    found = reliability(uncoupled(*walls), mission=MISSION, rel_error=0.1, seed=1)
+    hazards = {}
+    for wall, damping, stiffness, intensity in zip(
+        walls, (0.1, 0.2), (1.0, 4.0), (0.2, 1.6), strict=True
+    ):
+        alone = Scene(
+            structure=Oscillator(mass=1.0, damping=damping, stiffness=stiffness),
+            impact_pairs=[ImpactPair(lower=wall.lower, upper=wall.upper, law=elastic)],
+            excitations=[WhiteNoise(intensity=intensity)],
+        )
+        known, risk = exact(alone).impact_pairs["stops"], found.pairs[wall.name]
+        assert risk.expected_hits is not None and risk.impact_speed_mean is not None
+        for estimate, truth in (
+            (risk.expected_hits, MISSION * float(known.collision_rate or 0.0)),
+            (risk.impact_speed_mean, float(known.impact_speed_mean or 0.0)),
+        ):
+            plain = Estimate(value=estimate.value, standard_error=estimate.standard_error)
+            assert_agrees(plain, truth)
+            with pytest.raises(AssertionError):
+                assert_agrees(plain, 1.2 * truth)
+        hazards[wall.name] = -math.log1p(-risk.probability.value)
+    for name, hazard in hazards.items():  # of independent pairs each comes first by its hazard
+        share = hazard / sum(hazards.values())
+        assert found.pairs[name].share_of_first_hits == pytest.approx(share, abs=0.03)
 
 
 def test_expected_hits_and_hard_hits_of_pairs() -> None:

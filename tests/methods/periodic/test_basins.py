@@ -114,6 +114,22 @@ def test_starts_end_where_another_simulation_ends(mapped: Basins) -> None:
     check_starts(mount(), mapped, starts, 25)
 
 
+def test_a_regime_is_stated_where_another_simulation_comes_back_to_it(mapped: Basins) -> None:
+    for regime in mapped.regimes:
+        place, rate = float(regime.displacement[0]), float(regime.velocity[0])
+        flight = Bounces(mount(), steps=60)
+        state = flight.start(np.array([place]), np.array([rate]), math.radians(mapped.phase_deg))
+        time, end, speeds = 0.0, regime.periods * 2.0 * math.pi / flight.omega, []
+        while (hit := flight.next_impact(state, end - time)) is not None:
+            time += hit[0]
+            speeds.append(flight.speed(hit[2], hit[1]))
+            state = flight.struck(hit[2], hit[1])
+        state = flight.flown(state, end - time)
+        assert state[:2] == pytest.approx([place, rate], rel=1e-3, abs=1e-4 * GAP)
+        assert len(speeds) == regime.impacts
+        assert max(speeds, default=0.0) == pytest.approx(regime.impact_speed_max, rel=1e-3)
+
+
 def test_the_plane_of_a_structure_of_two_coordinates() -> None:
     sides = {"velocity.a": [-1.5, 0.0, 1.5], "velocity.b": [-2.0, 2.0]}
     found = basins(two_masses(), sides, threads=1)
