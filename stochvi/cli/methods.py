@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -26,16 +27,25 @@ if TYPE_CHECKING:
 
     from stochvi.methods.fokker_planck import FirstPassage
     from stochvi.results.response import Response
+    from stochvi.scenes.scene import Scene
 
 MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 """Fractions of a mission at which `first-passage` gives the probability: enough for a curve."""
 
 
-def show_response(options: Common, found: Response) -> None:
-    """Print a response, and write the files that the options ask for."""
+def show_response(options: Common, found: Response, scene: Scene) -> None:
+    """Print a response, and write the files that the options ask for.
+
+    The first warning tells if a measured record of the scene does not move the mount as Gaussian
+    noise of its spectrum would.
+    """
+    from stochvi.isolators.record_verdict import record_verdict
     from stochvi.views.files import to_json, write_text
     from stochvi.views.tables import print_response
 
+    record = record_verdict(scene)
+    if record is not None and not record.agrees:
+        found = replace(found, warnings=[record.sentence(), *found.warnings])
     options.show(found, print_response, "response")
     if options.out is not None:
         write_text(to_json(found.to_dict()) + "\n", options.out / "response.json")
@@ -58,7 +68,7 @@ def exact(options: Common, scene: str) -> None:
         return draw_density(loaded, exact_density(loaded, budget=options.rest))
 
     loaded = load_scene(scene)
-    show_response(options, solve(loaded, budget=options.rest))
+    show_response(options, solve(loaded, budget=options.rest), loaded)
     model = model_of(loaded)
     if not beyond_one_oscillator(model) and not model.tables:
         options.draw("density", density)
@@ -86,7 +96,7 @@ def fokker_planck(options: Common, scene: str, **asked: Any) -> None:
     loaded = load_scene(scene)
     shown(
         lambda: solve(loaded, **asked, budget=options.rest),
-        lambda found: show_response(options, found),
+        lambda found: show_response(options, found, loaded),
     )
     options.draw("density", density)
 
@@ -156,7 +166,8 @@ def linearise(options: Common, scene: str, **asked: Any) -> None:
     from stochvi.methods.linearisation import linearise as solve
     from stochvi.scenes.scene import load_scene
 
-    show_response(options, solve(load_scene(scene), **asked, budget=options.rest))
+    loaded = load_scene(scene)
+    show_response(options, solve(loaded, **asked, budget=options.rest), loaded)
 
 
 @main.command()
@@ -173,7 +184,8 @@ def average(options: Common, scene: str, variant: str) -> None:
     from stochvi.scenes.scene import load_scene
 
     variant = variant.replace("-", " ")
-    show_response(options, solve(load_scene(scene), variant=variant, budget=options.rest))
+    loaded = load_scene(scene)
+    show_response(options, solve(loaded, variant=variant, budget=options.rest), loaded)
 
 
 @main.command()
@@ -215,7 +227,7 @@ def simulate(
     except (NotConverged, KeyboardInterrupt) as reason:
         so_far = getattr(reason, "response", None)  # Ctrl-C may come before there is a run
         if so_far is not None:
-            show_response(options, so_far)
+            show_response(options, so_far, loaded)
         remedy = how_to_go_on({"checkpoint": checkpoint, "resume": resume})
         stop((str(reason) or "interrupted by Ctrl-C") + remedy, FAILED)
 
@@ -225,7 +237,7 @@ def simulate(
 
         return draw_overview(overview(loaded), loaded.title)
 
-    show_response(options, response)
+    show_response(options, response, loaded)
     model = model_of(loaded)
     if not beyond_one_oscillator(model) and model.omega > 0.0:
         options.draw("overview", picture)

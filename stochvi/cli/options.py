@@ -6,6 +6,7 @@ import contextlib
 import functools
 import hashlib
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -218,7 +219,7 @@ class Quantity(click.ParamType):  # type: ignore[type-arg]
 
 
 class Chance(click.ParamType):  # type: ignore[type-arg]
-    """A probability, as 0.01 or as 1%."""
+    """A probability, as 0.01, 1% or 0,1%."""
 
     name = "chance"
 
@@ -227,7 +228,9 @@ class Chance(click.ParamType):  # type: ignore[type-arg]
             return float(value)
         number = value.strip().removesuffix("%")
         try:
-            return float(number) / (100.0 if number != value.strip() else 1.0)
+            if re.fullmatch(r"\s*\d*,\d+\s*", number):
+                number = number.replace(",", ".")
+            return float(number) / (100.0 if value.strip().endswith("%") else 1.0)
         except ValueError:
             raise ValueError(
                 f"{param.opts[0]} must be a chance such as 0.01 or 1%, got {value!r}"

@@ -148,7 +148,12 @@ def test_the_picture_holds_rice_three_sigma_and_the_answer(by_python: Sizing) ->
     ("arguments", "sentence"),
     [
         ((), "give exactly one of probability, rate, impact_speed, peak_acceleration"),
+        (("--probability", "200,0%"), "probability must be in (0, 0.999], got 2; 1 % is 0.01"),
         (("--probability", "2"), "probability must be in (0, 0.999], got 2; 1 % is 0.01"),
+        (
+            ("--probability", "0,1,2%"),
+            "--probability must be a chance such as 0.01 or 1%, got '0,1,2%'",
+        ),
         (("--probability", "one"), "--probability must be a chance such as 0.01 or 1%, got 'one'"),
         (("--probability", "100%"), "probability must be in (0, 0.999], got 1"),
         (

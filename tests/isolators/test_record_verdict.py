@@ -253,6 +253,11 @@ def test_commands_say_it_first_and_end_with_1(tmp_path: Path, stochvi: Run) -> N
         assert record["contradicts"] is False
         assert set(record["p_values"]) == {"peak", "kurtosis", "level"}
         json.dumps(record)
+    for command in (["simulate", "--paths", "16", "--duration", "5"], ["linearise"]):
+        run = stochvi(command[0], tmp_path / "bad.toml", *command[1:], "--json", "-")
+        assert one_document(run.out)["warnings"][0].startswith("THE RECORD CONTRADICTS")
+        run = stochvi(command[0], tmp_path / "good.toml", *command[1:], "--json", "-")
+        assert not any("THE RECORD" in each for each in one_document(run.out)["warnings"])
 
 
 @pytest.mark.parametrize(("natural", "zeta"), [(12.0, 0.1), (150.0, 0.02), (2.0, 3.0)])
