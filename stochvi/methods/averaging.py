@@ -18,6 +18,7 @@ from stochvi.model.energy_law import (
     EnergyLaw,
     energy_law,
 )
+from stochvi.model.error_atlas import with_bounds
 from stochvi.model.gap import Gap
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
@@ -65,8 +66,10 @@ def average(
     Returns
     -------
     Response
-        `bias` is None: the error falls with b / omega and 1 - R, and is not known. The energy
-        balance holds, those of virial and force only approximately.
+        `bias` of "finite jumps" is a bound on the error that is read from an atlas of errors
+        (`data/linearisation_atlas`), like that of `linearise`; None, with the reason in `how`,
+        outside of the atlas and of other variants. The error falls with b / omega and 1 - R. The
+        energy balance holds, those of virial and force only approximately.
 
     Raises
     ------
@@ -120,7 +123,8 @@ def average(
         bias=0.0 if model.elastic else None,
         assumptions=["noise, damping and impacts change the energy little in one cycle"],
     )
-    return replace(response, warnings=[*response.warnings, *_warnings(model, law)])
+    response = replace(response, warnings=[*response.warnings, *_warnings(model, law)])
+    return response if model.elastic else with_bounds(response, model)
 
 
 MEASURED_RESTITUTIONS = (0.5, 0.8, 0.9, 0.98, 1.0)

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from stochvi.methods.linearisation.atlas import with_bounds
 from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate
 from stochvi.methods.linearisation.clumps import clumped
 from stochvi.methods.linearisation.forms import form_of
@@ -26,6 +25,7 @@ from stochvi.model.coverage import (
     without_dissipation,
     without_noise,
 )
+from stochvi.model.error_atlas import with_bounds
 from stochvi.model.gap import Gap
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.results.errors import NotApplicable

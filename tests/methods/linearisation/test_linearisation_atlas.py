@@ -1,4 +1,5 @@
-"""The bounds that `linearise` states, and the form that is corrected for clumps of hits."""
+"""The bounds that `linearise` and `average` state, and the form that is corrected for clumps of
+hits."""
 
 from __future__ import annotations
 
@@ -9,11 +10,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stochvi.methods.averaging import average
 from stochvi.methods.closed_form import exact
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.linearisation.atlas import ONE, QUANTITIES, TWO, Span, atlas, spans
 from stochvi.methods.linearisation.clumps import energy_weight
 from stochvi.methods.linearisation.method import method_name
+from stochvi.model.error_atlas import ONE, QUANTITIES, TWO, Span, atlas, spans
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
@@ -76,7 +78,8 @@ def found(response: Response) -> dict[str, Estimate]:
 def held(
     table: str, every: int, share: float = 1.0, variant: str = "consistent"
 ) -> tuple[int, int]:
-    """How many of the bounds of a closure, times a share, hold on rows of a study; of how many.
+    """How many of the bounds of a closure, or of averaging, times a share, hold on rows of a study;
+    of how many.
 
     The truths are those of the Fokker-Planck equation, at places that no bound was made from.
     """
@@ -89,18 +92,15 @@ def held(
     for row in rows:
         number = {name: float(text) if text else math.nan for name, text in row.items()}
         lower = number["lower"]
-        response = found(
-            linearise(
-                scene(
-                    None if math.isinf(lower) else lower,
-                    number["upper"],
-                    restitution=number["restitution_upper"],
-                    restitution_lower=number["restitution_lower"],
-                    zeta=number["zeta"],
-                ),
-                variant=variant,
-            )
+        place = scene(
+            None if math.isinf(lower) else lower,
+            number["upper"],
+            restitution=number["restitution_upper"],
+            restitution_lower=number["restitution_lower"],
+            zeta=number["zeta"],
         )
+        averaged = variant == "average"
+        response = found(average(place) if averaged else linearise(place, variant=variant))
         for name in QUANTITIES:
             both = number.get(f"{name}_lower", 0.0) + number.get(f"{name}_upper", 0.0)
             truth = number.get(name, both)
@@ -111,7 +111,7 @@ def held(
     return holding, given
 
 
-@quick_cases("variant", ["consistent", "box"], keep=(0, 3))
+@quick_cases("variant", ["consistent", "box", "average"], keep=(0, 2))
 @pytest.mark.parametrize("table", ["held_out.csv", "held_out_asymmetric.csv"])
 def test_bounds_hold_where_none_was_made(table: str, variant: str) -> None:
     every = 10 if variant == "box" and table == "held_out.csv" else 20

@@ -1,4 +1,4 @@
-"""How wrong a linearisation is: read from an atlas of its errors over all oscillators with stops.
+"""How wrong an approximation is: read from an atlas of its errors over all oscillators with stops.
 
 One oscillator in white noise has, up to units, the places of its stops about the rest position in
 deviations without stops, their R, and zeta. The atlas (`data/linearisation_atlas`) holds
@@ -59,6 +59,10 @@ LARGEST = 3.0
 be useless."""
 
 
+FILES = {"average:finite jumps": "average"}
+"""Files of the methods that are no form of a linearisation."""
+
+
 class Span(NamedTuple):
     """The interval in which ln(answer / truth) lies."""
 
@@ -110,9 +114,9 @@ class Grid(NamedTuple):
 @cache
 def atlas(method: str) -> Mapping[str, Grid] | None:
     """The grids of a method ("linearise:closure", ...), by kind of stops; None if it has none."""
-    path = (
-        data_folder() / "linearisation_atlas" / f"{method.split(':', 1)[1].replace(':', '-')}.csv"
-    )
+    family, _, form = method.partition(":")
+    name = form.replace(":", "-") if family == "linearise" else FILES.get(method, "")
+    path = data_folder() / "linearisation_atlas" / f"{name}.csv"
     if not path.is_file():
         return None
     with path.open(newline="", encoding="utf-8") as file:
