@@ -12,6 +12,7 @@ from stochvi.mathematics.units import unit
 from stochvi.results.errors import SceneError
 from stochvi.scenes.foreign_files import LARGEST_DATA_FILE
 from stochvi.scenes.readers import Columns
+from stochvi.scenes.text_cells import as_text
 from stochvi.scenes.text_tables import decoded
 
 HEADING = ("of", "quantity", "frequency_hz", "value", "standard_error", "unit")
@@ -71,6 +72,7 @@ def read_response_spectrum(path: Path, of: str | None) -> EstimatedDensity:
             [("file", f"{path} holds no absolute acceleration: the spectra of a scene have none "
               "where a force acts on a mass; use the spectra of a scene whose base alone moves")]
         )  # fmt: skip
+    of = None if of is None else as_text(of)
     if of is None and len(owners) > 1:
         raise SceneError([("of", f"must say whose acceleration is meant: {_listed(owners)}")])
     if of is not None and of not in owners:

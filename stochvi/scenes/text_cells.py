@@ -30,6 +30,19 @@ MISSING = frozenset(
 and the texts for infinity and NaN that C libraries of Windows print."""
 
 
+STARTS_FORMULA = re.compile(r"[=+\-@\t\r].")
+"""What a spreadsheet takes for the start of a formula, which it runs."""
+
+
+def as_text(cell: str) -> str:
+    """A text as a spreadsheet shows it and does not run it, with an apostrophe before a formula.
+
+    >>> as_text("=1+1"), as_text("-0.5"), as_text("lower")
+    ("'=1+1", '-0.5', 'lower')
+    """
+    return f"'{cell}" if STARTS_FORMULA.match(cell) and not is_number(cell) else cell
+
+
 def is_number(cell: str) -> bool:
     """Whether a cell holds a number and nothing else."""
     return bool(NUMBER.fullmatch(cell))

@@ -414,9 +414,9 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
                 dated = re.match(r"\W?\d+([-/.:])\d+\1\d+", line)
                 remedy = "; write times in seconds or as 2024-05-01T12:00:00.000" if dated else ""
                 raise SceneError(
-                    f"{path}, line {number}: expected {wanted}, got {line[:60]!r}{remedy}"
+                    f"{path}, line {number}: expected {wanted}, got {_shown(line)}{remedy}"
                 )
-        shown = f", got {content[0][1][:60]!r}" if content else ""
+        shown = f", got {_shown(content[0][1])} in line {content[0][0]}" if content else ""
         raise SceneError(f"{path} holds no rows of {wanted}{shown}")
     rows = content[begin:]
     above = [(number, line) for number, line in lines if number < rows[0][0]]
@@ -434,6 +434,13 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
         ),
         decimal_comma=any("," in cell for cells in some for cell in cells if is_number(cell)),
     )  # fmt: skip
+
+
+def _shown(line: str) -> str:
+    """A line of a file that is no table, in quotes; in words where it may hold a secret."""
+    if re.fullmatch(r"[\d\s.,;:|/+\-eEdDTZ'\"]*", line):
+        return repr(line[:60])
+    return f"a text of {len(line)} characters"
 
 
 def _plainly_written(text: str) -> str:

@@ -18,6 +18,7 @@ from typing import IO, TYPE_CHECKING, Any, TextIO
 from stochvi.results.atomic_files import write_whole
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import TargetError
+from stochvi.scenes.text_cells import as_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -132,8 +133,13 @@ def folder_in(folder: Path, name: str) -> Path:
 
 
 def write_table(frame: pd.DataFrame, path: Path) -> None:
-    """A CSV table with all the digits of its numbers."""
-    write_text(frame.to_csv(index=False, lineterminator="\n"), path)
+    """A CSV table with all the digits of its numbers; no text in it is run as a formula."""
+    texts = frame.select_dtypes(exclude="number").columns
+    harmless = frame.copy()
+    for name in texts:
+        harmless[name] = [as_text(each) if isinstance(each, str) else each for each in frame[name]]
+    harmless.columns = [as_text(str(name)) for name in frame.columns]
+    write_text(harmless.to_csv(index=False, lineterminator="\n"), path)
 
 
 def write_parquet(frame: pd.DataFrame, path: Path) -> None:

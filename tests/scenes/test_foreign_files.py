@@ -254,3 +254,15 @@ def test_a_quoted_cell_without_end_and_a_million_columns_are_refused(tmp_path: P
     path.write_text(("1," * 100_000 + "1\n") * 3)
     with pytest.raises(SceneError, match="at most 10000 columns, got 100001"):
         read_columns(path, RECORD, function_type=TIME_RESPONSE)
+
+
+@pytest.mark.parametrize("secret", ["root:x:0:0:root", "-----BEGIN PRIVATE KEY-----", "1 hunter2"])
+def test_a_refusal_shows_no_text_of_a_file_that_is_no_table(tmp_path: Path, secret: str) -> None:
+    """A scene of somebody else may name any file that its reader may read."""
+    path = tmp_path / "secret"
+    path.write_text(f"{secret}\n{secret}\n")
+    for names in (RECORD, ("acceleration",), ("deflection", "force")):
+        with pytest.raises(SceneError) as failure:
+            read_columns(path, names, function_type=TIME_RESPONSE)
+        told = str(failure.value).replace(str(path), "")
+        assert not any(word in told for word in (secret, "hunter2", "PRIVATE", "root"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import errno
 import io
 import json
@@ -237,3 +238,19 @@ def test_a_band_that_touches_zero_does_not_stretch_a_logarithmic_axis(tmp_path: 
     write_picture(ax, tmp_path / "picture.png")
     low, high = ax.get_ylim()
     assert low < 1e-4 and high > 1e-2 and high < 1e12 * low
+
+
+def test_no_text_of_a_table_is_a_formula_for_a_spreadsheet(tmp_path: Path) -> None:
+    """Names of pairs and coordinates come from scenes that others write."""
+    formulas = ["=HYPERLINK(1)", "+1+cmd", "-1+cmd", "@SUM(A1)", "\t=1"]
+    frame = pd.DataFrame({"pair": [*formulas, "stops"], "value": np.arange(6.0) - 3.0})
+    frame["=x (m)"] = ["-0.5", "-", "+", "1e-3", "", None]
+    write_table(frame, tmp_path / "table.csv")
+    with (tmp_path / "table.csv").open(newline="", encoding="utf-8") as file:
+        header, *rows = csv.reader(file)
+    assert header == ["pair", "value", "'=x (m)"]
+    assert [row[0] for row in rows] == [*(f"'{each}" for each in formulas), "stops"]
+    # numbers and signs alone stay as they are
+    assert [row[2] for row in rows] == ["-0.5", "-", "+", "1e-3", "", ""]
+    assert [float(row[1]) for row in rows] == [-3.0, -2.0, -1.0, 0.0, 1.0, 2.0]
+    assert frame["pair"].tolist()[:5] == formulas

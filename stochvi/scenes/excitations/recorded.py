@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, PrivateAttr, model_validator
 
+from stochvi.mathematics import rounding
 from stochvi.mathematics.rounding import within
 from stochvi.mathematics.spectra import Table, response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY, Unit, power_ratio
@@ -242,9 +243,11 @@ class RecordedNoise(DensityNoise):
             return None
         highest = self.band_hz[1] if self.band_hz is not None else 0.5 * self._record.fs
         remedy = "take a longer record"
+        digit = 10.0 ** (rounding.floor(math.log10(first)) - 2)
+        low = rounding.floor(first / digit) * digit  # rounded down, to keep the first line
         if 4.0 * math.pi * first < omega:
             remedy = (
-                f"give band_hz = [{first:.3g}, {highest:.6g}] if it is drift of the sensor, or "
+                f"give band_hz = [{low:.3g}, {highest:.6g}] if it is drift of the sensor, or "
                 "take a longer record if the structure moves so"
             )
         return share, (
