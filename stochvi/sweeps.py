@@ -453,9 +453,11 @@ def summary_of_sizing(found: Sizing | PairsSizing) -> Summary:
         quantities = {name: {"clearance": clearance(c)} for name, c in found.clearances.items()}
         risk = {"probability_at_three_sigma": Estimate(value=found.three_sigma.value, bias=None)}
         return Summary(quantities={"size": risk, **quantities}, cost=found.cost)
+    # where the nearest stops that can be judged keep the target, smaller clearances may as well
+    at_most = Estimate(value=0.0, upper_95=found.clearance.value, how="the nearest stops judged")
     three = found.three_sigma
     sized = {
-        "clearance": clearance(found.clearance),
+        "clearance": clearance(found.clearance) if found.kept_with is None else at_most,
         "three_sigma": Estimate(value=three.clearance),
         "rms_displacement": Estimate(value=found.sigma),
         "probability_at_three_sigma": three.probability,

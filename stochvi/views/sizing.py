@@ -65,13 +65,60 @@ def _marks(sizing: Sizing) -> list[tuple[str, str, float]]:
 
 
 def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
-    """Chance of any hit in the mission against clearance, 3 sigma and the recommendation marked.
+    """Chance in the mission that the target limits against clearance, 3 sigma and the calculated
+    clearance marked: that of any hit or, of a target with a limit, that a hit exceeds it.
 
-    The dashed line takes Rice's crossings for independent hits. The band is the 95 % interval.
+    The dashed line takes Rice's crossings for independent hits. Bands and bars are the 95 %
+    intervals.
     """
     ax = axes_or_new(ax, (6.8, 4.6))
     unit, name = length_unit(sizing.clearance.value)
     curve, sigma = sizing.curve, sizing.sigma
+    own, wanted = COLOURS["linearise:force" if sizing.doubtful is None else "stop"], sizing.target
+    places = {
+        "3 sigma": sizing.three_sigma.clearance,
+        name_of_answer(sizing): sizing.clearance.value,
+    }
+    if wanted.exceedance is None:
+        lowest = _plot_any_hit(ax, sizing, unit)
+        end = float(curve["clearance"][curve["probability"] > lowest].iloc[-1]) / unit
+        what = "chance of any hit"
+    else:
+        lowest = _plot_limit(ax, sizing, unit)
+        end = 1.25 * max(places.values()) / unit
+        what = f"chance of a {wanted.name.replace('_', ' ')} above {wanted.limit}\n"
+    shown = {"3 sigma": COLOURS["linearise:closure"], name_of_answer(sizing): own}
+    for words, place in places.items():
+        label = f"{words}: {place / unit:.4g} {name}"
+        ax.axvline(place / unit, color=shown[words], linewidth=1.0, alpha=0.8, label=label)
+    if sizing.doubtful is not None:
+        place = sizing.doubtful.clearance / unit
+        end = max(end, 1.05 * place)
+        ax.axvline(
+            place,
+            color=CLEARANCES["record"],
+            linewidth=1.6,
+            label=f"the record itself: {place:.4g} {name}",
+        )
+    ax.set_xlim(min(float(curve["clearance"].iloc[0]), 0.8 * sizing.clearance.value) / unit, end)
+    ax.set_ylim(lowest, 1.3)
+    ax.set_yscale("log")
+    ax.set_xlabel(f"clearance per side ({name})")
+    ax.set_ylabel(f"{what} in {spoken_mission(sizing.mission)}")
+    add_grid(ax)
+    ax.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.13), ncols=2,
+              fontsize="small")  # fmt: skip
+    top = ax.secondary_xaxis(
+        "top",
+        functions=(lambda c: np.asarray(c) * unit / sigma, lambda s: np.asarray(s) * sigma / unit),
+    )
+    top.set_xlabel("clearance per side / rms displacement without stops")
+    return ax
+
+
+def _plot_any_hit(ax: Axes, sizing: Sizing, unit: float) -> float:
+    """Draw the chance of any hit; returns the smallest chance that is shown."""
+    curve = sizing.curve
     x = curve["clearance"] / unit
     expected = curve["rice_rate"] * sizing.mission
     ax.plot(
@@ -83,46 +130,49 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
         x, curve["probability_low"], curve["probability_high"], color=COLOURS["simulate"],
         alpha=0.25, linewidth=0,
     )  # fmt: skip
-    three = sizing.three_sigma
+    three, answer = sizing.three_sigma, sizing.clearance.value
     ax.plot(
         three.clearance / unit, three.probability.value, "o", color=COLOURS["linearise:closure"],
-        label=f"3 sigma: {spoken_percent(three.probability.value)}", clip_on=False, zorder=3,
+        clip_on=False, zorder=3,
     )  # fmt: skip
-    answer = sizing.clearance
-    there = float(np.interp(answer.value, curve["clearance"], np.log(curve["probability"])))
+    there = float(np.exp(np.interp(answer, curve["clearance"], np.log(curve["probability"]))))
     own = COLOURS["linearise:force" if sizing.doubtful is None else "stop"]
+    ax.plot(answer / unit, there, "D", color=own, clip_on=False, zorder=3)
+    return min(LEAST_PROBABILITY, 0.1 * there)
+
+
+def _plot_limit(ax: Axes, sizing: Sizing, unit: float) -> float:
+    """Draw the chance that the limit of the target is exceeded at the clearances that were tried,
+    with that of any hit for comparison; returns the smallest chance that is shown."""
+    accepted, table = sizing.target.exceedance, sizing.exceeding
+    assert accepted is not None
+    lowest = 0.1 * accepted
+    curve = sizing.curve
     ax.plot(
-        answer.value / unit, np.exp(there), "D", color=own,
-        label=f"{name_of_answer(sizing)}: {answer.value / unit:.4g} {name}", clip_on=False,
-        zorder=3,
+        curve["clearance"] / unit, curve["probability"], color="0.6", linewidth=1.0,
+        label="any hit, however soft",
     )  # fmt: skip
-    for place, colour in ((three.clearance, COLOURS["linearise:closure"]), (answer.value, own)):
-        ax.axvline(place / unit, color=colour, linewidth=0.8, alpha=0.6)
-    lowest = min(LEAST_PROBABILITY, 0.1 * float(np.exp(there)))
-    shown = curve["probability"] > lowest
-    end = float(x[shown].iloc[-1])
-    if sizing.doubtful is not None:
-        place = sizing.doubtful.clearance / unit
-        end = max(end, 1.05 * place)
-        ax.axvline(
-            place,
-            color=CLEARANCES["record"],
-            linewidth=1.6,
-            label=f"the record itself: {place:.4g} {name}",
-        )
-    ax.set_xlim(float(x.iloc[0]), end)
-    ax.set_ylim(lowest, 1.3)
-    ax.set_yscale("log")
-    ax.set_xlabel(f"clearance per side ({name})")
-    ax.set_ylabel(f"chance of any hit in {spoken_mission(sizing.mission)}")
-    add_grid(ax)
-    ax.legend(frameon=False, loc="lower left")
-    top = ax.secondary_xaxis(
-        "top",
-        functions=(lambda c: np.asarray(c) * unit / sigma, lambda s: np.asarray(s) * sigma / unit),
-    )
-    top.set_xlabel("clearance per side / rms displacement without stops")
-    return ax
+    ax.axhline(accepted, color="0.3", linestyle=":", label=f"accepted: {spoken_percent(accepted)}")
+    if table is None or not len(table):
+        return lowest
+    colour, known = COLOURS["simulate"], table[table["probability"].notna()]
+    known = known[known["probability"] > 0.0]
+    if len(known):
+        value = known["probability"]
+        ax.errorbar(
+            known["clearance"] / unit, value,
+            yerr=[value - known["probability_low"], known["probability_high"] - value],
+            color=colour, marker="o", capsize=3.0, label="a hit beyond the limit, simulated",
+        )  # fmt: skip
+        lowest = min(lowest, 0.3 * float(value.min()))
+    unseen = table[table["probability"].isna()]
+    if len(unseen):
+        ax.plot(
+            unseen["clearance"] / unit, unseen["probability_high"], "v", color=colour,
+            label="95 % limit, hardly any seen",
+        )  # fmt: skip
+        lowest = min(lowest, 0.3 * float(unseen["probability_high"].min()))
+    return lowest
 
 
 def draw_sizing(sizing: Sizing, title: str = "") -> Axes:

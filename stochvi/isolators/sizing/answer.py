@@ -210,8 +210,11 @@ class Sizing(Result):
         `clearance`, `clearance_low`, `clearance_high` (m), `clearance_in_sigma`.
     simulated
         One row per clearance simulated with the stop law: `clearance` (m), `clearance_in_sigma`,
-        `hit_rate`, `hit_rate_low`, `hit_rate_high` (1/s), `impact_speed_mean` (m/s), and, where
-        the target needs them, `exceedance_rate` with its limits (1/s).
+        `hit_rate`, `hit_rate_low`, `hit_rate_high` (1/s), `impact_speed_mean` (m/s).
+    exceeding
+        Of a target with a limit, one row per clearance that was tried: `clearance` (m), and the
+        `probability` that any hit of the mission exceeds the limit, with `probability_low` and
+        `probability_high` (95 %; NaN, 0 and the upper limit where hardly any hit did).
     evidence
         Responses simulated with the stop law, by "three_sigma" and "recommended".
     screening
@@ -252,6 +255,7 @@ class Sizing(Result):
     method: str
     record: RecordVerdict | None = None
     kept_with: Estimate | None = None
+    exceeding: pd.DataFrame | None = None
     allowed: Tolerances = field(default_factory=Tolerances)
     worst_case: pd.DataFrame | None = None
     fell_short: tuple[str, ...] = ()

@@ -23,9 +23,9 @@ from stochvi.methods.monte_carlo.kernels.rows import Extremes
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline, as_far_as_it_got
-from stochvi.results.errors import NotApplicable
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
-from stochvi.results.intervals import binomial_interval
+from stochvi.results.intervals import GAUSSIAN_95, binomial_interval
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import Bursts, bursts
 
@@ -187,9 +187,23 @@ class _Windows(_Seen):
     by = "windows"
 
     def chance(self, limit: float) -> Chance | None:
-        count, trials = int((self.largest > limit).sum()), len(self.largest)
-        if count < FEWEST:
-            return None
+        return None if self.exceeding(limit) < FEWEST else self.interval(limit)
+
+    def exceeding(self, limit: float) -> int:
+        """Number of windows in which the limit is exceeded."""
+        return int((self.largest > limit).sum())
+
+    def estimate(self, limit: float) -> Estimate:
+        """The chance in the mission, or its upper limit where few windows exceed the limit."""
+        value, low, high = self.interval(limit)
+        how = f"{self.exceeding(limit)} of {len(self.largest)} windows"
+        if self.exceeding(limit) < FEWEST:
+            return Estimate(value=0.0, upper_95=high, how=how)
+        return Estimate(value=value, standard_error=(high - low) / (2.0 * GAUSSIAN_95), how=how)
+
+    def interval(self, limit: float) -> Chance:
+        """The chance in the mission and its 95 % limits, however few windows exceed the limit."""
+        count, trials = self.exceeding(limit), len(self.largest)
         windows = self.mission / self.window
         value, low, high = (
             1.0 if chance >= 1.0 else -math.expm1(windows * math.log1p(-chance))
@@ -237,6 +251,42 @@ def _by_windows(scene: Scene, event: str, mission: float, asked: dict[str, Any])
         work = partial(_window_extremes, plan, asked["seed"], event)
         parts = [*crew.results(work, blocks, deadline, at_least=1)]
     return _Windows(np.concatenate(parts), mission, window)
+
+
+def chance_in_windows(
+    scene: Scene, event: str, limit: float, mission: float, *, accepted: float,
+    seed: int = 0, threads: int | None = None, budget: float | None = 10.0,
+) -> Estimate | None:  # fmt: skip
+    """Chance that any hit of a mission exceeds a limit, by windows of the whole motion, however
+    closely hits follow each other: sampled until its interval lies on one side of an `accepted`
+    chance, or the budget ends. None where windows are not simulated.
+    """
+    window = min(WINDOW, mission)
+    try:
+        plan = plan_windows(scene, window)
+    except NotApplicable:
+        return None
+    deadline, first, more = Deadline.after(budget), 0, LEAST_WINDOWS
+    parts: list[Vector] = []
+    seen: _Windows | None = None
+    with crew_of(None, threads) as crew:
+        work = partial(_window_extremes, plan, seed, event)
+        while seen is None or not deadline.passed():
+            blocks = [*blocks_between(first, first + more, plan.block)]
+            try:
+                parts += crew.results(work, blocks, deadline, at_least=0 if seen else 1)
+            except (NotConverged, Interrupted):
+                break
+            first, more = first + more, 2 * more  # few looks: each may err once in 40
+            seen = _Windows(np.concatenate(parts), mission, window)
+            _, low, high = seen.interval(limit)
+            if high <= accepted or low > accepted:
+                break
+    return None if seen is None else seen.estimate(limit)
+
+
+LEAST_WINDOWS = 1024
+"""Number of windows at the first look at a chance."""
 
 
 def _window_extremes(

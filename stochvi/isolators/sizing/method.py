@@ -26,6 +26,7 @@ from stochvi.isolators.sizing.answer import (
     spoken_percent,
 )
 from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.isolators.sizing.exceedances import chance_in_windows
 from stochvi.isolators.sizing.hits_at_clearance import Hits, Tried, at_clearance, compile_kernels
 from stochvi.isolators.sizing.pairs import size_pairs
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
@@ -71,9 +72,13 @@ class SearchSettings:
     most_overlap
         Largest number of first hits in the time that a burst is followed for which two bursts are
         taken for separate ones.
+    closer
+        Ratio of a clearance to the one before it, where clearances below those of bursts are tried.
     rough_error, share_of_limit
         Relative error, and share of the remaining time, of the chance that a limit is exceeded
         where no burst exceeds it.
+    share_of_windows
+        Share of the remaining time for windows of the whole motion at one clearance.
     share_of_tolerances
         Share of the budget for the worst case, where tolerances were asked for.
     rough_factor
@@ -110,8 +115,10 @@ class SearchSettings:
     rough_looks: int = 6
     least_sigma: float = 0.2
     most_overlap: float = 0.5
+    closer: float = 0.5
     rough_error: float = 0.5
     share_of_limit: float = 0.4
+    share_of_windows: float = 0.7
     share_of_tolerances: float = 0.4
     rough_factor: float = 3.0
     roughest: float = 0.9
@@ -278,13 +285,13 @@ def size(
                 report=progress or (lambda done, text: None),
             )  # fmt: skip
             found = job.sizing()
-            return found if share == 1.0 else _within(found, threads, budget)
+            return found if share == 1.0 else _within_tolerances(found, threads, budget)
     except NotApplicable as reason:
         # the user called `size`, so that the refusal has its name, whatever function it came from
         raise NotApplicable("size", reason.conditions) from reason
 
 
-def _within(found: Sizing, threads: int | None, budget: float) -> Sizing:
+def _within_tolerances(found: Sizing, threads: int | None, budget: float) -> Sizing:
     """A sizing with the worst case within its tolerances."""
     # the worst case sizes scenes of its own, by `size`
     from stochvi.isolators.sizing.worst_case import worst_case
@@ -356,6 +363,7 @@ class _Job:
     fell_short: list[str] = field(default_factory=list)
     unfinished: dict[float, str] = field(default_factory=dict)
     kept_with: Estimate | None = None
+    exceeded: dict[float, Estimate] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.target.name != "probability":
@@ -441,6 +449,7 @@ class _Job:
             method=method,
             record=record_verdict(self.scene),
             kept_with=self.kept_with,
+            exceeding=self._exceeding() if self.target.exceedance is not None else None,
             allowed=self.allowed,
             fell_short=tuple(dict.fromkeys(self.fell_short)),
             warnings=tuple(dict.fromkeys(self.warnings)),
@@ -593,7 +602,7 @@ class _Job:
         """The smallest clearance that is tried, m; for a limit, one at which bursts do not overlap
         yet."""
         if self.target.exceedance is None:
-            return SEARCH.least_sigma * self.sigma
+            return self.nearest
         clearances = self.curve.clearances
         meet = [
             self.curve.first_rate(c) * self.hits.window > SEARCH.most_overlap for c in clearances
@@ -609,17 +618,25 @@ class _Job:
                 "size",
                 [f"the {target.name} stays below {target.value:g} {target.unit} at any clearance"],
             )
-        self.warnings.append(
-            f"a clearance below {1e3 * place:.4g} mm may do as well: there hits come without the "
-            "pauses that separate one burst from the next, and no chance can be calculated"
-        )
         chance = chance_of(rate, self.mission)
-        if chance.upper_95 is not None and chance.upper_95 > target.exceedance:
+        if not _within(chance, target.exceedance):
+            chance = self._by_windows(place) or chance
+        if not _within(chance, target.exceedance):
             chance = self._by_splitting(place) or chance
+        # closer stops, where hits come without the pauses that separate one burst from the next
+        while _within(chance, target.exceedance) and place > self.nearest:
+            closer = max(SEARCH.closer * place, self.nearest)
+            there = self._by_windows(closer)
+            if there is None or not _within(there, target.exceedance):
+                break
+            place, chance = closer, there
+        self.warnings.append(
+            f"a clearance below {1e3 * place:.4g} mm may do as well: it was not shown to keep the "
+            "target"
+        )
         self.kept_with = chance
         answer = Clearance(value=place, lower=0.0, upper=place)
-        most = chance.value if chance.upper_95 is None else chance.upper_95
-        if most > target.exceedance:
+        if not _within(chance, target.exceedance):
             raise NotConverged(
                 f"no burst or hardly any exceeds {target.limit} at {1e3 * place:.4g} mm, but the "
                 f"budget of {self.budget:.3g} s ended before that showed a chance below "
@@ -627,6 +644,23 @@ class _Job:
                 answer,
             )
         return answer
+
+    @property
+    def nearest(self) -> float:
+        """The smallest clearance that is tried, m."""
+        return SEARCH.least_sigma * self.sigma
+
+    def _by_windows(self, place: float) -> Estimate | None:
+        """The chance that the limit is exceeded at a clearance, by windows of the whole motion."""
+        assert self.target.exceedance is not None
+        found = chance_in_windows(
+            at_clearance(self.scene, place), self.target.name, self.target.value, self.mission,
+            accepted=self.target.exceedance, seed=self.seed, threads=self.threads,
+            budget=SEARCH.share_of_windows * self.left,
+        )  # fmt: skip
+        if found is not None:
+            self.exceeded[place] = found
+        return found
 
     def _by_splitting(self, place: float) -> Estimate | None:
         """The chance that the limit is exceeded at a clearance where counted bursts show nothing,
@@ -687,7 +721,9 @@ class _Job:
             )
         else:
             self.unfinished.pop(clearance, None)
-        return found.exceedance_rate(name, limit)
+        rate = found.exceedance_rate(name, limit)
+        self.exceeded[clearance] = chance_of(rate, self.mission)
+        return rate
 
     def _hits_or_warning(self, clearance: float) -> Tried | None:
         """Hits for information alone; None and a warning where they are not found."""
@@ -733,6 +769,25 @@ class _Job:
                 }
             )
         return pd.DataFrame(rows)
+
+    def _exceeding(self) -> pd.DataFrame:
+        import pandas as pd
+
+        found = sorted(self.exceeded.items())
+        halves = [0.0 if c.upper_95 else c.half_width_95() for _, c in found]
+        return pd.DataFrame(
+            {
+                "clearance": [place for place, _ in found],
+                "probability": [math.nan if c.upper_95 else c.value for _, c in found],
+                "probability_low": [
+                    max(c.value - half, 0.0) for (_, c), half in zip(found, halves, strict=True)
+                ],
+                "probability_high": [
+                    c.upper_95 or min(c.value + half, 1.0)
+                    for (_, c), half in zip(found, halves, strict=True)
+                ],
+            }
+        )
 
     def _simulated(self) -> pd.DataFrame:
         import pandas as pd
@@ -789,6 +844,11 @@ def _excess(found: Estimate, wanted: float) -> tuple[float, float]:
     if not found.value:
         return -math.inf, 0.0
     return math.log(found.value / wanted), found.standard_error / found.value
+
+
+def _within(chance: Estimate, accepted: float) -> bool:
+    """Whether a chance, or its upper limit where it has one, is at most the accepted one."""
+    return (chance.value if chance.upper_95 is None else chance.upper_95) <= accepted
 
 
 def _screening(scene: Scene) -> Screening | None:
