@@ -86,7 +86,7 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
     else:
         lowest = _plot_limit(ax, sizing, unit)
         end = 1.25 * max(places.values()) / unit
-        what = f"chance of a {wanted.name.replace('_', ' ')} above {wanted.limit}\n"
+        what = f"chance of a {wanted.name.replace('_', ' ')}\nabove {wanted.limit}"
     shown = {"3 sigma": COLOURS["linearise:closure"], name_of_answer(sizing): own}
     for words, place in places.items():
         label = f"{words}: {place / unit:.4g} {name}"

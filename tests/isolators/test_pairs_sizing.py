@@ -16,6 +16,7 @@ from stochvi import (
     ConstantLoad,
     Isolator,
     NotApplicable,
+    NotConverged,
     Oscillator,
     Scene,
     WhiteNoise,
@@ -367,3 +368,25 @@ def test_looks_are_never_rougher_than_a_simulation_allows(monkeypatch: pytest.Mo
     with pytest.raises(NotApplicable, match="enough was seen"):
         size(uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0)), rate=0.2, rel_error=0.6)
     assert asked and max(asked) < 1.0
+
+
+@pytest.mark.usefixtures("blank_pictures")
+def test_hits_that_the_budget_left_unknown_end_with_code_one(
+    stochvi: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = Path(__file__).parents[2] / "data" / "scenes" / "zoo" / "chain-two-pairs.toml"
+    options = ("--probability", "5%", "--mission", "1000", "--rel-error", "0.4", "--json", "-")
+
+    def outcome(reason: Exception) -> tuple[int, list[str]]:
+        def none(*_: object, **__: object) -> None:
+            raise reason
+
+        monkeypatch.setattr(pairs, "count_hits", none)
+        done = stochvi("size", scene, *options)
+        assert "not known" in " ".join(done.err.split())
+        return done.code, one_document(done.out)["fell_short"]
+
+    code, short = outcome(NotConverged("the budget of 5 s ended", None))
+    assert code == 1 and "not known: the budget of 5 s ended" in short[0]
+    # the control: what cannot be counted by nature is no lack of accuracy
+    assert outcome(NotApplicable("hits", ["a law"])) == (0, [])

@@ -5,6 +5,7 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -21,14 +22,17 @@ from stochvi import (
     Scene,
     Sine,
     TabulatedNoise,
+    Viscoelastic,
     WhiteNoise,
     screen,
     simulate,
 )
 from stochvi.isolators.sizing import method
 from stochvi.isolators.sizing.answer import spoken_percent
+from stochvi.isolators.sizing.exceedances import chance_in_windows
 from stochvi.isolators.sizing.method import Sizing, at_clearance, size
 from stochvi.isolators.sizing.risk_curve import RiskCurve
+from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.monte_carlo.kernels.rows import EXTREMES, FASTEST
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
@@ -38,6 +42,7 @@ from stochvi.statistics.bursts import UNFINISHED, Bursts, bursts
 from stochvi.statistics.first_crossings import crossing_plan, first_crossings
 from stochvi.testing import assert_agrees
 from stochvi.verification.testing.agreement import Z
+from stochvi.views.sizing import plot_risk
 from support.mounts import HOUR, ten_hertz, truck
 
 HALF = Restitution(coefficient=0.5)
@@ -264,6 +269,7 @@ def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_ju
     seen = Estimate(value=0.0, upper_95=2e-5, how="none of 8")
     chances = SimpleNamespace(chances={"impact_speed": SimpleNamespace(estimate=seen)})
     monkeypatch.setattr(method, "reliability", lambda scene, **asked: chances)
+    monkeypatch.setattr(method, "chance_in_windows", lambda scene, *asked, **how: None)
     found = size(truck(HALF), impact_speed=5.0, rel_error=0.2)
     assert found.clearance.lower == 0.0
     assert found.clearance.upper == found.clearance.value < 4.0 * found.sigma
@@ -292,7 +298,10 @@ def test_a_limit_far_above_every_hit_is_shown_to_be_kept() -> None:
     assert found.kept_with.upper_95 < 1e-3
 
 
-def test_the_chance_that_is_kept_already_is_told_where_it_was_seen() -> None:
+def test_the_chance_that_is_kept_already_is_told_where_it_was_seen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(method, "chance_in_windows", lambda scene, *asked, **how: None)
     found = size(truck(HALF), impact_speed=0.5, exceedance=0.5, mission=60.0, rel_error=0.2)
     assert found.kept_with is not None and found.kept_with.upper_95 is None
     assert 0.0 < found.kept_with.value < 0.5
@@ -457,3 +466,64 @@ def test_a_chance_near_one_falls_with_the_clearance_and_is_a_limit(mission: floa
     # what was clipped does not pass for known
     assert curve["probability_high"][0] == pytest.approx(1.0, abs=1e-9)
     assert curve["probability_low"][0] < 0.99
+
+
+SOFT = Viscoelastic(stiffness=5e4, damping_ratio=0.2)
+
+
+def soft_bumper() -> Scene:
+    mount = Isolator(frequency_hz=12.0, zeta=0.1, mass=2.0)
+    noise = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+    stops = ImpactPair(clearance=0.004, law=SOFT)
+    return Scene(structure=mount, impact_pairs=[stops], excitations=[noise])
+
+
+def test_a_soft_bumper_may_stand_closer_than_bursts_can_judge() -> None:
+    """Where hits follow each other without pauses, windows of the whole motion decide."""
+    limit = 20.0 * STANDARD_GRAVITY
+    found = size(
+        soft_bumper(), peak_acceleration=limit, exceedance=0.2, mission=36.0, rel_error=0.3,
+        seed=1, budget=30.0,
+    )  # fmt: skip
+    assert found.kept_with is not None and found.kept_with.upper_95 is not None
+    assert found.kept_with.upper_95 <= 0.2
+    assert found.clearance.value < 2.0 * found.sigma < 3.0 * found.sigma
+    assert found.exceeding is not None and found.exceeding["clearance"].is_monotonic_increasing
+    # whole missions, simulated by another engine: none exceeds the limit
+    several = at_clearance(soft_bumper(), found.clearance.value)
+    response = simulate(several, paths=64, duration=36.0, seed=3)
+    force = response.impact_pairs[several.impact_pairs[0].name]["peak_force"]
+    assert isinstance(force, Estimate) and force.value / 2.0 < limit
+
+
+def test_windows_and_bursts_agree_on_a_limit() -> None:
+    clearance, limit, mission = 0.0075, 7.0 * STANDARD_GRAVITY, 600.0
+    scene = at_clearance(soft_bumper(), clearance)
+    windows = chance_in_windows(
+        scene, "peak_acceleration", limit, mission, accepted=0.5, seed=1, budget=None
+    )
+    assert windows is not None
+    rate = bursts(scene, seed=2, rel_error=0.05).exceedance_rate("peak_acceleration", limit)
+    hazard = rate * mission
+    seen = -math.log1p(-windows.value)
+    error = math.hypot(windows.standard_error / (1.0 - windows.value), hazard.standard_error)
+    assert abs(seen - hazard.value) < Z * error
+    # the control: a limit lower by a tenth
+    lower = bursts(scene, seed=2, rel_error=0.05).exceedance_rate("peak_acceleration", 0.85 * limit)
+    assert abs(seen - lower.value * mission) > Z * error
+
+
+def test_the_picture_of_a_limit_shows_the_chance_of_that_limit() -> None:
+    limit = 9.0 * STANDARD_GRAVITY
+    found = size(soft_bumper(), peak_acceleration=limit, mission=600.0, rel_error=0.3, seed=1)
+    table = found.exceeding
+    assert table is not None and len(table)
+    ax = plot_risk(found)
+    labels = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
+    drawn = labels["a hit beyond the limit, simulated"].lines[0]
+    assert drawn.get_ydata() == pytest.approx(table["probability"])
+    assert "peak acceleration" in ax.get_ylabel() and "any hit" not in ax.get_ylabel()
+    # any hit at all is some ten times as likely there
+    hit = found.curve.set_index("clearance")["probability"]
+    assert np.interp(found.clearance.value, hit.index, hit) > 5.0 * 0.01
+    plt.close(ax.get_figure())

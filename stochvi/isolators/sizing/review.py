@@ -305,6 +305,7 @@ def review(
     stopped = bool(sizing.scene.impact_pairs)
     between = 0 if deadline.passed() else settings.clearances
     hard = _exceedances(sizing, between, threads, deadline.part(settings.exceedance_share))
+    sizing = _with_limits(sizing, hard)
     path = settings.path
     if deadline.passed():
         path = replace(path, periods=min(path.periods, settings.periods_when_late))
@@ -369,6 +370,18 @@ def _exceedances(
         )
     except NotApplicable:
         return None
+
+
+def _with_limits(sizing: Sizing, hard: pd.DataFrame | None) -> Sizing:
+    """The sizing with the chances of its limit at the clearances of `exceedances`, too."""
+    import pandas as pd
+
+    table = sizing.exceeding
+    if hard is None or table is None:
+        return sizing
+    more = hard[np.isclose(hard["limit"], sizing.target.value)][list(table.columns)]
+    known = pd.concat([table, more]).drop_duplicates("clearance").sort_values("clearance")
+    return replace(sizing, exceeding=known.reset_index(drop=True))
 
 
 def _exceeding(sizing: Sizing, hard: pd.DataFrame | None) -> dict[str, Exceeding]:
