@@ -8,11 +8,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stochvi import Isolator, RoadNoise, WhiteNoise, screen
+from stochvi import (
+    ImpactPair,
+    Isolator,
+    Restitution,
+    RoadNoise,
+    Scene,
+    WhiteNoise,
+    exact,
+    screen,
+)
 from stochvi.isolators.contact import contact_on_mount
 from stochvi.isolators.environment import frequencies, input_density, transmissibility
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.chance_at_stops import probability_at, probability_of_stops
+from stochvi.isolators.sizing.hits_at_clearance import at_clearance
+from stochvi.isolators.sizing.motion import PathSettings, motion_between_stops
+from stochvi.isolators.sizing.review import ReviewSettings, review
 from stochvi.isolators.sizing.sensitivity import variations
 from stochvi.model.model import Model, model_of
 from stochvi.scenes.impact_laws import ForceTable, Law, Viscoelastic
@@ -127,3 +139,104 @@ def test_the_only_stop_of_a_scene_brings_all_the_bursts_of_its_distance(sizing: 
     assert probability_of_stops(replace(sizing, scene=scene)) == pytest.approx(
         -math.expm1(-expected), rel=1e-9
     )
+
+
+# Numbers of the page ----------------------------------------------------------------------
+
+
+def test_numbers_of_a_review_without_stops_are_plain_sums_and_motions() -> None:
+    """The base by sums over frequency, the mount by its definitions, the largest displacement by
+    motions that are made from white noise."""
+    found = review(
+        sizing_of(scene_between_stops(law=None), mission=60.0), settings=ReviewSettings(budget=1e-3)
+    )
+    f = np.geomspace(5.0, 500.0, 200_001)
+    density = TRUCK.table(f)
+    base = found.environment.base
+    assert base is not None
+    for power, rms in (
+        (0, base.acceleration_std),
+        (2, base.velocity_std),
+        (4, base.displacement_std),
+    ):
+        plain = math.sqrt(np.trapezoid(density / (2.0 * np.pi * f) ** power, f))
+        assert rms == pytest.approx(plain, rel=1e-4)
+    omega = 2.0 * np.pi * 12.0
+    mount = found.mount
+    assert mount is not None and mount.static_sag == pytest.approx(9.80665 / omega**2, rel=1e-9)
+    assert (mount.natural_frequency_hz, mount.damping_ratio, mount.quality_factor) == (
+        pytest.approx(12.0), pytest.approx(0.1), pytest.approx(5.0)
+    )  # fmt: skip
+    linear = found.linear
+    assert linear is not None
+    gain = 1.0 / (omega**2 - (2.0 * np.pi * f) ** 2 + 0.2j * omega * 2.0 * np.pi * f)
+    moved = np.abs(gain) ** 2 * density
+    sigma = math.sqrt(np.trapezoid(moved, f))
+    crossings = math.sqrt(np.trapezoid(moved * f**2, f)) / sigma
+    assert linear.rice_rate_at_three_sigma == pytest.approx(
+        2.0 * crossings * math.exp(-4.5), rel=1e-4
+    )
+    felt = np.trapezoid(
+        np.abs(gain) ** 2 * density * (omega**4 + (0.2 * omega * 2.0 * np.pi * f) ** 2), f
+    )
+    miles = math.sqrt(0.5 * np.pi * 12.0 * 5.0 * float(TRUCK.table(np.array([12.0]))[0]))
+    assert linear.miles_error == pytest.approx(miles / math.sqrt(felt) - 1.0, abs=1e-3)
+    rate, random = 200.0, np.random.default_rng(1)
+    count = int(60.0 * rate)
+    bins = np.fft.rfftfreq(2 * count, 1.0 / rate)
+    w = 2.0 * np.pi * bins
+    shape = np.sqrt(TRUCK.table(bins)) / np.abs(omega**2 - w**2 + 0.2j * omega * w)
+    peaks = []
+    for _ in range(300):
+        x = np.fft.irfft(shape * np.fft.rfft(random.normal(size=2 * count)))[:count]
+        peaks.append(np.abs(x).max() / x.std())
+    error = float(np.std(peaks)) / math.sqrt(len(peaks))
+    # Davenport takes all peaks for independent: those of a resonance come in groups
+    assert -4.5 * error < linear.largest_in_sigma - np.mean(peaks) < 0.05 * np.mean(peaks)
+    assert linear.largest_displacement == pytest.approx(linear.largest_in_sigma * sigma, rel=1e-4)
+
+
+def test_a_long_path_between_elastic_stops_has_the_exact_law() -> None:
+    """Rates by speed and kurtosis of the Gibbs law; far from stops the linear transmissibility."""
+    mount = Isolator(frequency_hz=1.0, zeta=0.05)
+    noise = WhiteNoise(density=1e-3, unit="g2/Hz")
+    stops = ImpactPair(clearance=1.0, law=Restitution(coefficient=1.0))
+    scene = Scene(structure=mount, impact_pairs=[stops], excitations=[noise])
+    sized = sizing_of(scene, paths=16)
+    sigma = sized.sigma
+    near = replace(sized, three_sigma=replace(sized.three_sigma, clearance=1.5 * sigma))
+    motion = motion_between_stops(near, PathSettings(periods=20_000.0))
+    x = np.linspace(-1.5, 1.5, 20_001)
+    law = np.exp(-0.5 * x**2)
+    known = exact(at_clearance(scene, 1.5 * sigma)).impact_pairs["stops"]
+    rate = float(known.collision_rate or 0.0)
+    hits = motion.hits / motion.duration
+    # hits of a resonance come in groups of some ten
+    spread = math.sqrt(20.0 / motion.hits)
+    assert hits == pytest.approx(rate, rel=4.5 * spread) and 4.5 * spread < 0.2
+    kurtosis = np.trapezoid(law * x**4, x) * np.trapezoid(law, x) / np.trapezoid(law * x**2, x) ** 2
+    assert motion.kurtosis == pytest.approx(kurtosis, rel=0.03)
+    assert abs(motion.kurtosis - 3.0) > 0.5
+    assert motion.mean_position == 0.0
+    faster = motion.faster_hits
+    assert faster is not None
+    speed = math.sqrt(2.0) * 2.0 * math.pi * sigma  # exceeded by exp(-1) of Rayleigh's speeds
+    row = faster.iloc[(faster["impact_speed"] - speed).abs().argmin()]
+    share = math.exp(-0.5 * (row["impact_speed"] / (2.0 * math.pi * sigma)) ** 2)
+    assert row["rate"] == pytest.approx(rate * share, rel=0.2)
+    density = motion.displacement
+    middles = 0.5 * (np.asarray(density.edges)[1:] + np.asarray(density.edges)[:-1]) / sigma
+    truth = np.exp(-0.5 * middles**2) / (np.trapezoid(law, x) * sigma)
+    assert np.asarray(density.density) == pytest.approx(truth, rel=0.15)
+    far = replace(sized, three_sigma=replace(sized.three_sigma, clearance=8.0 * sigma))
+    free = motion_between_stops(far, PathSettings(periods=5_000.0))
+    table = free.transmissibility
+    assert table is not None and free.transmissibility_change is not None
+    f, gain = table["frequency_hz"].to_numpy(), table["transmissibility"].to_numpy()
+    band = (f > 0.3) & (f < 3.0)
+    ratio = gain[band] / transmissibility(model_of(scene), f[band])
+    assert f.min() < 0.5 and f.max() > 2.0
+    for low, high in ((0.3, 0.7), (0.7, 1.4), (1.4, 3.0)):  # each of some dozens of bins
+        inside = (f[band] > low) & (f[band] < high)
+        assert np.median(ratio[inside]) == pytest.approx(1.0, rel=0.05)
+    assert free.transmissibility_change < 0.1 and free.hits == 0

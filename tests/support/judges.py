@@ -9,7 +9,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from stochvi.cli.answer_schema import answer_schema
+from stochvi.cli.answer_schema import Definitions, answer_schema
+from stochvi.isolators.sizing.review import Review
 from support import CHECKOUT
 
 TABLE = CHECKOUT / "docs" / "judges.toml"
@@ -17,7 +18,9 @@ TABLE = CHECKOUT / "docs" / "judges.toml"
 
 def quantities() -> dict[str, set[str]]:
     """Numbers in the documents of all answers: the keys, by the class that holds them."""
-    parts = answer_schema()["$defs"]
+    page = Definitions()  # the numbers of the page of a sizing, which its document holds as well
+    page.reference(Review)
+    parts = page.schemas | answer_schema()["$defs"]
     found = {
         name: {key for key, each in part["properties"].items() if _is_number(each)}
         for name, part in parts.items()

@@ -138,10 +138,13 @@ def motion_between_stops(
     settings = settings or PathSettings()
     scene = at_clearance(sizing.scene, sizing.three_sigma.clearance)
     model = model_of(scene)
+    period = 2.0 * math.pi / model.omega
+    fine = bool(model.whites) and noise_on_base_alone(model)
     path = record_path(
         scene,
-        duration=settings.periods * 2.0 * math.pi / model.omega,
+        duration=settings.periods * period,
         seed=sizing.seed,
+        step=period / WHITE_SAMPLES if fine else None,
     )
     path = path.iloc[round(settings.burn_in_share * len(path)) :]
     duration = float(path["time"].iloc[-1] - path["time"].iloc[0])
@@ -214,6 +217,15 @@ def _impacts(scene: Scene, speeds: Vector, settings: PathSettings) -> pd.DataFra
     return pd.DataFrame(rows)
 
 
+WHITE_SAMPLES = 40
+"""Samples in a natural period where white noise shakes the base and a density is taken: at the long
+steps that are enough for averages, the density is that of the kicks and not that of the noise."""
+
+MOST_FOLDED = 0.03
+"""Largest share of the transmissibility at a frequency that another one may add, which the sampling
+folds to it."""
+
+
 def _apparent_transmissibility(
     model: Model, path: pd.DataFrame, settings: PathSettings
 ) -> pd.DataFrame:
@@ -228,6 +240,9 @@ def _apparent_transmissibility(
     highest = settings.synthesised_share / (2.0 * step)
     seen = (frequency > 0.0) & (frequency < highest) & (base > 0.0)
     seen &= frequency >= frequencies(model)[0]
+    if model.whites:  # the kicks of a step shake at all of the frequencies that it folds to one
+        folded = transmissibility(model, np.abs(1.0 / step - frequency))
+        seen &= folded < MOST_FOLDED * transmissibility(model, frequency)
     return pd.DataFrame(
         {
             "frequency_hz": frequency[seen],

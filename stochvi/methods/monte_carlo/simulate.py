@@ -331,7 +331,8 @@ def _check_record(plan: Plan, step: float, paths: int) -> None:
     """Raise ValueError where the records of so many paths would not fit into the memory."""
     if paths < 1:
         raise ValueError(f"paths must be at least 1, got {paths}")
-    each = plan.record_size(1) * (plan.burn_in + plan.duration) / step
+    samples = min((plan.burn_in + plan.duration) / step, 2.0 * MOST_RECORDED)
+    each = plan.record_size(math.ceil(samples))
     check_size(
         "numbers of all records", paths * each, MOST_RECORDED, "give a shorter duration or fewer "
         "paths, or a larger step"
