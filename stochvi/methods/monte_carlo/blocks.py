@@ -21,7 +21,7 @@ from concurrent.futures import (
     Future,
     ThreadPoolExecutor,
 )
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import cache
 from itertools import chain, islice
@@ -33,7 +33,7 @@ from threadpoolctl import threadpool_limits
 
 from stochvi.methods.monte_carlo.block_results import Block, Entry, kept_results
 from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
-from stochvi.methods.monte_carlo.plan import Plan
+from stochvi.methods.monte_carlo.plan import RELAXATIONS, Plan, Underway
 from stochvi.methods.monte_carlo.stop_flag import GivenUp, given_up_after
 from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
 from stochvi.results.errors import NotConverged, StochviError
@@ -76,6 +76,10 @@ LANES = 16
 """Pieces of a block that have more paths than this number have a multiple of it, because the loops
 of the kernels over paths fill vectors of 8 numbers."""
 
+FULL_LANES = 64
+"""Number of paths that take hardly longer per step of each than many paths do: at 64 a kernel takes
+1.1 times as long, at 16 1.4 times, at 2 ten times (one oscillator, white noise, rigid stops)."""
+
 FEWEST_PAIRS = 64
 """Number of the first paths of a run that are all simulated at twice the step too."""
 
@@ -94,6 +98,9 @@ that is left, within these two numbers of seconds."""
 PIECE_SECONDS = 0.25
 """Largest expected time in seconds of a piece of a block, so that a budget is overrun by no
 more."""
+
+SHORTEST_STEP = 1e-9
+"""Time in seconds of a step of a block for which the clock measured zero."""
 
 PATIENCE_SECONDS = 0.5
 """Seconds beyond the budget that the first two paths may take, without which there is no answer."""
@@ -181,9 +188,14 @@ def do_blocks(
     return Done(results=tuple(results), machine=machine(), seconds=seconds, whole=whole)
 
 
-BlockStatistics = tuple[PathStatistics, StepPairs]
-"""Statistics of a block of paths, and those of its paths that were simulated at twice the step too,
-which may be none."""
+class BlockStatistics(NamedTuple):
+    """Statistics of a block of paths, and those of its paths that were simulated at twice the step
+    too, which may be none; and the number of counted steps of each path, fewer than those of the
+    plan where the deadline passed first."""
+
+    fine: PathStatistics
+    pairs: StepPairs
+    steps: int
 
 
 def block_statistics(
@@ -194,29 +206,93 @@ def block_statistics(
     paths: int,
     deadline: Deadline = NEVER,
 ) -> BlockStatistics:
-    """Statistics of a block of paths, or of its first paths if the deadline passes."""
-    fine, pairs = averages_in_time(plan, seed, first_path, paths, deadline)
+    """Statistics of a block of paths, over what they have made if the deadline passes."""
+    fine, pairs, steps = averages_in_time(plan, seed, first_path, paths, deadline)
     known = StepPairs.of(pairs, layout) if pairs.shape[1] else StepPairs.none(layout)
-    return PathStatistics.of(fine, layout), known
+    return BlockStatistics(PathStatistics.of(fine, layout), known, steps)
 
 
 def averages_in_time(
     plan: Plan, seed: int, first_path: int, paths: int, deadline: Deadline
-) -> tuple[Averages, Averages]:
-    """Averages of a block of paths, or of its first paths if the deadline passes; and those of
-    `paths_at_both_steps`, with the rows at twice the step after those at the step."""
+) -> tuple[Averages, Averages, int]:
+    """Averages of a block of paths; those of `paths_at_both_steps`, with the rows at twice the step
+    after those at the step; and the number of counted steps of each path.
 
-    def make(first_path: int, paths: int) -> tuple[Averages, Averages]:
-        fine = plan.averages(seed, first_path, paths)
-        pairs = [np.empty((2 * len(fine), 0))]
-        for first, number in paths_at_both_steps(plan, first_path, paths):
-            coarse = plan.coarser().averages(seed, first, number)
-            known = fine[:, first - first_path : first - first_path + number]
-            pairs.append(np.concatenate([known, coarse]))
-        return fine, np.concatenate(pairs, axis=1)
+    A deadline cuts the block in time. Of the first block of a run, without which there is no
+    answer, FULL_LANES paths come first: they go on until they have been counted for a relaxation
+    time, and end there if the deadline has passed. Where it passes later, paths are left out that
+    have not ended by then. `GivenUp` where there are no averages in time.
+    """
+    size = paths if deadline == NEVER or first_path else FULL_LANES
+    done: list[tuple[Averages, Averages, int]] = []
+    made = 0
+    while made < paths and not (done and deadline.passed()):
+        size = min(size, paths - made)
+        began = time.perf_counter()
+        try:
+            needed = first_path == 0 and not done
+            part = _averages_of_group(plan, seed, first_path + made, size, deadline, needed)
+        except GivenUp:
+            if not done:
+                raise
+            break
+        if done and part[2] < plan.steps:
+            break
+        done.append(part)
+        if part[2] < plan.steps:
+            break
+        made += size
+        each = (time.perf_counter() - began) / size
+        size = paths - made if each * (paths - made) < deadline.left else FULL_LANES
+    fine, pairs, steps = zip(*done, strict=True)
+    return np.concatenate(fine, axis=1), np.concatenate(pairs, axis=1), min(steps)
 
-    fine, pairs = zip(*in_pieces(make, first_path, paths, deadline), strict=True)
-    return np.concatenate(fine, axis=1), np.concatenate(pairs, axis=1)
+
+def _averages_of_group(
+    plan: Plan, seed: int, first_path: int, paths: int, deadline: Deadline, needed: bool
+) -> tuple[Averages, Averages, int]:
+    """Averages of paths that are simulated together; see `averages_in_time`."""
+    fine = plan.begin(seed, first_path, paths)
+    both = list(paths_at_both_steps(plan, first_path, paths))
+    coarse = [plan.coarser().begin(seed, first, number) for first, number in both]
+    go_on([fine, *coarse], deadline, needed)
+    if any(each.made < least_steps(each) for each in (fine, *coarse)):
+        raise GivenUp
+    averages = fine.averages()
+    pairs = [np.empty((2 * len(averages), 0))]
+    for (first, number), each in zip(both, coarse, strict=True):
+        known = averages[:, first - first_path : first - first_path + number]
+        pairs.append(np.concatenate([known, each.averages()]))
+    return averages, np.concatenate(pairs, axis=1), fine.counted
+
+
+def least_steps(paths: Underway) -> int:
+    """Number of steps after which paths have been counted for a relaxation time."""
+    return min(paths.total, paths.burn_in + math.ceil(paths.burn_in / RELAXATIONS))
+
+
+def go_on(groups: Sequence[Underway], deadline: Deadline, needed: bool = False) -> None:
+    """Simulate groups of paths to their ends together, or until the deadline passes; where their
+    averages are `needed`, until there are averages at least.
+
+    They are cut in time, all after the same share of their steps, in pieces of PIECE_SECONDS. Fewer
+    paths at a time would take as long: a step of a few paths costs hardly less than that of many.
+    A piece that takes longer all the same is given up (`stop_flag`), with `GivenUp`.
+    """
+    longest = max(group.total for group in groups)
+    made, steps = 0, longest if deadline == NEVER else FIRST_STEPS
+    with given_up_after(deadline) if deadline != NEVER else nullcontext():
+        while made < longest:
+            short = any(group.made < least_steps(group) for group in groups)
+            if deadline.passed() and not (needed and short):
+                return
+            began = time.perf_counter()
+            made = min(made + steps, longest)
+            for group in groups:
+                group.reach(math.ceil(made / longest * group.total))
+            each = (time.perf_counter() - began) / steps
+            left = min(PIECE_SECONDS, deadline.left)
+            steps = max(FIRST_STEPS, min(MORE_STEPS * steps, int(left / max(each, SHORTEST_STEP))))
 
 
 def paths_at_both_steps(plan: Plan, first_path: int, paths: int) -> Iterator[Block]:
@@ -238,23 +314,26 @@ def paths_at_both_steps(plan: Plan, first_path: int, paths: int) -> Iterator[Blo
             yield first, number
 
 
-def seconds_of_first_paths(plan: Plan, seed: int, deadline: Deadline) -> float:
-    """CPU seconds that the first FEWEST_AT_ONCE paths take, predicted from their first steps.
+def seconds_of_first_paths(
+    plan: Plan, seed: int, deadline: Deadline, paths: int = FEWEST_AT_ONCE, share: float = 1.0
+) -> float:
+    """CPU seconds that the first `paths` paths take for a share of their steps, predicted from
+    their first ones.
 
-    A piece of paths cannot be interrupted, and the number of impacts in a step is not known in
+    Some works on paths cannot be interrupted, and the number of impacts in a step is not known in
     advance. The trials become longer until the prediction is short, or rests on a fair share of
     the time that is left. It is 0 without a deadline, and for plans that cannot be shortened.
     """
-    steps = FIRST_STEPS
+    steps, wanted = FIRST_STEPS, share * plan.steps_per_path
     enough = max(min(PRICE_SHARE * deadline.left, MOST_PRICE), LEAST_PRICE)
-    while math.isfinite(deadline.moment) and steps < plan.steps_per_path:
+    while math.isfinite(deadline.moment) and steps < wanted:
         trial = plan.shortest(steps)
         if trial.steps_per_path < steps:
             break
         if steps == FIRST_STEPS:  # kernels are loaded where they are called first
-            _seconds_of(trial, seed)
-        took = _seconds_of(trial, seed)
-        predicted = took * plan.steps_per_path / trial.steps_per_path
+            _seconds_of(trial, seed, paths)
+        took = _seconds_of(trial, seed, paths)
+        predicted = took * wanted / trial.steps_per_path
         if predicted <= PIECE_SECONDS or took >= enough:
             return predicted
         # the last trial is not much longer than it has to be
@@ -262,24 +341,33 @@ def seconds_of_first_paths(plan: Plan, seed: int, deadline: Deadline) -> float:
     return 0.0
 
 
-def _seconds_of(trial: Plan, seed: int) -> float:
-    """CPU seconds that FEWEST_AT_ONCE paths take."""
+def _seconds_of(trial: Plan, seed: int, paths: int) -> float:
+    """CPU seconds that some paths take."""
     began = thread_seconds()
-    trial.averages(seed, 0, FEWEST_AT_ONCE)
+    trial.averages(seed, 0, paths)
     return thread_seconds() - began
 
 
-def check_price(plans: Sequence[Plan], seed: int, deadline: Deadline) -> None:
-    """Raise `NotConverged` where two paths by each of these plans take longer than there is, and
-    `Interrupted` where Ctrl-C came before they were begun."""
+def check_price(
+    plans: Sequence[Plan], seed: int, deadline: Deadline, paths: int = FEWEST_AT_ONCE,
+    whole: bool = True,
+) -> None:  # fmt: skip
+    """Raise `NotConverged` where the first paths by each of these plans take longer than there is,
+    and `Interrupted` where Ctrl-C came before they were begun.
+
+    Where paths need not be `whole` they may end a relaxation time after their burn-in.
+    """
     seconds = 0.0
     for plan in plans:
-        seconds += seconds_of_first_paths(plan, seed, deadline)
+        least = plan.burn_in * (1.0 + 1.0 / RELAXATIONS)
+        share = 1.0 if whole else min(1.0, least / (plan.burn_in + plan.duration))
+        seconds += seconds_of_first_paths(plan, seed, deadline, paths, share)
         if deadline.interrupted:
             raise deadline.fell_short("before any path was simulated", "")
         if seconds > deadline.left + PATIENCE_SECONDS:
+            what = "" if whole else "the burn-in of "
             raise NotConverged(
-                f"the budget of {deadline.budget:g} s is too short for {FEWEST_AT_ONCE} paths, "
+                f"the budget of {deadline.budget:g} s is too short for {what}{paths} paths, "
                 f"which take at least {seconds:.2g} s, of which {deadline.left:.2g} s are left; "
                 "raise budget, or shorten the paths (duration)"
             )
@@ -308,7 +396,9 @@ def in_pieces(
                 each = max((time.perf_counter() - began) / size, SHORTEST_BLOCK)
                 made += size
                 left = min(PIECE_SECONDS, deadline.left)
-                size = max(1, int(left / each))
+                # a few paths take hardly longer than two, so that their price is that of a piece
+                more = min(MORE_STEPS * size, FULL_LANES) if each * size < deadline.left else 1
+                size = max(more, int(left / each))
                 size -= size % LANES if size > LANES else 0
     except GivenUp:
         if not done:

@@ -183,7 +183,7 @@ class State:
 
     def with_block(self, block: BlockStatistics, steps: int, where: Sequence[str]) -> State:
         """The state after one more block, from its statistics and the number of its steps."""
-        fine, pairs = block
+        fine, pairs, _ = block
         return replace(
             self,
             fine=self.fine.merge(fine),

@@ -22,9 +22,9 @@ from stochvi.methods.monte_carlo.kernels.missions import (
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
 from stochvi.methods.monte_carlo.kernels.steps import ContactStop
+from stochvi.methods.monte_carlo.plan import RELAXATIONS
 from stochvi.methods.monte_carlo.rigid_white import (
     MOST_STEPS,
-    RELAXATIONS,
     WhitePlan,
     _flow,
     kick_over,

@@ -26,12 +26,13 @@ from stochvi.methods.monte_carlo.kernels.modes import (
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.path_statistics import Layout
-from stochvi.methods.monte_carlo.plan import Histories, SteppedPlan
+from stochvi.methods.monte_carlo.plan import RELAXATIONS, Histories, SteppedPlan, Underway
 from stochvi.methods.monte_carlo.quantities import Key, gap_of
 from stochvi.methods.monte_carlo.rigid_white import (
     BOUNCE_PER_STEP,
     COARSE_SHARE,
     DURATION,
+    FEWEST_LANES,
     GAP_PER_STEP,
     LONGEST_BLOCK,
     LOSSY_ANGLE,
@@ -39,7 +40,6 @@ from stochvi.methods.monte_carlo.rigid_white import (
     MOMENT_ANGLE,
     MOST_PATHS,
     MOST_STEPS,
-    RELAXATIONS,
     default_threshold,
 )
 from stochvi.methods.monte_carlo.step_bias import (
@@ -65,9 +65,6 @@ quintic that finds impacts and the Taylor series then have relative errors below
 LONGEST_FLOW = 2.0
 """Largest norm of the generator times the step (dimensionless) at which the series converges and
 quintics find impacts: their errors are below (omega h)^6 / 46080 of an amplitude."""
-
-FEWEST_LANES = 32
-"""Smallest number of paths in a block: a step of fewer paths costs hardly less."""
 
 MOST_MODAL_STEPS = MOST_STEPS / 4.0
 """Largest number of steps of one path: a step takes longer than that of one oscillator."""
@@ -284,15 +281,13 @@ class ModalPlan(SteppedPlan):
     ) -> NDArray[np.float64]:
         """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ...; a
         `log` gets every impact."""
-        streams = np.empty((2, paths), np.uint64)
-        seed_streams(np.uint64(seed), first_path, streams)
-        state = self.start(streams)
-        sums = np.zeros((self._rows_with_controls, paths))
-        stride = self._stride
-        burn_in = 0 if record is not None else self._burn_in_steps
-        outputs = Outputs(NO_RECORD if record is None else record, log)
-        self._advance(state, streams, sums, Steps(burn_in, self.steps, stride), outputs)
-        return self._physical(self._averaged(sums, math.ceil(self.steps / stride)))
+        underway = ModalUnderway(self, seed, first_path, paths, record, log)
+        underway.reach(underway.total)
+        return underway.averages()
+
+    def begin(self, seed: int, first_path: int, paths: int) -> Underway:
+        """The same paths before their first step."""
+        return ModalUnderway(self, seed, first_path, paths)
 
     @property
     def _rows_of_pairs(self) -> slice:
@@ -321,12 +316,12 @@ class ModalPlan(SteppedPlan):
         """Number of rows of the sums of a kernel, with those from which controls are made."""
         return int(self._rows_of_noise.stop)
 
-    def _averaged(self, sums: Matrix, samples: int) -> Matrix:
+    def _averaged(self, sums: Matrix, samples: int, steps: int) -> Matrix:
         """Averages over the samples of moments, per second of what pairs add up, and over the steps
         of products of noise."""
         found = sums / samples
-        found[self._rows_of_pairs] = sums[self._rows_of_pairs] / (self.steps * self.step)
-        found[self._rows_of_noise] = sums[self._rows_of_noise] / self.steps
+        found[self._rows_of_pairs] = sums[self._rows_of_pairs] / (steps * self.step)
+        found[self._rows_of_noise] = sums[self._rows_of_noise] / steps
         return found
 
     def _control_rows(self, averages: Matrix) -> Matrix:
@@ -360,12 +355,17 @@ class ModalPlan(SteppedPlan):
         decay, _ = self._half_kick
         return np.hstack([np.diag(self.modes.squares), self.modes.damping @ decay])
 
+    def paths_of(self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix) -> ModalPaths:
+        """Paths in a state in which no contact lasts, for the kernel."""
+        pairs, paths = len(self.model.pairs), state.shape[1]
+        gaps, peaks = np.full((pairs, paths), np.nan), np.zeros((paths, pairs, 2))
+        return ModalPaths(state, streams, gaps, peaks, sums)
+
     def _advance(
-        self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix, steps: Steps,
-        outputs: Outputs = NO_OUTPUTS, tables: SmoothResponse | None = None,
+        self, paths: ModalPaths, steps: Steps, outputs: Outputs = NO_OUTPUTS,
+        tables: SmoothResponse | None = None,
     ) -> None:  # fmt: skip
-        """Simulate the paths on, and add the counted steps to `sums`."""
-        paths = ModalPaths(state, streams, sums)
+        """Simulate the paths on, and add the counted steps to their sums."""
         constants = self._kernel_constants, tables, self._contact_constants
         run_modes(paths, *constants, steps, outputs, stop_flag())
         check_flag()
@@ -382,7 +382,7 @@ class ModalPlan(SteppedPlan):
         `state` (states, paths) and `streams` (2, paths) are replaced by those at the end.
         """
         sums = np.zeros((self._rows_of_sums, state.shape[1]))
-        self._advance(state, streams, sums, Steps(0, steps, steps))
+        self._advance(self.paths_of(state, streams, sums), Steps(0, steps, steps))
         return self._of_pairs(sums)[
             :, [self.sums_of_pair.index("n_lower"), self.sums_of_pair.index("n_upper")]
         ]
@@ -702,6 +702,32 @@ class ModalPlan(SteppedPlan):
             if len(modes.gaps) < 2 or largest == 0.0:
                 break
         return np.ascontiguousarray(state)
+
+
+class ModalUnderway(Underway):
+    """Paths of a `ModalPlan` under way; see `ModalPlan.averages`."""
+
+    def __init__(
+        self, plan: ModalPlan, seed: int, first_path: int, paths: int,
+        record: Matrix | None = None, log: Log | None = None,
+    ) -> None:  # fmt: skip
+        burn_in = 0 if record is not None else plan._burn_in_steps
+        super().__init__(burn_in + plan.steps, 1, burn_in)
+        streams = np.empty((2, paths), np.uint64)
+        seed_streams(np.uint64(seed), first_path, streams)
+        sums = np.zeros((plan._rows_with_controls, paths))
+        self.plan, self.paths = plan, plan.paths_of(plan.start(streams), streams, sums)
+        self.outputs = Outputs(NO_RECORD if record is None else record, log)
+
+    def advance(self, segment: int, first: int, last: int) -> None:
+        """Make the steps first, first + 1, ... before `last`."""
+        steps = Steps(first - self.burn_in, last - self.burn_in, self.plan._stride)
+        self.plan._advance(self.paths, steps, self.outputs)
+
+    def averages(self) -> Matrix:
+        """Time averages over the counted steps so far."""
+        plan, samples = self.plan, math.ceil(self.counted / self.plan._stride)
+        return plan._physical(plan._averaged(self.paths.sums, samples, self.counted))
 
 
 def plan_modal(model: Model, threshold: float | None, duration: float | None) -> ModalPlan:

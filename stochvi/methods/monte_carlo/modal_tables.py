@@ -46,6 +46,7 @@ from stochvi.methods.monte_carlo.modal import (
     basis,
 )
 from stochvi.methods.monte_carlo.modal_contacts import ModalContactsPlan, check_stiffness
+from stochvi.methods.monte_carlo.plan import Underway
 from stochvi.methods.monte_carlo.quantities import Key, gap_of
 from stochvi.methods.monte_carlo.tabulated import (
     BIN_ERROR,
@@ -187,28 +188,18 @@ class ModalTablesPlan(ModalContactsPlan):
     ) -> NDArray[np.float64]:
         """Time averages (rows of `layout`, paths) of the paths first_path, first_path + 1, ...; a
         `log` gets every impact, and `accelerations` see `follow`."""
-        # kicks and signals use the last stream of a path, which no block reaches
-        streams = _streams(seed, first_path, paths, MOST_BLOCKS - 1)
-        state = self.start(streams)
-        n = self.modes.size
-        sums = np.zeros((self._rows_with_controls, paths))
-        counted, stride = self._counted_of_block, self._stride
-        steps = Steps(self._burn_in_steps, counted, stride)
-        largest = self._largest(accelerations)
-        for number in range(self.blocks):
-            free = self.free_response(seed, first_path, paths, number)
-            before = free[self.samples - self._burn_in_steps - 1, :, 0::2]
-            state[:n] += before
-            state = self.between_stops(state)
-            state[:n] -= before
-            block_record = NO_RECORD
-            if record is not None:
-                block_record = record[number * counted : (number + 1) * counted]
-            if log is not None:
-                log = log._replace(start=number * counted * self.step)
-            outputs = Outputs(block_record, log, largest)
-            self._advance(state, streams, sums, steps, outputs, self._smooth(free))
-        return self._physical(self._averaged(sums, math.ceil(counted / stride) * self.blocks))
+        underway = ModalTablesUnderway(self, seed, first_path, paths, record, log, accelerations)
+        underway.reach(underway.total)
+        return underway.averages()
+
+    def begin(self, seed: int, first_path: int, paths: int) -> Underway:
+        """The same paths before their first sample."""
+        return ModalTablesUnderway(self, seed, first_path, paths)
+
+    def cut(self, steps: int) -> Self:
+        """The plan whose paths end after so many counted samples."""
+        blocks = math.ceil(steps / self._counted_of_block)
+        return replace(self, duration=steps * self.step, blocks=blocks)
 
     @property
     def _rows_of_passages(self) -> slice:
@@ -223,10 +214,10 @@ class ModalTablesPlan(ModalContactsPlan):
         """Number of rows of the sums of a kernel, with those from which controls are made."""
         return int(self._rows_of_passages.stop)
 
-    def _averaged(self, sums: Matrix, samples: int) -> Matrix:
+    def _averaged(self, sums: Matrix, samples: int, steps: int) -> Matrix:
         """Averages over the samples of moments, and per second of what pairs add up."""
-        found, passages = super()._averaged(sums, samples), self._rows_of_passages
-        found[passages] = sums[passages] / (self.steps * self.step)
+        found, passages = super()._averaged(sums, samples, steps), self._rows_of_passages
+        found[passages] = sums[passages] / (steps * self.step)
         return found
 
     @property
@@ -299,7 +290,8 @@ class ModalTablesPlan(ModalContactsPlan):
         """
         window = np.concatenate([free[first : first + steps], free[first - 1 : first]])
         sums = np.zeros((self._rows_of_sums, state.shape[1]))
-        self._advance(state, streams, sums, Steps(0, steps, steps), tables=self._smooth(window))
+        paths = self.paths_of(state, streams, sums)
+        self._advance(paths, Steps(0, steps, steps), tables=self._smooth(window))
         return state[: 2 * self.modes.size] + self.motion_of(free[first + steps - 1])
 
     def motion_of(self, sample: Matrix) -> Matrix:
@@ -343,7 +335,8 @@ class ModalTablesPlan(ModalContactsPlan):
         state, streams = np.zeros((self.states, paths)), np.zeros((2, paths), np.uint64)
         sums, steps = np.zeros((self._rows_of_sums, paths)), len(free) - 1
         outputs = Outputs(log=log, largest=self._largest(accelerations))
-        self._advance(state, streams, sums, Steps(0, steps, steps), outputs, self._smooth(free))
+        underway = self.paths_of(state, streams, sums)
+        self._advance(underway, Steps(0, steps, steps), outputs, self._smooth(free))
         return self._of_pairs(sums)
 
     def _smooth(self, free: NDArray[np.float64]) -> SmoothResponse:
@@ -440,6 +433,50 @@ class ModalTablesPlan(ModalContactsPlan):
         free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
         response: NDArray[np.float64] = free.view(np.float64)
         return response
+
+
+class ModalTablesUnderway(Underway):
+    """Paths of a `ModalTablesPlan` under way, a block after the other; see
+    `ModalTablesPlan.averages`."""
+
+    def __init__(
+        self, plan: ModalTablesPlan, seed: int, first_path: int, paths: int,
+        record: Matrix | None = None, log: Log | None = None, accelerations: Matrix | None = None,
+    ) -> None:  # fmt: skip
+        burn_in, self.each = plan._burn_in_steps, plan._counted_of_block
+        super().__init__(burn_in + self.each, plan.blocks, burn_in)
+        self.plan, self.which = plan, (seed, first_path, paths)
+        self.record, self.log, self.largest = record, log, plan._largest(accelerations)
+        # kicks and signals use the last stream of a path, which no block reaches
+        self.streams = _streams(seed, first_path, paths, MOST_BLOCKS - 1)
+        self.state = plan.start(self.streams)
+        self.sums = np.zeros((plan._rows_with_controls, paths))
+        self.of_block = np.zeros_like(self.sums)
+
+    def advance(self, segment: int, first: int, last: int) -> None:
+        """Simulate the samples first, first + 1, ... before `last` of a block."""
+        plan, n, before = self.plan, self.plan.modes.size, segment * self.each
+        if first == 0:
+            self.sums += self.of_block
+            self.of_block[:] = 0.0
+            self.free = plan.free_response(*self.which, segment)
+            start = self.free[plan.samples - self.burn_in - 1, :, 0::2]
+            self.state[:n] += start
+            self.state = plan.between_stops(self.state)
+            self.state[:n] -= start
+            self.paths = plan.paths_of(self.state, self.streams, self.of_block)
+        record = NO_RECORD if self.record is None else self.record[before : before + self.each]
+        log = self.log and self.log._replace(start=before * plan.step)
+        steps = Steps(first - self.burn_in, last - self.burn_in, plan._stride)
+        plan._advance(
+            self.paths, steps, Outputs(record, log, self.largest), plan._smooth(self.free)
+        )
+
+    def averages(self) -> Matrix:
+        """Time averages over the counted samples so far."""
+        plan, (whole, part) = self.plan, divmod(self.counted, self.each)
+        samples = whole * math.ceil(self.each / plan._stride) + math.ceil(part / plan._stride)
+        return plan._physical(plan._averaged(self.sums + self.of_block, samples, self.counted))
 
 
 class SynthesisedFlight(Flight):

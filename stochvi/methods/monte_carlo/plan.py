@@ -8,6 +8,7 @@ the seed and the numbers of the paths alone, so that any worker may compute them
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol, Self
@@ -17,7 +18,12 @@ from numpy.typing import NDArray
 
 from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.path_statistics import Layout
+from stochvi.methods.monte_carlo.stop_flag import check_flag
 from stochvi.model.model import Model
+
+RELAXATIONS = 12.0
+"""Length of the burn-in in units of the slowest time constant: the error of the start, which is
+small already, decays to e^-12 of itself."""
 
 Vector = NDArray[np.float64]
 Records = NDArray[np.float64]
@@ -121,6 +127,12 @@ class Plan(Protocol):
         A `record` gets the states of every step, a `log` every impact of the counted part.
         """
 
+    def begin(self, seed: int, first_path: int, paths: int) -> Underway:
+        """The same paths before their first step, to be simulated piece by piece."""
+
+    def cut(self, steps: int) -> Self:
+        """The plan whose paths end after so many counted steps, of which there is at least one."""
+
     def step_bias(self, name: str, difference: float) -> float | None:
         """The bias that the step leaves in a quantity, from its difference to twice the step; None
         where that difference does not determine the bias."""
@@ -194,6 +206,58 @@ class Plan(Protocol):
         synthesised in several blocks jumps between them."""
 
 
+class Underway(ABC):
+    """Paths of a plan under way, which go on from their state with their sums.
+
+    Their averages depend on the steps that they have made, not on the pieces in which they made
+    them. A path has `segments` of `length` steps each, of which the first `burn_in` ones are not
+    counted.
+
+    Parameters
+    ----------
+    length, segments, burn_in
+        Lengths in steps, see above.
+    """
+
+    def __init__(self, length: int, segments: int, burn_in: int) -> None:
+        self.length, self.segments, self.burn_in = length, segments, burn_in
+        self.made = 0
+
+    @property
+    def total(self) -> int:
+        """Number of steps of a path."""
+        return self.length * self.segments
+
+    @property
+    def counted(self) -> int:
+        """Number of counted steps that the paths have made."""
+        whole, part = divmod(self.made, self.length)
+        return whole * (self.length - self.burn_in) + max(0, part - self.burn_in)
+
+    def reach(self, steps: int) -> None:
+        """Simulate the paths on until they have made at least so many steps.
+
+        Raises `GivenUp` if the flag of this thread is set; there are no averages then.
+        """
+        steps = min(steps, self.total)
+        while self.made < steps:
+            segment, first = divmod(self.made, self.length)
+            last = min(first + steps - self.made, self.length)
+            # two successive steps use a pair of normals
+            last = min(last + last % 2, self.length)
+            self.advance(segment, first, last)
+            check_flag()
+            self.made += last - first
+
+    @abstractmethod
+    def advance(self, segment: int, first: int, last: int) -> None:
+        """Make the steps first, first + 1, ... before `last` of a segment."""
+
+    @abstractmethod
+    def averages(self) -> Records:
+        """Time averages over the counted steps so far, as `Plan.averages` gives them."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class SteppedPlan:
     """Parts that those plans share whose step may be chosen and whose records include the burn-in.
@@ -229,6 +293,10 @@ class SteppedPlan:
     def unbroken(self, duration: float) -> Self:
         """The plan itself, as its paths do not jump."""
         return self
+
+    def cut(self, steps: int) -> Self:
+        """The plan whose paths end after so many counted steps."""
+        return replace(self, duration=steps * self.step)
 
 
 def layout_of_one(

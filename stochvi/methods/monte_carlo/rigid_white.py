@@ -32,9 +32,11 @@ from stochvi.methods.monte_carlo.kernels.steps import (
 )
 from stochvi.methods.monte_carlo.path_statistics import Layout
 from stochvi.methods.monte_carlo.plan import (
+    RELAXATIONS,
     Histories,
     Records,
     SteppedPlan,
+    Underway,
     columns_of_one,
     histories_of_one,
     layout_of_one,
@@ -45,7 +47,7 @@ from stochvi.methods.monte_carlo.step_bias import (
     bias_of_refined_step,
     lossiest,
 )
-from stochvi.methods.monte_carlo.stop_flag import check_flag, stop_flag
+from stochvi.methods.monte_carlo.stop_flag import stop_flag
 from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable
 
@@ -82,16 +84,16 @@ LONGEST_BLOCK = 2.0**24
 """Largest number of steps of all paths of a block together: they take about 0.1 s, or more where
 impacts are very frequent."""
 
+FEWEST_LANES = 64
+"""Smallest number of paths in a block, however long they are: a step of 64 paths takes 1.1 times as
+long for each as one of 1024, a step of 8 paths three times. A block is cut in time."""
+
 MOST_PATHS = 1024
 """Largest number of paths in a block."""
 
 MOST_STEPS = 1e8
 """Largest number of steps of one path. A scene that needs more has time scales too far apart for a
 stationary average by simulation, and is refused."""
-
-RELAXATIONS = 12.0
-"""Length of the burn-in in units of the slowest time constant: the error of the start, which is
-small already, decays to e^-12 of itself."""
 
 DURATION = 5.0
 """Default counted length of a path in units of its burn-in."""
@@ -147,7 +149,7 @@ class WhitePlan(SteppedPlan):
     @property
     def block(self) -> int:
         """Number of paths in a block, the unit of work, which takes some seconds at most."""
-        return max(8, min(MOST_PATHS, int(LONGEST_BLOCK // self.steps_per_path)))
+        return max(FEWEST_LANES, min(MOST_PATHS, int(LONGEST_BLOCK // self.steps_per_path)))
 
     @property
     def hits_in_a_cluster(self) -> float:
@@ -332,24 +334,13 @@ class WhitePlan(SteppedPlan):
     ) -> NDArray[np.float64]:
         """Time averages (rows, paths) of the paths first_path, first_path + 1, ..., with positions
         from `origin`; a `log` gets every impact."""
-        streams = np.empty((2, paths), np.uint64)
-        seed_streams(np.uint64(seed), first_path, streams)
-        x, v = self._start(streams)
-        sums, noise = np.zeros((self.rows, paths)), np.zeros((2, paths))
-        burn_in = 0 if record is not None else self._burn_in_steps
-        stride = self._stride
-        self._kernel(
-            Paths(x, v, streams, sums, noise), *self._kernel_constants(),
-            Counting(
-                burn_in=burn_in, steps=self.steps, stride=stride,
-                origin=self.origin - self.model.rest, threshold=self.threshold,
-            ),
-            NO_RECORD if record is None else record, log or self._no_log, stop_flag(),
-        )  # fmt: skip
-        check_flag()
-        sums[:N_LOWER] /= math.ceil(self.steps / stride)
-        sums[N_LOWER:] /= self.steps * self.step
-        return np.concatenate([self._at_mid_kick(sums), noise / self.steps])
+        underway = WhitePaths(self, seed, first_path, paths, record, log)
+        underway.reach(underway.total)
+        return underway.averages()
+
+    def begin(self, seed: int, first_path: int, paths: int) -> WhitePaths:
+        """The same paths before their first step."""
+        return WhitePaths(self, seed, first_path, paths)
 
     @property
     def _stride(self) -> int:
@@ -369,6 +360,11 @@ class WhitePlan(SteppedPlan):
         # of two kicks in a row the first one decays by the time of the second
         decay = math.sqrt(kick.decay)
         return kick._replace(earlier=decay / math.hypot(1.0, decay)) if self.merged else kick
+
+    @property
+    def _kept_at_start(self) -> float:
+        """What a kernel keeps of a path before its first step: half a kick is owed to it."""
+        return 0.5 * self.step
 
     def _kernel_constants(self) -> tuple[Any, ...]:
         model = self.model
@@ -455,6 +451,41 @@ class WhitePlan(SteppedPlan):
         density = law.density(grid)
         cumulative = np.concatenate([[0.0], np.cumsum((density[1:] + density[:-1]) / 2.0)])
         return cumulative / cumulative[-1], grid
+
+
+class WhitePaths(Underway):
+    """Paths of a `WhitePlan` under way; see `WhitePlan.averages`."""
+
+    def __init__(
+        self, plan: WhitePlan, seed: int, first_path: int, paths: int,
+        record: Records | None = None, log: Log | None = None,
+    ) -> None:  # fmt: skip
+        burn_in = 0 if record is not None else plan._burn_in_steps
+        super().__init__(burn_in + plan.steps, 1, burn_in)
+        streams = np.empty((2, paths), np.uint64)
+        seed_streams(np.uint64(seed), first_path, streams)
+        x, v = plan._start(streams)
+        sums, noise = np.zeros((plan.rows, paths)), np.zeros((2, paths))
+        self.plan = plan
+        self.paths = Paths(x, v, streams, sums, noise, np.full((paths, 2), plan._kept_at_start))
+        self.constants = plan._kernel_constants()
+        self.outputs = NO_RECORD if record is None else record, log or plan._no_log
+
+    def advance(self, segment: int, first: int, last: int) -> None:
+        """Make the steps first, first + 1, ... before `last`."""
+        plan = self.plan
+        counting = Counting(
+            first=first - self.burn_in, last=last - self.burn_in, stride=plan._stride,
+            origin=plan.origin - plan.model.rest, threshold=plan.threshold,
+        )  # fmt: skip
+        plan._kernel(self.paths, *self.constants, counting, *self.outputs, stop_flag())
+
+    def averages(self) -> NDArray[np.float64]:
+        """Time averages over the counted steps so far."""
+        plan, sums = self.plan, self.paths.sums.copy()
+        sums[:N_LOWER] /= math.ceil(self.counted / plan._stride)
+        sums[N_LOWER:] /= self.counted * plan.step
+        return np.concatenate([plan._at_mid_kick(sums), self.paths.noise / self.counted])
 
 
 def plan_white(

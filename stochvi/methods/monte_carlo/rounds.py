@@ -12,6 +12,7 @@ from functools import partial
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.methods.monte_carlo.blocks import (
+    FULL_LANES,
     BlockStatistics,
     Crew,
     block_statistics,
@@ -105,6 +106,7 @@ class Run:
         self.shown_fraction = 0.0
         self.sentence, self.last_sentence_at = "", -math.inf
         self.whole_blocks: State | None = None
+        self.whole_duration = self.plan.duration
 
     @property
     def layout(self) -> Layout:
@@ -137,6 +139,12 @@ class Run:
         parts."""
         return self.first_seconds + self.elapsed
 
+    def cut(self) -> str:
+        """Where the paths of the answer were cut, for a sentence; nothing where they are whole."""
+        if self.plan.duration == self.whole_duration:
+            return ""
+        return f", cut after {self.plan.duration:.3g} of their {self.whole_duration:.3g} s"
+
     def set_goal(self, goal: int) -> None:
         """Set the number of paths at which the round that begins now ends."""
         self.state = replace(self.state, goal=goal)
@@ -151,7 +159,8 @@ class Run:
         return False if the deadline passed first."""
         plans = [self.plan] if self.plan.elastic else [self.plan, self.plan.coarser()]
         if not self.fine.count:
-            check_price(plans, self.seed, deadline)
+            least = min(self.state.goal, self.plan.block, FULL_LANES)
+            check_price(plans, self.seed, deadline, least, whole=False)
         goal = self.state.goal
         if self.rel_error is None:
             self.expected_paths = goal
@@ -161,9 +170,9 @@ class Run:
         results = self.crew.do([work], left, total, deadline)
         with closing(results):  # closed at once, so that after an interrupt no further task begins
             for (_, paths), (statistics,), where, _ in results:
-                if statistics[0].count < paths:
+                if statistics.fine.count < paths or statistics.steps < self.plan.steps:
                     self._end_early(statistics, where)
-                    break
+                    return False
                 self.state = self.state.with_block(statistics, self._steps_of(statistics), where)
                 self.merged_at = self.seconds
                 if self.keeper and self.keeper.due():
@@ -173,17 +182,19 @@ class Run:
 
     def _steps_of(self, block: BlockStatistics) -> int:
         """Number of steps of a block, those at twice the step included."""
-        fine, pairs = block
-        coarse = pairs.count * self.plan.coarser().steps_per_path if pairs.count else 0
-        return fine.count * self.plan.steps_per_path + coarse
+        coarse = block.pairs.count * self.plan.coarser().steps_per_path if block.pairs.count else 0
+        return block.fine.count * self.plan.steps_per_path + coarse
 
     def _end_early(self, statistics: BlockStatistics, where: list[str]) -> None:
-        """Use the paths of a block that the budget cut short, if there are no other paths.
+        """Use the paths of a block that the budget cut short, if there are no other paths; the plan
+        of the answer is then the one whose paths end there.
 
         The checkpoint leaves them out: a run that resumes from it simulates the whole block.
         """
         if not self.fine.count:
             self.whole_blocks = self.state
+            if statistics.steps < self.plan.steps:
+                self.plan = self.plan.cut(statistics.steps)
             self.state = self.state.with_block(statistics, self._steps_of(statistics), where)
             self.merged_at = self.seconds
 

@@ -240,7 +240,7 @@ def _simulate(run: Run, asked: Asked, deadline: Deadline) -> None:
     run.set_goal(asked.paths)
     if not run.reach_goal(deadline):
         raise deadline.fell_short(
-            f"after {run.fine.count} of {asked.paths} paths",
+            f"after {run.fine.count} of {asked.paths} paths{run.cut()}",
             "raise budget",
             _so_far(run, "not all paths were simulated"),
         )

@@ -1,10 +1,9 @@
 """A path that takes long is given up once its answer is due, as its kernel looks at a flag.
 
-Under white noise, in modal coordinates and in missions (`run_white`, `run_contacts`, `run_modes`,
-`run_missions`) a kernel looks at it in every step or every other one. Under a table of noise the
-kernels `response_domain` and `compliant_response` do not: `TabulatedPlan.averages` looks at it
-between two blocks of a path, each of which takes a fraction of a second. A path that is given up
-leaves no result, so that no number depends on the clock.
+Every kernel that advances paths (`run_white`, `run_contacts`, `run_response`, `run_modes`,
+`run_missions`) looks at it in every step or every other one. A path that is given up leaves no
+result, so that no number depends on the clock. Blocks of `simulate` are cut in time before that
+(`blocks.go_on`), and their paths end between two steps.
 """
 
 from __future__ import annotations

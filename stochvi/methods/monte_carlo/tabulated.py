@@ -48,6 +48,7 @@ from stochvi.methods.monte_carlo.path_statistics import Layout
 from stochvi.methods.monte_carlo.plan import (
     Histories,
     Records,
+    Underway,
     columns_of_one,
     histories_of_one,
     layout_of_one,
@@ -58,7 +59,7 @@ from stochvi.methods.monte_carlo.step_bias import (
     bias_of_smooth_motion,
     lossiest,
 )
-from stochvi.methods.monte_carlo.stop_flag import check_flag
+from stochvi.methods.monte_carlo.stop_flag import stop_flag
 from stochvi.model.model import Model, Signal, Stop
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
@@ -381,34 +382,18 @@ class TabulatedPlan:
 
         `extremes` (paths, EXTREMES) gets the extremes of each path, a `log` every impact.
         """
-        sums = Sums.zeros(paths, self.contacts).table
-        controls = np.zeros((len(self._controls), paths))
-        sides = [(stop.side, stop.position - self.model.rest) for stop in self.model.stops]
-        for number in range(self.blocks_per_path):
-            check_flag()
-            block_record = None
-            if record is not None:
-                counted = self._counted_samples
-                block_record = record[number * counted : (number + 1) * counted]
-            if log is not None:
-                log = log._replace(start=number * self._counted_samples * self.step)
-            free = self.free_response(seed, first_path, paths, number)
-            if self._controls:
-                add_free_motion(free, self._counted_samples, np.array(sides), controls)
-            self.add_impacts(
-                free,
-                self.warm_up_samples,
-                self._counted_samples,
-                sums,
-                block_record,
-                extremes,
-                log,
-            )
-        sums[:N_LOWER] /= self._counted_samples * self.blocks_per_path
-        sums[N_LOWER:] /= self.duration
-        controls[:2] /= self._counted_samples * self.blocks_per_path
-        controls[2:] /= self.duration
-        return np.concatenate([sums, controls])
+        underway = TabulatedPaths(self, seed, first_path, paths, record, extremes, log)
+        underway.reach(underway.total)
+        return underway.averages()
+
+    def begin(self, seed: int, first_path: int, paths: int) -> TabulatedPaths:
+        """The same paths before their first sample."""
+        return TabulatedPaths(self, seed, first_path, paths)
+
+    def cut(self, steps: int) -> TabulatedPlan:
+        """The plan whose paths end after so many counted samples."""
+        blocks = math.ceil(steps / self._counted_samples)
+        return replace(self, counted=steps * self.step / blocks, blocks_per_path=blocks)
 
     def add_impacts(
         self,
@@ -421,6 +406,31 @@ class TabulatedPlan:
         log: Log | None = None,
     ) -> None:
         """Add impacts to free responses (samples, 2 paths): see `response_domain.run_response`."""
+        state, peaks = self._before(free, warm_up)
+        self._go_on(free, (-warm_up, counted), state, peaks, sums, record, extremes, log)
+
+    def _before(
+        self, free: NDArray[np.float64], warm_up: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+        """State and contacts of paths before their warm-up: they move as if there were no stops."""
+        state = np.zeros((4, free.shape[1] // 2))
+        before = free[self.samples - warm_up - 1]
+        state[2], state[3] = before[0::2], self.model.omega * before[1::2]
+        return state, np.zeros((free.shape[1] // 2, 2)) if self.contacts else None
+
+    def _go_on(
+        self,
+        free: NDArray[np.float64],
+        samples: tuple[int, int],
+        state: NDArray[np.float64],
+        peaks: NDArray[np.float64] | None,
+        sums: NDArray[np.float64],
+        record: NDArray[np.float64] | None,
+        extremes: NDArray[np.float64] | None,
+        log: Log | None,
+    ) -> None:
+        """Add impacts from one sample to before another one, to paths in a state."""
+        first, last = samples
         run_response(
             free,
             Sampling(
@@ -429,16 +439,18 @@ class TabulatedPlan:
                 damping_rate=self.model.damping_rate,
                 threshold=self.threshold,
                 scale=math.sqrt(self._velocity_variance),
-                warm_up=warm_up,
-                counted=counted,
+                first=first,
+                last=last,
             ),
             self._stop(self.model.lower),
             self._stop(self.model.upper),
-            np.zeros((free.shape[1] // 2, 2)) if self.contacts else None,
+            state,
+            peaks,
             sums,
             NO_RECORD if record is None else record,
             NO_EXTREMES if extremes is None else extremes,
             log or NO_LOG,
+            stop_flag(),
         )
 
     def _stop(self, stop: Stop | None) -> RigidStop | ContactStop | None:
@@ -524,6 +536,51 @@ class TabulatedPlan:
         sample[self.samples - self.warm_up_samples - 1 :] -= self.samples
         time = self.step * (sample + number * self._counted_samples)
         return np.asarray(np.exp(1j * (omega * time[:, None] + np.arctan2(first, second))))
+
+
+class TabulatedPaths(Underway):
+    """Paths of a `TabulatedPlan` under way, a block after the other; see
+    `TabulatedPlan.averages`."""
+
+    def __init__(
+        self, plan: TabulatedPlan, seed: int, first_path: int, paths: int,
+        record: Records | None = None, extremes: NDArray[np.float64] | None = None,
+        log: Log | None = None,
+    ) -> None:  # fmt: skip
+        warm_up, self.each = plan.warm_up_samples, plan._counted_samples
+        super().__init__(warm_up + self.each, plan.blocks_per_path, warm_up)
+        self.plan, self.which = plan, (seed, first_path, paths)
+        self.record, self.extremes, self.log = record, extremes, log
+        self.sums = Sums.zeros(paths, plan.contacts).table
+        self.of_block = np.zeros_like(self.sums)
+        self.controls = np.zeros((len(plan._controls), paths))
+        self.sides = np.array([(s.side, s.position - plan.model.rest) for s in plan.model.stops])
+
+    def advance(self, segment: int, first: int, last: int) -> None:
+        """Simulate the samples first, first + 1, ... before `last` of a block."""
+        plan, before = self.plan, segment * self.each
+        if first == 0:
+            self.sums += self.of_block
+            self.of_block[:] = 0.0
+            self.free = plan.free_response(*self.which, segment)
+            self.state, self.peaks = plan._before(self.free, self.burn_in)
+        samples = first - self.burn_in, last - self.burn_in
+        if len(self.controls):
+            add_free_motion(self.free, max(samples[0], 0), samples[1], self.sides, self.controls)
+        record = None if self.record is None else self.record[before : before + self.each]
+        log = self.log and self.log._replace(start=before * plan.step)
+        plan._go_on(
+            self.free, samples, self.state, self.peaks, self.of_block, record, self.extremes, log
+        )
+
+    def averages(self) -> NDArray[np.float64]:
+        """Time averages over the counted samples so far."""
+        sums, controls, counted = self.sums + self.of_block, self.controls.copy(), self.counted
+        sums[:N_LOWER] /= counted
+        sums[N_LOWER:] /= counted * self.plan.step
+        controls[:2] /= counted
+        controls[2:] /= counted * self.plan.step
+        return np.concatenate([sums, controls])
 
 
 def expected_of_free_motion(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 import signal
 
 import numpy as np
@@ -15,16 +17,19 @@ from stochvi import (
     Scene,
     WhiteNoise,
     exact,
+    load_scene,
     simulate,
 )
 from stochvi.methods.monte_carlo import blocks, rounds
-from stochvi.methods.monte_carlo.blocks import FEWEST_AT_ONCE, averages_in_time, check_price
+from stochvi.methods.monte_carlo.blocks import FULL_LANES, averages_in_time, check_price
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.plan import Plan
-from stochvi.methods.monte_carlo.rigid_white import COLLAPSE_RESTITUTION
+from stochvi.methods.monte_carlo.plan import RELAXATIONS, Plan
+from stochvi.methods.monte_carlo.rigid_white import COLLAPSE_RESTITUTION, WhitePaths, WhitePlan
+from stochvi.methods.monte_carlo.stop_flag import GivenUp
 from stochvi.model.model import model_of
 from stochvi.results import Interrupted
 from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
+from stochvi.scenes.datasets import shipped_scene, zoo_files
 from stochvi.scenes.excitations import ConstantLoad
 from stochvi.testing import assert_agrees
 from support.known import oscillator
@@ -34,19 +39,73 @@ def plan_of(duration: float) -> Plan:
     return make_plan(model_of(oscillator(-1.0, 1.0, 0.5)), None, duration)
 
 
-def test_a_block_that_is_late_ends_with_its_first_paths() -> None:
-    plan = plan_of(20.0)
-    whole = plan.averages(3, 64, 64)
-    late, _ = averages_in_time(plan, 3, 64, 64, deadline=Deadline(0.0))
-    assert late.shape[1] == FEWEST_AT_ONCE
-    np.testing.assert_array_equal(late, whole[:, :FEWEST_AT_ONCE])
+LATE = Deadline(0.0)
+
+
+def test_a_block_that_is_late_ends_in_time_not_in_paths() -> None:
+    """The answer is the one of so many shorter paths: no digit tells that they were cut."""
+    plan = plan_of(2000.0)
+    late, pairs, steps = averages_in_time(plan, 3, 0, 640, LATE)
+    assert late.shape[1] == pairs.shape[1] == FULL_LANES
+    assert plan.burn_in / RELAXATIONS <= steps * plan.step < plan.duration
+    shorter = plan.cut(steps)
+    np.testing.assert_array_equal(late, shorter.averages(3, 0, FULL_LANES))
+
+
+def test_a_late_block_that_is_not_needed_is_left_out() -> None:
+    with pytest.raises(GivenUp):
+        averages_in_time(plan_of(20.0), 3, 64, 64, LATE)
+
+
+SCENES = {
+    "white noise": zoo_files()["lossy-0.5"],
+    "stops that give way": zoo_files()["spring-stops"],
+    "two masses": shipped_scene("absorber-in-a-box"),
+    "tables": shipped_scene("isolator-bumper"),
+    "a box": shipped_scene("rigid-box"),
+}
+"""Scenes by what is special in their kernels."""
+
+
+@pytest.mark.parametrize("refined", [False, True])
+@pytest.mark.parametrize("name", SCENES)
+def test_digits_do_not_depend_on_where_a_path_is_cut(name: str, refined: bool) -> None:
+    if refined and name != "white noise":
+        return
+    plan = make_plan(model_of(load_scene(SCENES[name])), None, None, refined)
+    duration = {"tables": 2.5 * plan.duration, "a box": 1.5 * plan.duration}.get(
+        name, 30 * plan.step
+    )
+    plan = make_plan(model_of(load_scene(SCENES[name])), None, duration, refined)
+    for each in (plan, plan.coarser()):
+        whole, paths = each.averages(5, 3, 5), each.begin(5, 3, 5)
+        share = 0.0
+        while paths.made < paths.total:
+            share += 0.137
+            paths.reach(math.ceil(share * paths.total))
+        np.testing.assert_array_equal(paths.averages(), whole)
+        # negative control: another path has other digits
+        assert not np.any(each.averages(5, 4, 5)[:3] == whole[:3])
+
+
+def test_a_step_has_its_price_however_the_total_is_split(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Counted in calls of the kernel, each of which costs as much for a few paths as for 64."""
+    sizes: list[int] = []
+
+    def counted(self: WhitePlan, seed: int, first_path: int, paths: int) -> WhitePaths:
+        sizes.append(paths)
+        return WhitePaths(self, seed, first_path, paths)
+
+    monkeypatch.setattr(WhitePlan, "begin", counted)
+    simulate(oscillator(-1.0, 1.0, 0.5), paths=130, duration=2e5, threads=1, budget=1e6)
+    assert sizes == [64, 64, 64, 2]
 
 
 def test_paths_do_not_depend_on_the_pieces_of_their_block() -> None:
     plan = plan_of(20.0)
     group = plan.block // 4
     paths = 6 * group
-    pieces, pairs = averages_in_time(plan, 3, 0, paths, deadline=Deadline.after(1000.0))
+    pieces, pairs, _ = averages_in_time(plan, 3, 0, paths, deadline=Deadline.after(1000.0))
     whole = plan.averages(3, 0, paths)
     np.testing.assert_array_equal(pieces, whole)
     # the first of four groups, wherever a piece or a block begins
@@ -73,7 +132,10 @@ def test_a_budget_shorter_than_a_block_leaves_an_answer(asked: dict) -> None:
         simulate(scene, budget=1e-6, **asked)
     response = found.value.response
     assert response is not None
-    assert FEWEST_AT_ONCE <= response.cost.paths < make_plan(model_of(scene)).block
+    assert response.cost.paths == FULL_LANES < make_plan(model_of(scene)).block
+    seconds = make_plan(model_of(scene)).duration
+    lasted = response.impact_pairs["stops"].collision_rate.how
+    assert float(re.search(r"paths of ([\d.]+) s", lasted)[1]) < seconds  # type: ignore[index]
 
 
 def between_stops(r: float, load: float, stiffness: float) -> Scene:

@@ -306,7 +306,8 @@ def test_energy_between_elastic_stops_does_not_drift(steps: int) -> None:
     assert constants[0] == _flow(plan.model, plan.step)
     run_white(
         Paths(
-            x, v, np.ones((2, lanes), np.uint64), np.zeros((SUMS, lanes)), np.zeros((2, lanes))
+            x, v, np.ones((2, lanes), np.uint64), np.zeros((SUMS, lanes)), np.zeros((2, lanes)),
+            np.zeros((lanes, 2)),
         ),
         Kick(1.0, 0.0),
         *constants, Counting(0, steps // lanes, 10**6, 0.0, 0.0), NO_RECORD, NO_LOG, stop_flag(),

@@ -55,14 +55,27 @@ KINDS: dict[str, Callable[[], Path]] = {
 def test_a_path_that_is_late_is_given_up(kind: str) -> None:
     plan: Any = make_plan(model_of(load_scene(KINDS[kind]())))
     averages_in_time(plan.shortest(), 0, 0, 2, Deadline.after(9.0))  # loads the kernels
-    # a path of tables is synthesised in blocks
-    longer = "blocks_per_path" if kind == "tables" else "duration"
+    # a path of tables is synthesised in blocks, each with a burn-in
+    longer, first = ("blocks_per_path", 64) if kind == "tables" else ("burn_in", 0)
     endless = replace(plan, **{longer: 10**6 * getattr(plan, longer)})
     began = time.process_time()
     with pytest.raises(GivenUp):
-        averages_in_time(endless, 0, 0, 2, Deadline.after(WAIT))
+        averages_in_time(endless, 0, first, 2, Deadline.after(WAIT))
     assert time.process_time() - began < 1.0
     check_flag()  # the next block starts afresh
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_paths_that_take_long_end_where_the_deadline_finds_them(kind: str) -> None:
+    plan: Any = make_plan(model_of(load_scene(KINDS[kind]())))
+    averages_in_time(plan.shortest(), 0, 0, 2, Deadline.after(9.0))  # loads the kernels
+    longer = "blocks_per_path" if kind == "tables" else "duration"
+    endless = replace(plan, **{longer: 10**6 * getattr(plan, longer)})
+    began = time.process_time()
+    found, _, steps = averages_in_time(endless, 0, 0, 2, Deadline.after(WAIT))
+    assert time.process_time() - began < 1.0
+    assert 0 < steps < endless.steps and np.all(np.isfinite(found))
+    check_flag()
 
 
 MISSIONS: dict[str, Callable[[MissionPlan, Deadline], Any]] = {
@@ -114,7 +127,7 @@ def test_ctrl_c_does_not_wait_for_a_path_that_takes_long(
             yield
 
     monkeypatch.setattr(blocks, "given_up_after", pressed)
-    with pytest.raises(Interrupted, match=r"before two paths|after 0 of 4 paths"):
+    with pytest.raises(Interrupted, match=r"before two paths|after 4 of 4 paths, cut after"):
         solve(oscillator(-1.0, 1.0, 0.5), paths=4, duration=LONG[solve], budget=3600.0, threads=1)
 
 

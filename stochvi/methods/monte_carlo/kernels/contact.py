@@ -28,13 +28,9 @@ import numpy as np
 
 from stochvi.methods.monte_carlo.kernels.between_samples import decay
 from stochvi.methods.monte_carlo.kernels.bounces import RESTING
-from stochvi.methods.monte_carlo.kernels.flight import (
-    LANES,
-    add_moments,
-    add_noise,
-    normals_of_step,
-)
+from stochvi.methods.monte_carlo.kernels.flight import add_moments, add_noise, normals_of_step
 from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_of
+from stochvi.methods.monte_carlo.kernels.lanes import LANES, aligned_rows, row_of
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_SUMS,
@@ -45,7 +41,6 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     N_LOWER,
     N_UPPER,
     PEAK,
-    SUMS,
     TIME,
     VV,
     XX,
@@ -531,65 +526,80 @@ def step_clear_paths(x, v, z, near, kick, flow, lower, upper):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_contacts(paths, kick, flow, lower, upper, counting, record, log, flag):
-    """Advance every path by burn_in + steps steps, and add up the last `steps`.
+    """Advance every path by some steps, and add up those that are counted.
 
     Parameters
     ----------
-    paths : `steps.Paths`, with sums (CONTACT_SUMS, paths).
+    paths : `steps.Paths`, with sums (CONTACT_SUMS, paths); `kept` holds the largest forces so far
+        of contacts that last, of the lower and the upper stop.
     kick, flow, counting : `steps.Kick`, `steps.Flow` and `steps.Counting`.
     lower, upper : None, or a `steps.ContactStop`.
     record : zeros (steps, paths, 3), which get x, v and the sum of the speeds of first touches of
-        every step, negative at the lower stop; the burn-in must then be 0. Without samples there is
-        no record.
+        every counted step, negative at the lower stop. Without samples there is no record.
     log : None, or an `impact_log.Log`, which gets the first touches in the counted steps that are
         at least as fast as the threshold.
     flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
         result.
     """
-    x, v, streams, sums, noise = paths
+    x, v, streams, sums, noise, kept = paths
     recording = record.shape[0] > 0
-    burn_in, steps, stride, origin, threshold = counting
-    first, second, mark = np.empty(LANES), np.empty(LANES), np.empty(LANES)
-    local = np.empty((SUMS, LANES))  # close together: rows of `sums` would evict one another
+    first, last, stride, origin, threshold = counting
+    # close together: rows of `sums` would evict one another
+    work, words = aligned_rows(10), aligned_rows(2).view(np.uint64)
     extra = np.zeros((LANES, CONTACT_SUMS))
-    peaks = np.zeros((LANES, 2))
     unused, tally = np.zeros(CONTACT_SUMS), np.zeros(4)
     for start in range(0, x.shape[0], LANES):
         end = min(start + LANES, x.shape[0])
-        xs, vs = x[start:end], v[start:end]
-        state0, state1 = streams[0][start:end], streams[1][start:end]
-        local[:] = 0.0
-        extra[:] = 0.0
-        peaks[:] = 0.0
-        z1, z2, near = first[: end - start], second[: end - start], mark[: end - start]
-        for step in range(burn_in + steps):
+        n = end - start
+        xs, vs, z, z2 = (
+            row_of(work, 0, n),
+            row_of(work, 1, n),
+            row_of(work, 2, n),
+            row_of(work, 3, n),
+        )
+        near, place, power = row_of(work, 4, n), row_of(work, 5, n), row_of(work, 6, n)
+        mean, square, speed = row_of(work, 7, n), row_of(work, 8, n), row_of(work, 9, n)
+        state0, state1 = row_of(words, 0, n), row_of(words, 1, n)
+        peaks = kept[start:end]
+        for i in range(n):
+            xs[i], vs[i] = x[start + i], v[start + i]
+            place[i], power[i] = noise[0, start + i], noise[1, start + i]
+            state0[i], state1[i] = streams[0, start + i], streams[1, start + i]
+            mean[i], square[i] = sums[X, start + i], sums[XX, start + i]
+            speed[i] = sums[VV, start + i]
+            for row in range(N_LOWER, CONTACT_SUMS):
+                extra[i, row] = sums[row, start + i]
+        for step in range(first, last):
             if flag[0] != 0:
                 break
-            z = normals_of_step(step, kick.earlier, state0, state1, z1, z2)
-            counted = step >= burn_in
+            normals_of_step((step - first) % 2 == 1, kick.earlier, state0, state1, z, z2)
+            counted = step >= 0
             if counted:
-                add_noise(xs, vs, z, noise[0][start:end], noise[1][start:end])
+                add_noise(xs, vs, z, place, power)
             count = step_clear_paths(xs, vs, z, near, kick, flow, lower, upper)
-            for i in range(end - start if count > 0 else 0):
+            for i in range(n if count > 0 else 0):
                 if near[i] != 0.0:
                     target = extra[i] if counted else unused
                     before = target[N_UPPER + 1] - target[N_LOWER + 1]
                     xs[i], vs[i] = flow_with_contacts(
                         xs[i], vs[i], flow.step, flow.stiff, lower, upper, threshold, tally,
-                        peaks[i], target, page_of(log, start + i, step - burn_in, flow.step),
+                        peaks[i], target, page_of(log, start + i, step, flow.step),
                     )  # fmt: skip
                     if recording:
                         after = target[N_UPPER + 1] - target[N_LOWER + 1]
-                        record[step - burn_in, start + i, 2] = after - before
+                        record[step, start + i, 2] = after - before
             if counted:
-                if (step - burn_in) % stride == 0:
-                    add_moments(xs, vs, origin, local[X], local[XX], local[VV])
+                if step % stride == 0:
+                    add_moments(xs, vs, origin, mean, square, speed)
                 if recording:
-                    for i in range(end - start):
-                        record[step - burn_in, start + i, 0] = xs[i]
-                        record[step - burn_in, start + i, 1] = vs[i]
-        for i in range(end - start):
-            for row in range(CONTACT_SUMS):
-                sums[row, start + i] += extra[i, row]
-            for row in range(SUMS):
-                sums[row, start + i] += local[row, i]
+                    for i in range(n):
+                        record[step, start + i, 0] = xs[i]
+                        record[step, start + i, 1] = vs[i]
+        for i in range(n):
+            x[start + i], v[start + i] = xs[i], vs[i]
+            noise[0, start + i], noise[1, start + i] = place[i], power[i]
+            streams[0, start + i], streams[1, start + i] = state0[i], state1[i]
+            sums[X, start + i], sums[XX, start + i] = mean[i], square[i]
+            sums[VV, start + i] = speed[i]
+            for row in range(N_LOWER, CONTACT_SUMS):
+                sums[row, start + i] = extra[i, row]

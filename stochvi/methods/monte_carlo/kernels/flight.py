@@ -24,6 +24,7 @@ import numpy as np
 
 from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_after, page_of
+from stochvi.methods.monte_carlo.kernels.lanes import LANES, aligned_rows, row_of
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pair, normal_pairs
 from stochvi.methods.monte_carlo.kernels.rows import (
     F1_LOWER,
@@ -38,13 +39,6 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     X,
 )
 from stochvi.methods.monte_carlo.kernels.steps import Flow
-
-LANES = 256
-"""Number of paths that are advanced together: their dozen arrays of 2 kB each stay in the
-first-level cache."""
-
-CACHE_LINE = 8
-"""Numbers in a line of the cache, 64 bytes."""
 
 CORNER_SHARE = 0.25
 """Usual length of a sub-step near a stop, as a share of the time in which noise changes the state.
@@ -132,7 +126,7 @@ def step_with_stops(x, v, z, hit, kick, flow, lower, upper):
     return again
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def step_between_stops(x, v, z, hit, kick, flow, lower, upper):
     """`step_with_stops` for stops on either side of the rest position and omega h <= pi / 2.
 
@@ -329,18 +323,18 @@ def step_near_stop(x, v, owed, s0, s1, corner, lower, upper, threshold, sums, pa
     return x, v, owed, s0, s1
 
 
-@numba.njit(cache=True, error_model="numpy")
-def count_side(hit, threshold, number, speed_sum, square_sum):
-    """Add the impacts of one step on the upper stop (hit > 0) to N, F1 and F2 of every path."""
+@numba.njit(cache=True, inline="always", error_model="numpy")
+def count_side(hit, side, threshold, number, speed_sum, square_sum):
+    """Add the impacts of one step on the stop of a side, 1 or -1, to N, F1 and F2 of every path."""
     for i in range(hit.shape[0]):
-        w = hit[i]
+        w = side * hit[i]
         w = w if w > 0.0 else 0.0
         number[i] += 1.0 if (w > 0.0) & (w >= threshold) else 0.0
         speed_sum[i] += w
         square_sum[i] += w * w
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def add_moments(x, v, origin, mean, square, speed):
     """Add x - origin, its square, and v^2 to their sums."""
     for i in range(x.shape[0]):
@@ -350,7 +344,7 @@ def add_moments(x, v, origin, mean, square, speed):
         speed[i] += v[i] * v[i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def add_noise(x, v, z, place, power):
     """Add x z and v z to their sums, of states before the kick with the normal z."""
     for i in range(x.shape[0]):
@@ -358,20 +352,7 @@ def add_noise(x, v, z, place, power):
         power[i] += v[i] * z[i]
 
 
-@numba.njit(cache=True, error_model="numpy")
-def aligned_rows(rows):
-    """Zeros (rows, LANES + CACHE_LINE) whose rows begin at lines of the cache.
-
-    A vector then never lies in two lines, and entries of one lane in different rows do not compete
-    for the same places of the cache, as they do at a distance of a power of two.
-    """
-    row = LANES + CACHE_LINE
-    room = np.zeros(rows * row + CACHE_LINE)
-    skipped = (-(room.ctypes.data // 8)) % CACHE_LINE
-    return room[skipped : skipped + rows * row].reshape((rows, row))
-
-
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def merge_pairs(first, second, earlier):
     """Put into `first` the normal of one kick in the place of two: both with their weights."""
     later = math.sqrt(1.0 - earlier * earlier)
@@ -379,17 +360,24 @@ def merge_pairs(first, second, earlier):
         first[i] = earlier * first[i] + later * second[i]
 
 
-@numba.njit(cache=True, error_model="numpy")
-def normals_of_step(step, earlier, state0, state1, first, second):
-    """The normals of a step: of a pair that two successive steps use, or of one drawn for it."""
-    if (earlier > 0.0) | (step % 2 == 0):
-        normal_pairs(state0, state1, first, second)
+@numba.njit(cache=True, inline="always", error_model="numpy")
+def normals_of_step(odd, earlier, state0, state1, first, second):
+    """Put the normals of a step into `first`: of a pair that two successive steps use, the second
+    ones in `odd` steps, or of one drawn for it.
+
+    They are moved where another array could be named, as naming one in every step costs more.
+    """
     if earlier > 0.0:
+        normal_pairs(state0, state1, first, second)
         merge_pairs(first, second, earlier)
-    return second if (earlier == 0.0) & (step % 2 == 1) else first
+    elif odd:
+        for i in range(first.shape[0]):
+            first[i] = second[i]
+    else:
+        normal_pairs(state0, state1, first, second)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def first_marked(hit):
     """Number of the first path that is marked AGAIN, by a loop that fills vectors."""
     n = hit.shape[0]
@@ -397,13 +385,6 @@ def first_marked(hit):
     for i in range(n):
         first = min(first, i if hit[i] == AGAIN else n)
     return first
-
-
-@numba.njit(cache=True, error_model="numpy")
-def negate(values, out):
-    """Put -values into `out`."""
-    for i in range(values.shape[0]):
-        out[i] = -values[i]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -421,51 +402,61 @@ def add_impacts(several, counted, local, record, sample, first_path, i):
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
 def run_white(paths, kick, flow, lower, upper, between, corner, counting, record, log, flag):
-    """Advance every path by burn_in + steps steps, and add up the last `steps`.
+    """Advance every path by some steps, and add up those that are counted.
 
     Parameters
     ----------
-    paths : `steps.Paths`, with sums (SUMS, paths).
+    paths : `steps.Paths`, with sums (SUMS, paths); in the first column of `kept` stands the half
+        kick that is owed, s, half a step before the first one.
     kick, flow : `steps.Kick` and `steps.Flow`.
     lower, upper : None, or a `steps.RigidStop`.
     between : None, or () where the stops lie on either side of the rest position.
     corner : None, or a `steps.Corner` to refine steps near a stop.
     counting : `steps.Counting`.
-    record : zeros (steps, paths, 3), which get x, v and the impact speed of every step; the burn-in
-        must then be 0. Without samples there is no record.
+    record : zeros (steps, paths, 3), which get x, v and the impact speed of every counted step.
+        Without samples there is no record.
     log : `impact_log.Log`, which gets the impacts in the counted steps that are at least as fast as
         the threshold.
     flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
         result.
     """
-    x, v, streams, sums, noise = paths
+    x, v, streams, sums, noise, kept = paths
     recording, logging = record.shape[0] > 0, log.events.shape[0] > 0
-    burn_in, steps, stride, origin, threshold = counting
-    work = aligned_rows(14 + SUMS)
+    first, last, stride, origin, threshold = counting
+    work, local = aligned_rows(13), aligned_rows(SUMS)
     words = aligned_rows(2).view(np.uint64)
-    local = work[14:]  # close together: rows of `sums` would evict one another
     several = np.zeros(SUMS)
     usual = 0.5 * flow.step
     for start in range(0, x.shape[0], LANES):
         end = min(start + LANES, x.shape[0])
         n = end - start
-        xs, vs, z1, z2, hits, opposite = (
-            work[0][:n], work[1][:n], work[2][:n], work[3][:n], work[4][:n], work[5][:n]
-        )  # fmt: skip
-        slow, owed, corner_x, corner_v = work[6][:n], work[7][:n], work[8][:n], work[9][:n]
-        before_x, before_v = work[10], work[11]
-        place, power = work[12][:n], work[13][:n]
-        state0, state1 = words[0][:n], words[1][:n]
+        xs, vs, z, z2 = (
+            row_of(work, 0, n),
+            row_of(work, 1, n),
+            row_of(work, 2, n),
+            row_of(work, 3, n),
+        )
+        hits, slow, owed = row_of(work, 4, n), row_of(work, 5, n), row_of(work, 6, n)
+        corner_x, corner_v = row_of(work, 7, n), row_of(work, 8, n)
+        before_x, before_v = row_of(work, 9, n), row_of(work, 10, n)
+        place, power = row_of(work, 11, n), row_of(work, 12, n)
+        state0, state1 = row_of(words, 0, n), row_of(words, 1, n)
+        mean, square = row_of(local, X, n), row_of(local, XX, n)
+        speed = row_of(local, VV, n)
+        n_low, n_up = row_of(local, N_LOWER, n), row_of(local, N_UPPER, n)
+        f1_low, f1_up = row_of(local, F1_LOWER, n), row_of(local, F1_UPPER, n)
+        f2_low, f2_up = row_of(local, F2_LOWER, n), row_of(local, F2_UPPER, n)
         for i in range(n):
-            xs[i], vs[i], hits[i], owed[i] = x[start + i], v[start + i], 0.0, usual
-            place[i], power[i] = 0.0, 0.0
+            xs[i], vs[i], hits[i], owed[i] = x[start + i], v[start + i], 0.0, kept[start + i, 0]
+            place[i], power[i] = noise[0, start + i], noise[1, start + i]
             state0[i], state1[i] = streams[0, start + i], streams[1, start + i]
-        local[:] = 0.0
-        for step in range(burn_in + steps):
+            for row in range(SUMS):
+                local[row, i] = sums[row, start + i]
+        for step in range(first, last):
             if flag[0] != 0:
                 break
-            z = normals_of_step(step, kick.earlier, state0, state1, z1, z2)
-            counted = step >= burn_in
+            normals_of_step((step - first) % 2 == 1, kick.earlier, state0, state1, z, z2)
+            counted = step >= 0
             refined = 0
             if corner is not None:
                 refined = find_near_stop(xs, vs, owed, usual, corner, lower, upper, slow)
@@ -475,9 +466,9 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
                         corner_x[i], corner_v[i], owed[i], state0[i], state1[i] = step_near_stop(
                             xs[i], vs[i], owed[i], state0[i], state1[i], corner, lower, upper,
                             threshold, several,
-                            page_of(log, start + i, step - burn_in, flow.step),
+                            page_of(log, start + i, step, flow.step),
                         )  # fmt: skip
-                        add_impacts(several, counted, local, record, step - burn_in, start, i)
+                        add_impacts(several, counted, local, record, step, start, i)
             if counted:
                 # refined steps, known before the normal is, draw others
                 if corner is None:
@@ -505,10 +496,10 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
                 several[:] = 0.0
                 xs[i], vs[i] = flow_with_impacts(
                     xs[i], vs[i], flow, lower, upper, threshold, several,
-                    page_of(log, start + i, step - burn_in, flow.step),
+                    page_of(log, start + i, step, flow.step),
                 )  # fmt: skip
                 hits[i] = 0.0
-                add_impacts(several, counted, local, record, step - burn_in, start, i)
+                add_impacts(several, counted, local, record, step, start, i)
             if counted:
                 if logging:
                     for i in range(n):
@@ -516,31 +507,27 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
                             elapsed = time_of_hit(
                                 before_x[i], before_v[i], hits[i], kick, z[i], flow, lower, upper
                             )
-                            page = page_of(log, start + i, step - burn_in, flow.step)
+                            page = page_of(log, start + i, step, flow.step)
                             log_impact(page, 0, elapsed, hits[i])
                 if upper is not None:
-                    count_side(hits, threshold, local[N_UPPER], local[F1_UPPER], local[F2_UPPER])
+                    count_side(hits, 1.0, threshold, n_up, f1_up, f2_up)
                 if lower is not None:
-                    negate(hits, opposite)
-                    count_side(
-                        opposite, threshold, local[N_LOWER], local[F1_LOWER], local[F2_LOWER]
-                    )
-                if (step - burn_in) % stride == 0:
-                    add_moments(xs, vs, origin, local[X], local[XX], local[VV])
+                    count_side(hits, -1.0, threshold, n_low, f1_low, f2_low)
+                if step % stride == 0:
+                    add_moments(xs, vs, origin, mean, square, speed)
                     if corner is not None:
                         # so that half the usual kick, added to all, brings what is owed
                         intensity = corner.intensity
                         for i in range(n if refined > 0 else 0):
-                            local[VV, i] += intensity * (owed[i] - usual)
+                            speed[i] += intensity * (owed[i] - usual)
                 if recording:
                     for i in range(n):
-                        record[step - burn_in, start + i, 0] = xs[i]
-                        record[step - burn_in, start + i, 1] = vs[i]
-                        record[step - burn_in, start + i, 2] += hits[i]
+                        record[step, start + i, 0] = xs[i]
+                        record[step, start + i, 1] = vs[i]
+                        record[step, start + i, 2] += hits[i]
         for i in range(n):
-            x[start + i], v[start + i] = xs[i], vs[i]
-            noise[0, start + i] += place[i]
-            noise[1, start + i] += power[i]
+            x[start + i], v[start + i], kept[start + i, 0] = xs[i], vs[i], owed[i]
+            noise[0, start + i], noise[1, start + i] = place[i], power[i]
             streams[0, start + i], streams[1, start + i] = state0[i], state1[i]
             for row in range(SUMS):
-                sums[row, start + i] += local[row, i]
+                sums[row, start + i] = local[row, i]

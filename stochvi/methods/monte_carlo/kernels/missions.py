@@ -15,7 +15,7 @@ import numba
 import numpy as np
 
 from stochvi.methods.monte_carlo.kernels.contact import flow_with_contacts, step_clear_paths
-from stochvi.methods.monte_carlo.kernels.flight import LANES
+from stochvi.methods.monte_carlo.kernels.lanes import LANES
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,

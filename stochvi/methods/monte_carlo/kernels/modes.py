@@ -22,6 +22,7 @@ Symbols: y0, v0, a0 and y1, v1, a1 are value, slope and curvature of the gaps at
 s0, r0, s1, r1 the contributions of Y to values and slopes; z are standard normals.
 """
 
+import math
 from typing import NamedTuple
 
 import numba
@@ -141,6 +142,9 @@ class ModalPaths(NamedTuple):
     ----------
     state : (states, paths), q, p and signals at the start, replaced by those at the end.
     streams : (2, paths), random streams, advanced.
+    gaps, peaks : (pairs, paths) and (paths, pairs, 2), replaced: the values of the gaps, nan where
+        they are to be taken from the state, and the largest forces so far of contacts that last, of
+        the lower and the upper stops.
     sums : (rows, paths), added to: q; q q' and p p' by rows of the upper triangle; then the rows of
         each pair, ROWS_OF_CONTACT_PAIR where stops give way, else ROWS_OF_PAIR; with `Passes.pulls`
         alpha and the upper triangle of alpha alpha', contact forces included. Where there are more
@@ -150,20 +154,24 @@ class ModalPaths(NamedTuple):
 
     state: NDArray[np.float64]
     streams: NDArray[np.uint64]
+    gaps: NDArray[np.float64]
+    peaks: NDArray[np.float64]
     sums: NDArray[np.float64]
 
 
 class Steps(NamedTuple):
-    """How many steps paths are advanced by.
+    """Which steps paths are advanced by.
 
     Parameters
     ----------
-    burn_in, counted : numbers of steps: first those that are not counted, then those that are.
+    first, last : number of the first step, and of the one after the last. Steps with negative
+        numbers are a burn-in, which is not counted. As for `steps.Counting`, each of several calls
+        but the last must take an even number of steps.
     stride : number of steps from one sample of the moments to the next; samples precede the kick.
     """
 
-    burn_in: int
-    counted: int
+    first: int
+    last: int
     stride: int
 
 
@@ -416,8 +424,8 @@ def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
     flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
         result.
     """
-    state, streams, sums = paths
-    burn_in, counted_steps, stride = steps
+    state, streams, known, lasting, sums = paths
+    first, last, stride = steps
     record, log, largest = outputs
     step, modes, passes = structure.step, structure.modes, structure.passes
     stops, margins, resets = structure.stops, structure.margins, structure.resets
@@ -462,28 +470,34 @@ def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
     r0, r1 = np.zeros((pairs, width)), np.zeros((pairs, width))
     for start in range(0, count_of_paths, LANES):
         lanes = min(LANES, count_of_paths - start)
-        local[:] = 0.0
-        peaks[:] = 0.0
         for i in range(lanes):
             words0[i], words1[i] = streams[0, start + i], streams[1, start + i]
+            for row in range(local.shape[0]):
+                local[row, i] = sums[row, start + i]
+            for j in range(pairs):
+                peaks[i, j, 0], peaks[i, j, 1] = lasting[start + i, j, 0], lasting[start + i, j, 1]
             for row in range(states):
                 old[row, i] = state[row, start + i]
         matrix_pass(y0, 0.0, old, passes.gaps, width)
         if tables is not None:
             samples = tables.samples.shape[0]
-            before = tables.samples[(-burn_in - 1) % samples]
+            before = tables.samples[(first - 1) % samples]
             read_sample(before, tables.scale, start, lanes, smooth)
             matrix_pass(s0, 0.0, smooth, passes.gaps, width)
             matrix_pass(r0, 0.0, smooth, passes.speeds, width)
             add_to(y0, s0)
+        for j in range(pairs):
+            for i in range(lanes):
+                if not math.isnan(known[j, start + i]):
+                    y0[j, i] = known[j, start + i]
         if following:
             add_up(total, old, smooth)
             matrix_pass(pull_0, 0.0, total, passes.pulls, width)
-        for number in range(-burn_in, counted_steps):
+        for number in range(first, last):
             if flag[0] != 0:
                 break
             counted = number >= 0
-            half = (number + burn_in) % 2
+            half = (number - first) % 2
             if (half == 0) | passes.merged:
                 for row in range(normals):
                     normal_pairs(words0, words1, drawn[row], drawn[normals + row])
@@ -593,4 +607,7 @@ def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
             for row in range(states):
                 state[row, start + i] = old[row, i]
             for row in range(local.shape[0]):
-                sums[row, start + i] += local[row, i]
+                sums[row, start + i] = local[row, i]
+            for j in range(pairs):
+                known[j, start + i] = y0[j, i]
+                lasting[start + i, j, 0], lasting[start + i, j, 1] = peaks[i, j, 0], peaks[i, j, 1]

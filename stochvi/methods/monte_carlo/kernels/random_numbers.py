@@ -117,7 +117,7 @@ def normal_pair(s0, s1):
     return s0, s1, x * sign, y * sign
 
 
-@numba.njit(cache=True, error_model="numpy")
+@numba.njit(cache=True, inline="always", error_model="numpy")
 def normal_pairs(state0, state1, first, second):
     """Two independent standard normals per path; advances every stream by two draws."""
     for i in range(first.shape[0]):

@@ -155,8 +155,10 @@ def update_peak_acceleration(x, v, sampling, extremes):
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def run_response(free, sampling, lower, upper, peaks, sums, record, extremes, log):
+def run_response(free, sampling, lower, upper, state, peaks, sums, record, extremes, log, flag):
     """Add impacts to `free` responses, which are periodic in time, and add up the counted samples.
+
+    It may be done by several calls, as sums and states go on.
 
     Parameters
     ----------
@@ -164,6 +166,8 @@ def run_response(free, sampling, lower, upper, peaks, sums, record, extremes, lo
     sampling : `steps.Sampling`.
     lower, upper : None, or a `steps.RigidStop`; with `peaks`, a `steps.ContactStop`. Positions are
         those from the mean position.
+    state : (4, paths), replaced: what impacts have changed of position and velocity before the
+        first sample, then position and velocity.
     peaks : None, or (paths, 2) where a stop gives way: the largest forces so far of contacts that
         last, of the lower and the upper stop.
     sums : (SUMS, paths), with `peaks` (CONTACT_SUMS, paths), added to.
@@ -171,17 +175,20 @@ def run_response(free, sampling, lower, upper, peaks, sums, record, extremes, lo
     extremes : (paths, EXTREMES) as in `rows`, of the counted samples. Without paths there are none.
     log : `impact_log.Log`, which gets the impacts in the intervals that end on counted samples and
         that are at least as fast as the threshold.
+    flag : (1,), looked at before every sample: where it is not 0, the paths are given up, without a
+        result.
     """
-    span, omega, damping_rate, _, _, warm_up, counted = sampling
+    span, omega, damping_rate, _, _, first, last = sampling
     column = decay(span, damping_rate, omega)
     samples, paths = free.shape[0], free.shape[1] // 2
-    e, rate, near = np.zeros(paths), np.zeros(paths), np.zeros(paths)
-    previous = samples - warm_up - 1
-    x, v = free[previous, 0::2].copy(), omega * free[previous, 1::2]
-    local, several, tally = np.zeros_like(sums), np.zeros(sums.shape[0]), np.zeros(TALLY)
+    e, rate, x, v = state[0], state[1], state[2], state[3]
+    mean, square, speed = sums[X], sums[XX], sums[VV]
+    near, several, tally = np.zeros(paths), np.zeros(sums.shape[0]), np.zeros(TALLY)
     spare = np.zeros(EXTREMES)
     extreme = extremes.shape[0] > 0
-    for step in range(-warm_up, counted):
+    for step in range(first, last):
+        if flag[0] != 0:
+            break
         y = free[step if step >= 0 else samples + step]
         marked = advance_clear_paths(y, x, v, e, rate, near, sampling, column, lower, upper)
         for i in range(paths if marked > 0 else 0):
@@ -201,21 +208,20 @@ def run_response(free, sampling, lower, upper, peaks, sums, record, extremes, lo
                     )  # fmt: skip
                 e[i], rate[i] = x[i] - y0, v[i] - y1
                 if step >= 0:
-                    add_impacts(several, True, local, record, step, 0, i)
+                    add_impacts(several, True, sums, record, step, 0, i)
         if step >= 0:
-            add_moments(x, v, 0.0, local[X], local[XX], local[VV])
+            add_moments(x, v, 0.0, mean, square, speed)
             if extreme:
                 update_peak_acceleration(x, v, sampling, extremes)
             if record.shape[0] > 0:
                 for i in range(paths):
                     record[step, i, 0] = x[i]
                     record[step, i, 1] = v[i]
-    sums += local
 
 
 @numba.njit(cache=True, nogil=True, error_model="numpy")
-def add_free_motion(free, counted, stops, sums):
-    """Add up what the motion without stops does in its first `counted` samples.
+def add_free_motion(free, begin, end, stops, sums):
+    """Add up what the motion without stops does in the samples from `begin` to before `end`.
 
     Parameters
     ----------
@@ -227,7 +233,7 @@ def add_free_motion(free, counted, stops, sums):
     """
     paths = free.shape[1] // 2
     squares, rates = sums[0], sums[1]
-    for k in range(counted):
+    for k in range(begin, end):
         now, before = free[k], free[k - 1]
         for i in range(paths):
             squares[i] += now[2 * i] * now[2 * i]

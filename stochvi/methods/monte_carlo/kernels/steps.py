@@ -68,6 +68,8 @@ class Paths(NamedTuple):
     sums : (rows, paths), added to; the rows are those of `rows`.
     noise : (2, paths), added to: the sums of x z and of v z over the counted steps, with x and v
         before the kick and z its normal.
+    kept : (paths, 2), what a kernel knows of a path beside that, replaced: zeros at the start
+        unless the kernel states something else.
     """
 
     x: NDArray
@@ -75,6 +77,7 @@ class Paths(NamedTuple):
     streams: NDArray
     sums: NDArray
     noise: NDArray
+    kept: NDArray
 
 
 class Corner(NamedTuple):
@@ -99,18 +102,21 @@ class Corner(NamedTuple):
 
 
 class Counting(NamedTuple):
-    """How many steps a path takes, and which of its states and impacts are added up.
+    """Which steps a path takes, and which of its states and impacts are added up.
 
     Parameters
     ----------
-    burn_in, steps : numbers of steps: first those that are not counted, then those that are.
+    first, last : number of the first step, and of the one after the last. Steps with negative
+        numbers are a burn-in, which is not counted. A path may be advanced by several calls, as
+        sums and states go on; each but the last must take an even number of steps, since two
+        successive steps use a pair of normals.
     stride : number of steps from one sample of the moments to the next; samples precede the kick.
     origin : m, from where the moments of x are taken; it should be near the mean of x.
     threshold : m/s, speed of the slowest impact that is counted.
     """
 
-    burn_in: int
-    steps: int
+    first: int
+    last: int
     stride: int
     origin: float
     threshold: float
@@ -125,8 +131,8 @@ class Sampling(NamedTuple):
     omega, damping_rate : w0 (rad/s) and b (1/s).
     threshold : m/s, speed of the slowest impact that is counted.
     scale : m/s, the rms speed; slower rebounds than `limits.RESTING` times it rest on the stop.
-    warm_up, counted : numbers of samples: first those at the end of the period, which are not
-        counted, then those that are.
+    first, last : number of the first sample, and of the one after the last. Samples with negative
+        numbers stand at the end of the period, and are not counted.
     """
 
     span: float
@@ -134,5 +140,5 @@ class Sampling(NamedTuple):
     damping_rate: float
     threshold: float
     scale: float
-    warm_up: int
-    counted: int
+    first: int
+    last: int

@@ -1,0 +1,64 @@
+"""Views of rows of numbers of many paths (lanes) that own nothing.
+
+An array that a kernel makes of a part of another one counts its owners: each time that it is named
+or chosen an atomic number is changed. In a step of few paths that takes longer than the step. A
+view from `row_of` has no owner, so that there is nothing to count; what it shows must outlive it.
+
+Rows of one memory, in functions that are put where they are called (`inline="always"`), lie at
+distances that the compiler knows: loops over the lanes then need no test of whether rows overlap,
+which takes as long as the loop over 20 lanes.
+"""
+
+import numba
+import numpy as np
+from numba.core import types
+from numba.extending import lower_builtin, type_callable
+
+LANES = 256
+"""Number of paths that are advanced together: their dozen arrays of 2 kB each stay in the
+first-level cache."""
+
+CACHE_LINE = 8
+"""Numbers in a line of the cache, 64 bytes."""
+
+ROW = LANES + CACHE_LINE
+"""Numbers from one row to the next: rows at a distance of a power of two would compete for the same
+places of the cache."""
+
+
+@numba.njit(cache=True, error_model="numpy")
+def aligned_rows(rows):
+    """Zeros (rows, ROW) whose rows begin at lines of the cache: a vector then never lies in two
+    lines."""
+    room = np.zeros(rows * ROW + CACHE_LINE)
+    skipped = (-(room.ctypes.data // 8)) % CACHE_LINE
+    return room[skipped : skipped + rows * ROW].reshape((rows, ROW))
+
+
+def row_of(memory, row, lanes):
+    """The first `lanes` numbers of a row of `aligned_rows`."""
+    return memory[row, :lanes]
+
+
+@type_callable(row_of)
+def type_of_row(context):
+    def typer(memory, row, lanes):
+        return types.Array(memory.dtype, 1, "C")
+
+    return typer
+
+
+@lower_builtin(row_of, types.Array, types.Integer, types.Integer)
+def write_row(context, builder, signature, arguments):
+    """Emit the view: a place, a length and a stride, without an owner."""
+    memory, row, lanes = arguments
+    source = context.make_array(signature.args[0])(context, builder, value=memory)
+    view = context.make_array(signature.return_type)(context, builder)
+    size = context.get_abi_sizeof(context.get_data_type(signature.return_type.dtype))
+    stride = context.get_constant(types.intp, size)
+    offset = builder.mul(row, context.get_constant(types.intp, ROW))
+    context.populate_array(
+        view, data=builder.gep(source.data, [offset]), shape=(lanes,), strides=(stride,),
+        itemsize=stride, meminfo=None, parent=None,
+    )  # fmt: skip
+    return view._getvalue()
