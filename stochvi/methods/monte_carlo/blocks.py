@@ -205,18 +205,19 @@ def block_statistics(
     first_path: int,
     paths: int,
     deadline: Deadline = NEVER,
+    all_pairs: bool = False,
 ) -> BlockStatistics:
     """Statistics of a block of paths, over what they have made if the deadline passes."""
-    fine, pairs, steps = averages_in_time(plan, seed, first_path, paths, deadline)
+    fine, pairs, steps = averages_in_time(plan, seed, first_path, paths, deadline, all_pairs)
     known = StepPairs.of(pairs, layout) if pairs.shape[1] else StepPairs.none(layout)
     return BlockStatistics(PathStatistics.of(fine, layout), known, steps)
 
 
 def averages_in_time(
-    plan: Plan, seed: int, first_path: int, paths: int, deadline: Deadline
+    plan: Plan, seed: int, first_path: int, paths: int, deadline: Deadline, all_pairs: bool = False
 ) -> tuple[Averages, Averages, int]:
     """Averages of a block of paths; those of `paths_at_both_steps`, with the rows at twice the step
-    after those at the step; and the number of counted steps of each path.
+    after those at the step, of all paths if `all_pairs`; and the number of counted steps of each.
 
     A deadline cuts the block in time. Of the first block of a run, without which there is no
     answer, FULL_LANES paths come first: they go on until they have been counted for a relaxation
@@ -231,7 +232,9 @@ def averages_in_time(
         began = time.perf_counter()
         try:
             needed = first_path == 0 and not done
-            part = _averages_of_group(plan, seed, first_path + made, size, deadline, needed)
+            part = _averages_of_group(
+                plan, seed, first_path + made, size, deadline, needed, all_pairs
+            )
         except GivenUp:
             if not done:
                 raise
@@ -249,11 +252,19 @@ def averages_in_time(
 
 
 def _averages_of_group(
-    plan: Plan, seed: int, first_path: int, paths: int, deadline: Deadline, needed: bool
+    plan: Plan,
+    seed: int,
+    first_path: int,
+    paths: int,
+    deadline: Deadline,
+    needed: bool,
+    all_pairs: bool,
 ) -> tuple[Averages, Averages, int]:
     """Averages of paths that are simulated together; see `averages_in_time`."""
     fine = plan.begin(seed, first_path, paths)
     both = list(paths_at_both_steps(plan, first_path, paths))
+    if all_pairs:
+        both = [(first_path, paths)]
     coarse = [plan.coarser().begin(seed, first, number) for first, number in both]
     go_on([fine, *coarse], deadline, needed)
     if any(each.made < least_steps(each) for each in (fine, *coarse)):

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -61,6 +61,14 @@ MOST_REFINEMENTS = 4
 """Largest number of times that a run halves its step (or begins to resolve slow impacts) because
 the bias significantly exceeds the relative error that was asked for."""
 
+PILOT_SEED = 2**63
+"""Seed of the pilot that chooses the scheme of a run, which no run can have: the scheme must not
+depend on the luck of the paths that give the answer."""
+
+PILOT_SHARE = 0.25
+"""Largest number of paths of a pilot, as a share of those that the accuracy will take, or of two
+blocks if these are more."""
+
 BETWEEN_IMPACTS = (
     "accelerations are those between impacts: without the impulses of rigid stops, which have none"
 )
@@ -78,7 +86,8 @@ class Run:
 
     `state` holds all results so far, the last of which came after `merged_at` seconds: what is
     under way at the end of a budget is no part of it. `rel_error` is the relative error that is
-    sought, None where a number of paths is. `resumed` is the state of the checkpoint from which
+    sought, None where a number of paths is. With `all_pairs` every path is simulated at twice the
+    step too. `resumed` is the state of the checkpoint from which
     the run goes on, or None. All other attributes follow from the arguments of `simulate`.
     """
 
@@ -90,6 +99,7 @@ class Run:
     compile_time: float
     resumed: State | None = None
     keeper: Keeper | None = None
+    all_pairs: bool = False
 
     def __post_init__(self) -> None:
         self.started = time.perf_counter()
@@ -100,7 +110,6 @@ class Run:
             self.plan = self.plan.finer()
         self.state = self.state.of_layout(self.layout)
         self.expected_paths = math.inf
-        self.refined_paths = 0  # by plans of more bias, which are no part of the state any more
         self.rel_error: float | None = None
         self.merged_at = self.first_seconds
         self.shown_fraction = 0.0
@@ -166,7 +175,9 @@ class Run:
             self.expected_paths = goal
         left = blocks_of(self.fine.count, goal - self.fine.count, self.plan.block)
         total = math.ceil((goal - self.fine.count) / self.plan.block)
-        work = partial(block_statistics, self.plan, self.layout, self.seed)
+        work = partial(
+            block_statistics, self.plan, self.layout, self.seed, all_pairs=self.all_pairs
+        )
         results = self.crew.do([work], left, total, deadline)
         with closing(results):  # closed at once, so that after an interrupt no further task begins
             for (_, paths), (statistics,), where, _ in results:
@@ -212,7 +223,7 @@ class Run:
         # the expected number of paths may grow, but a progress bar must not go back
         self.shown_fraction = max(
             self.shown_fraction,
-            min(1.0, (self.refined_paths + self.fine.count) / self.expected_paths),
+            min(1.0, self.fine.count / self.expected_paths),
         )
         self.progress(self.shown_fraction, self.sentence)
 
@@ -222,10 +233,7 @@ class Run:
         errors = relative_standard_errors(self) if self.fine.count > 1 else {}
         error = f", error {100.0 * max(errors.values()):.2g} %" if errors else ""
         if errors and self.rel_error is not None and self.fine.count >= FEWEST_PATHS:
-            needed = self.fine.count * (max(errors.values()) / self.rel_error) ** 2
-            # where the bias is too large, as many paths follow with less of it
-            runs = 2.0 if largest_bias(self) > self.rel_error else 1.0
-            self.expected_paths = self.refined_paths + runs * needed
+            self.expected_paths = self.fine.count * (max(errors.values()) / self.rel_error) ** 2
         return f"{rate:.2g} steps/s, {self.impacts} impacts{error}"
 
     @property
@@ -234,17 +242,11 @@ class Run:
         return round(self._rate_of_all() * self.exposure)
 
     def refine(self) -> None:
-        """Start again with a plan of less bias: half the step, or slow impacts resolved."""
-        self.refined_paths += self.fine.count
+        """Take a plan of less bias before the first path: half the step, or slow impacts
+        resolved."""
         self.plan = self.plan.finer()
-        before = self.state
-        self.state = replace(
-            before,
-            fine=PathStatistics.none(self.layout),
-            pairs=StepPairs.none(self.layout),
-            goal=before.fine.count,  # this number of paths was enough for the errors
-            refinements=before.refinements + 1,
-        )
+        self.whole_duration = self.plan.duration
+        self.state = replace(State.start(self.layout), refinements=self.state.refinements + 1)
 
     def estimate(self, quantity: Quantity, name: str = "") -> Estimate:
         """A quantity with its standard error and the bias that the step leaves in it."""
@@ -513,6 +515,9 @@ def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
     Apart from the deadline, every decision depends on the state alone, so that a run that resumes
     from a checkpoint decides as one that was never stopped.
     """
+    remaining = 0.0
+    if not run.state.goal or run.state.refinements == MOST_REFINEMENTS:
+        remaining = choose_step(run, rel_error, deadline)
     if not run.state.goal:
         run.set_goal(max(FIRST_BLOCKS * run.plan.block, FEWEST_PATHS))
     run.rel_error = rel_error
@@ -520,7 +525,7 @@ def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
         in_time = run.reach_goal(deadline)
         if run.fine.count < 2:
             raise deadline.fell_short("before two paths were simulated", "raise budget")
-        errors, bias = max(relative_standard_errors(run).values()), largest_bias(run)
+        errors = max(relative_standard_errors(run).values())
         if errors <= rel_error and run.fine.count < FEWEST_PATHS:
             raise deadline.fell_short(
                 f"after {run.fine.count} paths, too few to know a standard error",
@@ -528,17 +533,14 @@ def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
                 run.response(("the accuracy asked for was not reached",)),
             )
         if errors <= rel_error:
-            if bias <= rel_error:
-                run.set_goal(run.fine.count)  # the accuracy is reached, even if the deadline passed
-                return
-            biased = f"a relative bias of {bias:.2g} by the step, asked for {rel_error:g}"
-            so_far = partial(run.response, ("the accuracy asked for was not reached",))
-            if not in_time:
-                raise deadline.fell_short(f"at {biased}", "raise budget or rel_error", so_far())
-            if run.state.refinements == MOST_REFINEMENTS:
-                raise NotConverged(f"the shortest step leaves {biased}; raise rel_error", so_far())
-            run.refine()
-            continue
+            run.set_goal(run.fine.count)  # the accuracy is reached, even if the deadline passed
+            if remaining > rel_error:
+                raise NotConverged(
+                    f"the shortest step leaves a relative bias of {remaining:.2g} by the step, "
+                    f"asked for {rel_error:g}; raise rel_error",
+                    run.response(("the accuracy asked for was not reached",)),
+                )
+            return
         needed = run.merged_at * (errors / rel_error) ** 2
         if not in_time or deadline.passed():
             raise deadline.fell_short(
@@ -552,10 +554,47 @@ def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
         run.set_goal(run.fine.count + math.ceil(paths / run.plan.block) * run.plan.block)
 
 
-def largest_bias(run: Run) -> float:
-    """Largest relative bias of a governed quantity that exceeds twice its own standard error."""
-    if run.plan.elastic:
-        return 0.0
+def choose_step(run: Run, rel_error: float, deadline: Deadline) -> float:
+    """Refine the plan of a run, before its first path, as far as `rel_error` needs; returns the
+    relative bias that is left, if it is larger.
+
+    A pilot of paths of its own (PILOT_SEED) is simulated at both steps, until its bias is clearly
+    above or below `rel_error`, or it takes PILOT_SHARE of the paths of the run. Then the bias must
+    exceed it by its standard error. The choice is the same for every seed of the run.
+    """
+    while not run.plan.elastic:
+        speak = run.progress and partial(_say_pilot, run.progress)
+        pilot = Run(run.scene, run.plan, PILOT_SEED, run.crew, speak, 0.0, all_pairs=True)
+        paths, known = max(FEWEST_PATHS, run.plan.block // 4), False
+        while not known:
+            with suppress(NotConverged):
+                if not pilot.add_paths(paths, deadline):
+                    return 0.0  # the answer will say that the budget was too short
+            if pilot.fine.count < FEWEST_PATHS:
+                return 0.0
+            errors = max(relative_standard_errors(pilot).values())
+            most = pilot.fine.count * (errors / rel_error) ** 2
+            known = pilot.fine.count >= PILOT_SHARE * max(most, 2.0 * run.plan.block)
+            if largest_bias(pilot, -1.0) <= rel_error:
+                return 0.0
+            bias = largest_bias(pilot, 1.0 if known else 2.0)
+            known = known or bias > rel_error
+            paths = pilot.fine.count
+        if bias <= rel_error:
+            return 0.0
+        if run.state.refinements == MOST_REFINEMENTS:
+            return bias
+        run.refine()
+    return 0.0
+
+
+def _say_pilot(progress: Progress, done: float, sentence: str) -> None:
+    """Report what a pilot does, at the beginning of its run."""
+    progress(0.0, f"choosing the step, {sentence}")
+
+
+def largest_bias(run: Run, errors: float) -> float:
+    """Largest relative bias of a governed quantity, less so many of its standard errors."""
     biases = [0.0]
     for key, quantity in governed(run.model).items():
         # half the step would hardly improve the rates at lossy stops: their bias is stated only
@@ -563,9 +602,8 @@ def largest_bias(run: Run) -> float:
             continue
         value, _ = run.fine.evaluate(quantity)
         change, change_error = run.difference(quantity)
-        excess = abs(change) - 2.0 * change_error
         size = _reference_size(run, key, value)
-        bias = run.plan.step_bias(key[1], max(0.0, excess))
+        bias = run.plan.step_bias(key[1], max(0.0, abs(change) - errors * change_error))
         biases.append(bias / size if bias and size else 0.0)
     return max(biases)
 

@@ -21,7 +21,12 @@ from stochvi import (
     simulate,
 )
 from stochvi.methods.monte_carlo import blocks, rounds
-from stochvi.methods.monte_carlo.blocks import FULL_LANES, averages_in_time, check_price
+from stochvi.methods.monte_carlo.blocks import (
+    FULL_LANES,
+    averages_in_time,
+    check_price,
+    crew_of,
+)
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import RELAXATIONS, Plan
 from stochvi.methods.monte_carlo.rigid_white import COLLAPSE_RESTITUTION, WhitePaths, WhitePlan
@@ -194,20 +199,36 @@ def test_paths_are_not_begun_after_ctrl_c() -> None:
             check_price([plan_of(2e3)], 3, deadline)
 
 
-def test_progress_foresees_that_the_step_has_to_be_halved(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A run that refines its step takes as many paths again; it used to be at 100 % by then."""
+def test_progress_does_not_go_back_where_the_step_is_halved(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The step is chosen before the first path of the answer."""
 
-    def biased(run: rounds.Run) -> float:
-        return 0.0 if run.state.refinements else 1.0
+    def biased(run: rounds.Run, errors: float) -> float:
+        return 1.0 if run.plan.step > halved else 0.0
 
-    fractions: list[float] = []
-    refine, at = rounds.Run.refine, list[float]()
+    scene, fractions = oscillator(-1.0, 1.0, 0.5), list[float]()
+    halved = 0.6 * make_plan(model_of(scene)).step
     monkeypatch.setattr(rounds, "largest_bias", biased)
     monkeypatch.setattr(rounds, "REPORT_SECONDS", 0.0)
-    monkeypatch.setattr(rounds.Run, "refine", lambda run: (at.append(fractions[-1]), refine(run)))
-    simulate(
-        oscillator(-1.0, 1.0, 0.5), rel_error=0.002, threads=1,
-        progress=lambda done, _: fractions.append(done),
-    )  # fmt: skip
-    assert len(at) == 1 and 0.4 < at[0] < 0.6
+    found = simulate(
+        scene, rel_error=0.002, threads=1, progress=lambda done, _: fractions.append(done)
+    )
+    assert any(f"step {halved / 1.2:.3g} s" in each for each in found.assumptions)
     assert fractions[-1] > 0.9 and fractions == sorted(fractions)
+
+
+def test_the_seed_does_not_decide_the_scheme() -> None:
+    """One stop at rest: the plain step leaves 1.6 % in F1, and rates that are 12 % too low."""
+    scene, seeds, asked = oscillator(0.0, None, 0.3), range(6), 0.0125
+    plan = make_plan(model_of(scene))
+    with crew_of(None, 1) as crew:
+        runs = [rounds.Run(scene, plan, seed, crew, None, 0.0) for seed in seeds]
+        own = set()
+        for run in runs:
+            rounds.choose_step(run, asked, NEVER)
+            again = rounds.Run(scene, plan, run.seed, crew, None, 0.0)
+            again.add_paths(1024)
+            own.add(rounds.largest_bias(again, 1.0) > asked)
+    assert len({run.plan for run in runs}) == 1 and runs[0].plan.slow_impacts
+    assert own == {False, True}  # negative control: by its own paths each run was lucky or not

@@ -401,7 +401,7 @@ def test_a_budget_too_small_is_refused_with_what_was_reached() -> None:
 def test_errors_that_are_small_by_chance_are_not_believed_of_two_paths(monkeypatch) -> None:
     """Two paths that happen to agree have no error, and any accuracy would count as reached."""
     monkeypatch.setattr(rounds, "relative_standard_errors", lambda run: {("x", "std"): 0.0})
-    monkeypatch.setattr(rounds, "largest_bias", lambda run: 0.0)
+    monkeypatch.setattr(rounds, "largest_bias", lambda run, errors: 0.0)
     scene = oscillator(-1.0, 1.0, 0.8)
     assert simulate(scene, rel_error=0.01, budget=None).cost.paths >= 64
     reach_goal = rounds.Run.reach_goal
