@@ -355,6 +355,7 @@ class Run:
             found |= _with_largest_bias(
                 {name: each for name, each in pressed.items() if not math.isnan(each.value)}
             )
+        found |= self._sums_unseen(pair, found)
         # last, as means per impact are made of the numbers as they were seen
         found |= {
             name: of_events(each, self.fine.count)
@@ -362,6 +363,23 @@ class Run:
             if name in EVENTS and each is not None
         }
         return PairResponse(**found, speed_threshold=self.layout.thresholds[pair.name])
+
+    def _sums_unseen(
+        self, pair: Pair, known: Mapping[str, Estimate | None]
+    ) -> dict[str, Estimate | None]:
+        """F1 and F2 with upper limits where no impact was seen: the limit of the rate times the
+        mean speed and its mean square, those of a Gaussian motion that crosses a level."""
+        speed = self.plan.speeds[self.model.pairs.index(pair)]
+        means = {
+            "impact_speed_rate": math.sqrt(math.pi / 2.0) * speed,
+            "impact_speed_square_rate": 2.0 * speed**2,
+        }
+        limit = self._limit_unseen("collision_rate")
+        return {
+            name: replace(each, upper_95=limit * means[name])
+            for name, each in known.items()
+            if name in means and each is not None and each.value == 0.0
+        }
 
     def _speed_mean(self, pair: Pair, known: Mapping[str, Estimate | None]) -> Estimate:
         """Mean impact speed, m/s, which is F1 over the rate.
