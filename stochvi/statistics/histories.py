@@ -22,6 +22,7 @@ from stochvi.mathematics.spectra import Table
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
 from stochvi.methods.monte_carlo.plan import Histories, Plan
+from stochvi.methods.monte_carlo.rigid_white import WhitePlan
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.calculations import calculation
 from stochvi.model.model import Model
@@ -187,9 +188,10 @@ def history(
     """One realisation of what `simulate` samples: motion, base, contact forces and impacts.
 
     It is the path of this seed and number of `simulate`, after its burn-in, by the same kernels
-    and random numbers. Two exceptions are noted in the answer: under tabulated noise a duration
-    beyond a block of `simulate` is synthesised as one longer block, and a `rate` above that of the
-    step refines the step.
+    and random numbers. Exceptions are noted in the answer: under tabulated noise a duration beyond
+    a block of `simulate` is synthesised as one longer block; a `rate` above that of the step
+    refines the step; and slow impacts on one mass under white noise are resolved, as by
+    `simulate(slow_impacts=True)`, where stops take more than half of the speed.
 
     Parameters
     ----------
@@ -244,7 +246,7 @@ def history(
         raise ValueError(f"rate must be a positive number of samples per second, got {rate}")
     started = time.perf_counter()
     planned = plan_histories(scene)
-    model, usual = planned.model, planned.plan
+    model, usual = planned.model, _resolving(planned.plan)
     steps_per_sample = 1.0 if rate is None else 1.0 / (rate * usual.step) * (1.0 + ROUNDING)
     stride = max(1, math.floor(steps_per_sample))
     finer = steps_per_sample < 1.0
@@ -277,6 +279,7 @@ def history(
         assumptions=scene.assumptions(),
         warnings=[
             *_departures(usual, source, duration, finer),
+            *_slow_impacts(planned.plan, source),
             *_cut(model, columns, source.step),
             *_unresolved(planned, interval),
         ],
@@ -520,6 +523,44 @@ def _hits(model: Model, impacts: pd.DataFrame) -> dict[str, PairHistory]:
             impact_speed_max=float(own["speed_m_s"].max()) if len(own) else None,
         )
     return found
+
+
+def _resolving(plan: Plan) -> Plan:
+    """The plan that resolves slow impacts at the same step, where the usual one does not; that one
+    where there is none, or where the motion of a base is to be kept, which the other draws as it
+    needs it."""
+    if _resolved(plan) or plan.model.moving_base:
+        return plan
+    finer = plan.finer()
+    return finer if finer.step == plan.step and not finer.excitation_known else plan
+
+
+def _resolved(plan: Plan) -> bool:
+    """Whether the step leaves a known bias in the rate of impacts, or none."""
+    return not plan.model.pairs or plan.elastic or plan.step_bias("collision_rate", 0.0) is not None
+
+
+def _slow_impacts(usual: Plan, source: Plan) -> list[str]:
+    """A sentence on slow impacts, where `simulate` would warn of them: that they are resolved, or
+    the rate that resolves them."""
+    if _resolved(usual):
+        return []
+    if source.method != usual.method:
+        return [
+            "slow impacts are resolved by refined steps, as by simulate(slow_impacts=True): the "
+            "path is another realisation than that of the usual step of `simulate`"
+        ]
+    remedy = "a higher rate resolves more of them"
+    if usual.model.single and isinstance(usual, WhitePlan):
+        # noise brings the speed of the slowest counted impact in twice this time
+        enough = 2.0 * usual.model.intensity / max(usual.threshold, 1e-3 * usual.speed) ** 2
+        if source.step * enough <= 1.0:
+            return []
+        remedy = f"rate = {1.001 * enough:.2g} or more resolves those that `simulate` counts"
+    return [
+        f"slow impacts at these stops are not resolved by steps of {source.step:.3g} s: too few "
+        f"are found, and speeds near the stops are biased; {remedy}"
+    ]
 
 
 def _departures(usual: Plan, source: Plan, duration: float, finer: bool) -> list[str]:

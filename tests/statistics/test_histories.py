@@ -5,8 +5,10 @@ import pytest
 
 from stochvi.mathematics.spectra import Table
 from stochvi.methods.closed_form import exact
+from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.impact_logs import plan_impacts
+from stochvi.methods.monte_carlo.simulate import simulate
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
@@ -17,6 +19,7 @@ from stochvi.scenes.structures import Isolator, Matrices, Oscillator
 from stochvi.statistics.histories import History, history
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
+from support.known import oscillator
 
 LOSSY, SOFT = Restitution(coefficient=0.8), Viscoelastic(stiffness=2e6, damping_ratio=0.2)
 BOX = Isolator(mass=2.3, frequency_hz=18.0, Q=5.0)
@@ -272,3 +275,34 @@ def test_each_coordinate_and_pair_has_the_numbers_of_the_tables() -> None:
     felt = history(boxed(SHAKEN), duration=0.5).samples["acceleration_m_s2"]
     assert shaken.acceleration_max == np.abs(felt).max()
     assert shaken.acceleration_std == pytest.approx(float(np.std(felt)), rel=1e-9)
+
+
+def test_slow_impacts_are_found_at_the_default_rate() -> None:
+    """One stop at rest, R = .3: the plain step finds a tenth too few. Held against Fokker-Planck
+    and the refined steps of `simulate`."""
+    scene, length = oscillator(0.0, None, 0.3), 4000.0
+    known = fokker_planck(scene).impact_pairs["stops"]
+    refined, plain = (
+        simulate(scene, paths=400, seed=2, speed_threshold=known.speed_threshold, slow_impacts=how)
+        .impact_pairs["stops"]
+        .collision_rate
+        for how in (True, False)
+    )
+    rates = []
+    for path in range(8):
+        found = history(scene, duration=length, seed=1, path=path)
+        rates.append(float((found.impacts["speed_m_s"] >= known.speed_threshold).sum()) / length)
+        assert any("slow impacts are resolved" in each for each in found.warnings)
+    mean, error = float(np.mean(rates)), float(np.std(rates, ddof=1)) / len(rates) ** 0.5
+    assert abs(mean - refined.value) < 4.0 * np.hypot(error, refined.standard_error)
+    truth = known.collision_rate
+    assert abs(mean - truth.value) < 4.0 * error + (truth.bias or 0.0) + (refined.bias or 0.0)
+    assert mean - plain.value > 4.0 * error  # negative control
+
+
+def test_slow_impacts_that_are_not_resolved_are_announced() -> None:
+    scene = oscillator(0.0, None, 0.1)
+    (said,) = history(scene, duration=20.0).warnings
+    assert "slow impacts" in said
+    quiet = history(oscillator(0.0, None, 0.6), duration=20.0)
+    assert not any("slow impacts" in each for each in quiet.warnings)  # negative control

@@ -43,11 +43,10 @@ def certain_zeros(document: Any, place: str = "") -> Iterator[str]:
 
 
 def of_missions(scene: Scene) -> Result:
-    try:
-        return reliability(scene, mission=50.0, budget=2.0)
-    except NotConverged as error:
-        assert error.response is not None
-        return error.response
+    with pytest.raises(NotConverged) as found:
+        reliability(scene, mission=50.0, budget=2.0)
+    assert found.value.response is not None
+    return found.value.response
 
 
 ASKED: dict[str, Callable[[Scene], Result]] = {

@@ -137,7 +137,6 @@ class WhitePlan(SteppedPlan):
     sums_of_contacts: ClassVar[tuple[str, ...]] = ()
     states = 2
     kicked = True
-    excitation_known = True
     _kernel = staticmethod(run_white)
     _no_log: ClassVar[Log | None] = NO_LOG
 
@@ -145,6 +144,11 @@ class WhitePlan(SteppedPlan):
     def method(self) -> str:
         """Name of the scheme, for the assumptions of a response."""
         return "kick-flow-kick" + (", steps refined near stops" if self.slow_impacts else "")
+
+    @property
+    def excitation_known(self) -> bool:
+        """Whether histories hold the excitation: refined steps draw normals as they need them."""
+        return not self.slow_impacts
 
     @property
     def block(self) -> int:
@@ -287,7 +291,8 @@ class WhitePlan(SteppedPlan):
         """Settled records of the paths first_path, first_path + 1, ..."""
         kept = slice(self.settling, self.settling + samples)
         record = self._records(seed, first_path, paths, log)[kept]
-        return histories_of_one(self.model, record, self._kicks(seed, first_path, paths)[kept])
+        known = self._kicks(seed, first_path, paths)[kept] if self.excitation_known else None
+        return histories_of_one(self.model, record, known)
 
     def _records(self, seed: int, first_path: int, paths: int, log: Log | None = None) -> Records:
         record = np.zeros((self.steps, paths, 3))
@@ -297,8 +302,9 @@ class WhitePlan(SteppedPlan):
     def drive(
         self, seed: int, path: int, samples: int, integrals: int
     ) -> NDArray[np.float64] | None:
-        """The force of the noise (1, samples), N; the integral of white noise is not stationary."""
-        if integrals:
+        """The force of the noise (1, samples), N; None where it is not known, and of its integral,
+        which is not stationary."""
+        if integrals or not self.excitation_known:
             return None
         kept = slice(self.settling, self.settling + samples)
         return self.model.unit_mass * self._kicks(seed, path, 1)[kept].T
