@@ -62,6 +62,13 @@ LARGEST_BLOCK = 256
 """Largest number of paths in a block: enough for full speed, few enough that a block ends in
 time."""
 
+FOKKER_PLANCK = "fokker-planck"
+"""Beginning of the name of the method in a response."""
+
+UNCERTAIN = 2.0
+"""Ratio of the largest to the smallest price that the measurements allow, from which on both are
+stated."""
+
 LEAST_SECONDS = 0.3
 """Seconds that the simulation gets, however long everything before it took."""
 
@@ -80,8 +87,9 @@ class StepError:
     with those paths that it makes at twice the step as well, to know the bias. `size` is the
     quantity itself, for a mean displacement the standard deviation. `error_of_a_second` is the
     standard error after one CPU second; it falls with the square root of the time. `step_bias` is
-    measured, and `step_bias_error` is its standard error. The bias is at most `step_bias_limit`,
-    which is None where no limit is known. It falls with the power `order` of the step.
+    measured, and `step_bias_error` is its standard error; `reference_bias` is the bias that the
+    reference states of itself. The bias is at most `step_bias_limit`, which is None where no limit
+    is known. It falls with the power `order` of the step.
     """
 
     step: float
@@ -96,16 +104,23 @@ class StepError:
     step_bias_error: float
     step_bias_limit: float | None
     order: float | None
+    reference_bias: float = 0.0
 
     @property
     def bias_is_seen(self) -> bool:
         """Whether the measured bias is more than noise."""
-        return abs(self.step_bias) > NOISE * self.step_bias_error + ROUNDING
+        return self.least_bias > ROUNDING
+
+    @property
+    def least_bias(self) -> float:
+        """The smallest bias that the measurement at this step alone allows."""
+        unknown = NOISE * self.step_bias_error + self.reference_bias
+        return max(0.0, abs(self.step_bias) - unknown)
 
     @property
     def largest_bias(self) -> float:
         """The largest bias that the measurement at this step alone allows."""
-        return abs(self.step_bias) + NOISE * self.step_bias_error
+        return abs(self.step_bias) + NOISE * self.step_bias_error + self.reference_bias
 
     def seconds(self, target: float) -> float | None:
         """CPU seconds until statistical error and bias are both below a relative error; None
@@ -113,6 +128,11 @@ class StepError:
         if self.step_bias_limit is None or self.step_bias_limit > target:
             return None
         return float((self.error_of_a_second / target) ** 2)
+
+    def at_least(self) -> StepError:
+        """The same quantity with the smallest bias that the measurement allows."""
+        limit = None if self.step_bias_limit is None else min(self.least_bias, self.step_bias_limit)
+        return replace(self, step_bias_limit=limit)
 
     def halved(self, times: int) -> StepError:
         """The same quantity, predicted for the step after some halvings: each halving doubles the
@@ -151,7 +171,9 @@ class Prediction:
     """The cheapest step for a relative error, and its CPU seconds on one core.
 
     `governed_by` is the quantity that takes longest. `simulated` says whether the step was
-    simulated, or is predicted from the finest one by the order of the bias.
+    simulated, or is predicted from the finest one by the order of the bias. `least_seconds` is the
+    price if every bias were the smallest that the measurements allow: where it is far below
+    `seconds`, more paths would tell.
     """
 
     target: float
@@ -159,6 +181,7 @@ class Prediction:
     seconds: float
     governed_by: tuple[str, str]
     simulated: bool
+    least_seconds: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -196,8 +219,19 @@ class WorkPrecision(Result):
         """
         if self.left_out:
             return None
-        finest = self.of_step(min(self.steps), rates=rates)
-        found = [self._priced(self.of_step(step, rates=rates), target) for step in self.steps]
+        found = self._cheapest(target, [self.of_step(step, rates=rates) for step in self.steps])
+        if found is None:
+            return None
+        at_least = [
+            [row.at_least() for row in self.of_step(step, rates=rates)] for step in self.steps
+        ]
+        least = self._cheapest(target, at_least)
+        return replace(found, least_seconds=min(found.seconds, least.seconds if least else 0.0))
+
+    def _cheapest(self, target: float, ladder: list[list[StepError]]) -> Prediction | None:
+        """The cheapest of the steps, each with the rows of its quantities, longest first."""
+        finest = ladder[-1]
+        found = [self._priced(rows, target) for rows in ladder]
         for times in range(1, MOST_HALVINGS + 1):
             if any(found):
                 break
@@ -240,6 +274,8 @@ class WorkPrecision(Result):
             reckoned = "" if found.simulated else ", by the order"
             reason = self._reason(found) if found.seconds > LONG_SECONDS else ""
             price = f"{spoken_time(found.seconds)} (step {found.step:.3g} s{reckoned}{reason})"
+            if found.seconds > UNCERTAIN * found.least_seconds:
+                price = f"{spoken_time(found.least_seconds)} to {price}, more paths tell"
             parts.append(f"{100.0 * target:g} % takes {price}")
         return ", ".join(parts)
 
@@ -328,14 +364,16 @@ def cost(
 
     The same paths are simulated at several steps. Of everything that `simulate(rel_error=)`
     governs there follow the standard error s of one CPU second, and the bias of each step h,
-    against the closed form where there is one and else against the limit
+    against the closed form where there is one, or else the Fokker-Planck equation where it covers
+    the scene and states a smaller error, or else the limit
 
         f(0) = f(h) + (f(h) - f(r h)) / (r^p - 1)
 
     of the two finest steps (L. F. Richardson 1911), p the order of the bias. Standard errors of
     all differences come from the covariance of the paths. A relative error e then takes
     (s / e)^2 seconds, at a step whose bias is below e as well, with NOISE standard errors to
-    spare: as measured there, or at a longer step and brought down by its order.
+    spare: as measured there, or at a longer step and brought down by its order. Where few paths
+    leave open how large the bias is, the least and the largest price are both stated.
     Deterministic methods cost next to nothing, and more time does not improve them: they are stated
     apart.
 
@@ -396,11 +434,12 @@ def cost(
         free = _timed(lambda: approximations(scene, []))
         sampling = deadline.sooner(FOR_SOLVER).in_no_less_than(LEAST_SECONDS)
         statistics, cpu = _simulate(plans, layout, seed, sampling, paths, crew, progress)
-    known, reference = _known(scene, plan)
     rows: list[StepError] = []
     models: list[ModelError] = []
     left_out = []
     free += _timed(lambda: _solved(scene, plan, deadline))
+    known, solved = _known(scene, plan, free)
+    used = set[str]()
     cpu = _with_bias_run(plan, cpu)
     for key, quantity in governed(plan.model).items():
         size_of = quantity
@@ -411,14 +450,15 @@ def cost(
             left_out.append(f"no impact was seen: {key[1]} of {key[0]}")
             continue
         order = step_order(plan, key)
-        truth = _reference(quantity, plans, order, known.get(key))
-        steps = _errors_of(key, quantity, truth, size, order, plans, statistics, cpu)
+        truth, taken, bias = _reference(quantity, plans, order, known.get(key), solved, statistics)
+        used.add(taken)
+        steps = _errors_of(key, quantity, truth, size, order, plans, statistics, cpu, bias / size)
         rows += steps
         models += _models_of(key, truth, size, free, statistics)
     found = WorkPrecision(
         errors=sorted(rows, key=lambda row: -row.step),
         models=models,
-        reference=reference,
+        reference=", ".join(sorted(used)) or solved,
         elastic=plan.elastic,
         method=plan.method,
         steps=tuple(rung.step for rung in plans),
@@ -569,12 +609,25 @@ def _at_rung(quantity: Quantity, rung: int) -> Quantity:
     return of_all
 
 
-def _known(scene: Scene, plan: Plan) -> tuple[dict[Key, Estimate], str]:
-    """Exact values where they exist, and the words for what biases are measured against."""
+def _known(
+    scene: Scene, plan: Plan, free: Sequence[tuple[Response, float]]
+) -> tuple[dict[Key, Estimate], str]:
+    """Values by the closed form or else the Fokker-Planck equation, with the bias that they state;
+    and the name of the method."""
     try:
         return exact(scene).estimates(), "exact"
     except NoExactSolution:
-        return {}, "finest step" if plan.elastic else "limit of the two finest steps"
+        pass
+    for response, _ in free:
+        if response.method.startswith(FOKKER_PLANCK):
+            known = {k: e for k, e in response.estimates().items() if e.bias is not None}
+            return known, FOKKER_PLANCK
+    return {}, _of_steps(plan)
+
+
+def _of_steps(plan: Plan) -> str:
+    """Words for a reference that is made of the simulation itself."""
+    return "finest step" if plan.elastic else "limit of the two finest steps"
 
 
 def _solved(scene: Scene, plan: Plan, deadline: Deadline) -> list[Response]:
@@ -591,12 +644,27 @@ def _solved(scene: Scene, plan: Plan, deadline: Deadline) -> list[Response]:
 
 
 def _reference(
-    quantity: Quantity, plans: Sequence[Plan], order: float | None, known: Estimate | None
-) -> Quantity:
-    """The value of a quantity without bias, as a function of the means of all steps."""
-    if known is not None:
+    quantity: Quantity, plans: Sequence[Plan], order: float | None, known: Estimate | None,
+    method: str, statistics: PathStatistics,
+) -> tuple[Quantity, str, float]:  # fmt: skip
+    """The value of a quantity without bias, as a function of the means of all steps; what it is,
+    and the bias that it has itself.
+
+    A known value is taken unless its bias is larger than what the limit of the steps leaves open.
+    """
+    own, left = _limit_of_steps(quantity, plans, order), math.inf
+    if order is not None:
+        finest = _at_rung(quantity, len(plans) - 1)
+        left = NOISE * statistics.evaluate(lambda means: finest(means) - own(means))[1]
+    if known is not None and (known.bias or 0.0) <= left:
         value = known.value
-        return lambda means: value
+        return lambda means: value, method, known.bias or 0.0
+    return own, _of_steps(plans[-1]), 0.0
+
+
+def _limit_of_steps(quantity: Quantity, plans: Sequence[Plan], order: float | None) -> Quantity:
+    """The limit of a quantity from the two finest steps, or its value at the finest one where its
+    bias has no order."""
     last = len(plans) - 1
     finest = _at_rung(quantity, last)
     if order is None:
@@ -615,6 +683,7 @@ def _errors_of(
     plans: Sequence[Plan],
     statistics: PathStatistics,
     cpu: Sequence[float],
+    reference_bias: float,
 ) -> list[StepError]:
     """One quantity at every step, from the longest to the finest."""
     rows: list[StepError] = []
@@ -635,6 +704,7 @@ def _errors_of(
             step_bias_error=bias_error / size,
             step_bias_limit=0.0 if plan.elastic else None,
             order=order,
+            reference_bias=reference_bias,
         )
         if not plan.elastic and order is not None:
             row = replace(row, step_bias_limit=_limit(row, rows[-1] if rows else None, order))
@@ -651,8 +721,7 @@ def _limit(row: StepError, longer: StepError | None, order: float) -> float:
     if longer is None or longer.step_bias_limit is None:
         return row.largest_bias
     scaled = longer.step_bias_limit * (row.step / longer.step) ** order
-    seen = abs(row.step_bias) - NOISE * row.step_bias_error
-    return row.largest_bias if seen > scaled else min(row.largest_bias, scaled)
+    return row.largest_bias if row.least_bias > scaled else min(row.largest_bias, scaled)
 
 
 def _models_of(

@@ -577,8 +577,8 @@ def choose_step(run: Run, rel_error: float, deadline: Deadline) -> float:
     relative bias that is left, if it is larger.
 
     A pilot of paths of its own (PILOT_SEED) is simulated at both steps, until its bias is clearly
-    above or below `rel_error`, or it takes PILOT_SHARE of the paths of the run. Then the bias must
-    exceed it by its standard error. The choice is the same for every seed of the run.
+    above or below `rel_error`, or it takes PILOT_SHARE of the paths of the run, when the estimate
+    of the bias decides. The choice is the same for every seed of the run.
     """
     while not run.plan.elastic:
         speak = run.progress and partial(_say_pilot, run.progress)
@@ -586,8 +586,10 @@ def choose_step(run: Run, rel_error: float, deadline: Deadline) -> float:
         paths, known = max(FEWEST_PATHS, run.plan.block // 4), False
         while not known:
             with suppress(NotConverged):
-                if not pilot.add_paths(paths, deadline):
-                    return 0.0  # the answer will say that the budget was too short
+                pilot.add_paths(paths, deadline)
+            run.crew.block_seconds = math.inf  # those of the run are larger
+            if deadline.passed():
+                return 0.0  # the answer will say that the budget was too short
             if pilot.fine.count < FEWEST_PATHS:
                 return 0.0
             errors = max(relative_standard_errors(pilot).values())
@@ -595,7 +597,7 @@ def choose_step(run: Run, rel_error: float, deadline: Deadline) -> float:
             known = pilot.fine.count >= PILOT_SHARE * max(most, 2.0 * run.plan.block)
             if largest_bias(pilot, -1.0) <= rel_error:
                 return 0.0
-            bias = largest_bias(pilot, 1.0 if known else 2.0)
+            bias = largest_bias(pilot, 0.0 if known else 2.0)
             known = known or bias > rel_error
             paths = pilot.fine.count
         if bias <= rel_error:

@@ -414,7 +414,7 @@ class TabulatedPlan:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
         """State and contacts of paths before their warm-up: they move as if there were no stops."""
         state = np.zeros((4, free.shape[1] // 2))
-        before = free[self.samples - warm_up - 1]
+        before = free[len(free) - warm_up - 1]
         state[2], state[3] = before[0::2], self.model.omega * before[1::2]
         return state, np.zeros((free.shape[1] // 2, 2)) if self.contacts else None
 

@@ -223,12 +223,12 @@ def test_a_run_that_is_refined_expects_what_its_sampling_gives(tmp_path: Path) -
     flat = TabulatedNoise(frequency_hz=[1e-3, 60.0], density=[0.4, 0.4], unit="N2/Hz")
     coloured = oscillator(-1.0, 1.0, 0.8).replace(excitations=[flat])
     kept = tmp_path / "run"
-    refined = simulate(coloured, rel_error=0.01, seed=16, checkpoint=kept)
+    refined = simulate(coloured, rel_error=0.005, seed=16, checkpoint=kept)
     assert Checkpoint.read(kept).state["refinements"] > 0
     whole = simulate(oscillator(-1.0, 1.0, 0.8), rel_error=0.005, seed=16)
     for name in ("collision_rate", "impact_speed_square_rate"):
         one, two = (each.impact_pairs["stops"][name] for each in (refined, whole))
-        assert one.standard_error <= 0.011 * one.value
+        assert one.standard_error <= 0.0055 * one.value
         error = np.hypot(one.standard_error, two.standard_error)
         bias = one.bias + two.bias + 2.0 * (one.bias_error + two.bias_error)
         assert_agrees(Estimate(value=one.value, standard_error=error, bias=bias), two.value)
