@@ -32,14 +32,13 @@ from stochvi.methods.monte_carlo.rigid_white import (
     BOUNCE_PER_STEP,
     COARSE_SHARE,
     DURATION,
-    FEWEST_LANES,
     GAP_PER_STEP,
     LONGEST_BLOCK,
     LOSSY_ANGLE,
     LOSSY_DECAY,
     MOMENT_ANGLE,
-    MOST_PATHS,
     MOST_STEPS,
+    block_of,
     default_threshold,
 )
 from stochvi.methods.monte_carlo.step_bias import (
@@ -218,7 +217,7 @@ class ModalPlan(SteppedPlan):
         # lifts a mass off the stop it lies on
         quick = self.modes.kicked and not self.contacts
         longest = LONGEST_BLOCK if quick else LONGEST_BLOCK / LYING
-        return max(FEWEST_LANES, min(MOST_PATHS, int(longest // self.steps_per_path)))
+        return block_of(self.steps_per_path, longest)
 
     @property
     def hits_in_a_cluster(self) -> float:

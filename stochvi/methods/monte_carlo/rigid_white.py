@@ -153,7 +153,7 @@ class WhitePlan(SteppedPlan):
     @property
     def block(self) -> int:
         """Number of paths in a block, the unit of work, which takes some seconds at most."""
-        return max(FEWEST_LANES, min(MOST_PATHS, int(LONGEST_BLOCK // self.steps_per_path)))
+        return block_of(self.steps_per_path, LONGEST_BLOCK)
 
     @property
     def hits_in_a_cluster(self) -> float:
@@ -548,6 +548,13 @@ def lengths(
          f"{length:.2g} s, in steps of {step:.2g} s), at most {MOST_STEPS:.0g} are made: the "
          "times in which the scene hits, swings and settles lie too far apart"],
     )  # fmt: skip
+
+
+def block_of(steps_per_path: int, longest: float) -> int:
+    """Number of paths in a block of about `longest` steps, a multiple of FEWEST_LANES: paths that
+    do not fill the vectors of the processor take as long as four times as many."""
+    fitting = min(MOST_PATHS, int(longest // steps_per_path))
+    return max(FEWEST_LANES, fitting - fitting % FEWEST_LANES)
 
 
 def default_threshold(elastic: bool, speed: float) -> float:
