@@ -5,9 +5,12 @@ from __future__ import annotations
 import copy
 import random
 import re
+import shutil
+import tomllib
 from pathlib import Path
 from typing import Any
 
+from stochvi.scenes.datasets import data_folder, zoo_files
 from support.known import to_toml
 
 BARE = re.compile(
@@ -22,7 +25,7 @@ BARE = re.compile(
 NUMBERS = (
     0, 0.0, -0.0, -1.0, 1.0, 1e-3, 1e3, 1e10, 1e-10, 1e50, 1e-50, 1e154, 1e200, -1e200, 1e308,
     -1e308, 1e-308, 5e-324, float("inf"), float("-inf"), float("nan"), 2**31, 2**63, -(2**63),
-    10**40, 0.999999999999, 1.0000000001,
+    10**40, 10**320, 1e-300, 1e300, 0.999999999999, 1.0000000001,
 )  # fmt: skip
 """Numbers at which formulas break: ends of floating point, of the limits of scenes, of integers."""
 
@@ -98,7 +101,10 @@ SCENES: tuple[dict[str, Any], ...] = (
 
 TABLE = b"10,0.002\n20,0.01\n40,0.04\n80,0.04\n300,0.01\n500,0.004\n"
 
-QUICK = ("--paths", "2", "--duration", "2", "--budget", "1", "--threads", "1")
+BUDGET = 0.2
+"""Budget of every command, s."""
+
+QUICK = ("--paths", "2", "--duration", "2", "--threads", "1")
 COMMANDS: tuple[tuple[str, ...], ...] = (
     ("exact",), ("linearise",), ("linearise", "--form", "motion"), ("linearise", "--form", "force"),
     ("linearise", "--form", "clumps"), ("average",), ("average", "--variant", "unfolded"),
@@ -107,19 +113,24 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("sweep", "--method", "exact", "--vary", "excitation.0.intensity=0.1:0.2:2"),
     ("sweep", "--method", "simulate", "--vary", "impact_pair.0.upper=0.5,1", *QUICK),
     ("simulate", *QUICK), ("simulate", *QUICK), ("impacts", *QUICK),
-    ("spectrum", "--paths", "2", "--budget", "1", "--threads", "1"),
+    ("spectrum", "--paths", "2", "--threads", "1"), ("history", "--duration", "2"), ("replay",),
 )  # fmt: skip
-"""Commands with small budgets, without the scene."""
+"""Commands without the scene and the budget."""
 
 LONG_COMMANDS: tuple[tuple[str, ...], ...] = (
-    ("explain", "--threads", "1"), ("check", "--rel-error", "0.1", "--budget", "1"),
-    ("size", "--probability", "0.1", "--mission", "60", "--budget", "1"),
-    ("clearance", "--gaps", "1,2", "--rel-error", "0.2", "--budget", "1"),
-    ("reliability", "--mission", "60", "--budget", "1", "--rel-error", "0.3"),
+    ("explain", "--threads", "1"), ("check", "--rel-error", "0.1", "--threads", "1"),
+    ("size", "--probability", "0.1", "--mission", "60", "--threads", "1"),
+    ("size", "--rate", "0.1", "--mission", "60", "--threads", "1"),
+    ("clearance", "--gaps", "1,2", "--rel-error", "0.2", "--threads", "1"),
+    ("reliability", "--mission", "60", "--rel-error", "0.3", "--threads", "1"),
     ("jolt", "--speeds", "1", "--paths", "2", "--duration", "2"),
-    ("absorber", "--levels", "0", "--rel-error", "0.3", "--budget", "1"), ("cost", "--budget", "1"),
+    ("absorber", "--levels", "0", "--rel-error", "0.3", "--threads", "1"),
+    ("absorber", "--mass-budget", "0.01", "--threads", "1"), ("cost", "--threads", "1"),
+    ("sine",), ("basins", "--threads", "1"), ("bifurcation",), ("lifetimes", "--threads", "1"),
 )  # fmt: skip
-"""Commands that take a second and more, for the long hunt."""
+"""Commands that may need more time than their budget, for the long hunt."""
+
+WITHOUT_BUDGET = {"judge", "profiles", "schema"}
 
 
 class Mutator:
@@ -131,10 +142,12 @@ class Mutator:
     def write(self, folder: Path) -> Path:
         """Write a changed scene and its table into a folder; the path of the scene."""
         document = copy.deepcopy(self.random.choice(SCENES))
-        for _ in range(self.random.choice((0, 1, 1, 1, 2, 3))):
+        if self.random.random() < 0.6:
+            document = self._shipped(folder)
+        for _ in range(self.random.choice((0, 1, 1, 1, 1, 2))):
             self._change(document)
         text = to_toml(document)
-        if self.random.random() < 0.05:
+        if self.random.random() < 0.08:
             text = self._spoil(text)
         scene = folder / "scene.toml"
         scene.write_bytes(text.encode("utf-8", "replace"))
@@ -145,15 +158,25 @@ class Mutator:
     def command(self, commands: tuple[tuple[str, ...], ...], out: Path) -> list[str]:
         """The words of a command, sometimes with a folder for its answers."""
         words = list(self.random.choice(commands))
+        if words[0] not in WITHOUT_BUDGET:
+            words += ["--budget", str(BUDGET)]
         if self.random.random() < 0.15 and words[0] not in ("explain",):
             words += ["--out", str(out)]
         return words
+
+    def _shipped(self, folder: Path) -> dict[str, Any]:
+        """A scene that ships, with the files that it names in a folder."""
+        shipped = sorted((data_folder() / "scenes").glob("*.toml"))
+        file = self.random.choice([*shipped, *zoo_files().values()])
+        for named in file.parent.glob("*.csv"):
+            shutil.copy(named, folder / named.name)
+        return tomllib.loads(file.read_text("utf-8"))
 
     def _change(self, document: dict[str, Any]) -> None:
         """Change one place of a document, wherever in it."""
         holder, key = self.random.choice(list(_places(document)))
         value = holder[key]
-        match self.random.randrange(8):
+        match self.random.randrange(9):
             case 0:
                 del holder[key]
             case 1:
@@ -164,20 +187,24 @@ class Mutator:
                 )
             case 3 if isinstance(value, list) and value:
                 holder[key] = value * 2
+            case 4:
+                holder[key] = self.random.choice(({str(key): value}, [value], [[value]]))
             case _ if isinstance(value, str):
                 holder[key] = self.random.choice(NAMES)
             case _ if isinstance(value, int | float):
-                factor = self.random.choice((-1.0, 1e-6, 1e-2, 1e2, 1e6))
-                holder[key] = self.random.choice((*NUMBERS, value * factor, value * factor))
+                factor = self.random.choice((-1.0, 1e-6, 1e-2, 0.5, 2.0, 1e2, 1e6))
+                extreme = self.random.choice(NUMBERS)
+                holder[key] = extreme if self.random.random() < 0.4 else value * factor
             case _:
                 holder[key] = copy.deepcopy(self.random.choice((*WRONG, *NUMBERS)))
 
     def _spoil(self, text: str) -> str:
         """Cut, double or insert something in the text of a file."""
-        place = self.random.randrange(len(text))
-        return self.random.choice(
-            (text[:place], text * 2, text[:place] + "\x00\u202e[[" + text[place:], "[" * 5000)
-        )
+        place, lines = self.random.randrange(len(text)), text.splitlines()
+        line = self.random.randrange(len(lines))
+        doubled = "\n".join([*lines[: line + 1], *lines[line:]])
+        broken = text[:place] + "\x00\u202e[[" + text[place:]
+        return self.random.choice((text[:place], text * 2, broken, "[" * 5000, doubled))
 
 
 def _places(part: Any) -> Any:
