@@ -283,7 +283,8 @@ def relative_bias(estimate: Estimate) -> str:
 def formatted_cell(value: object, form: str) -> str:
     if isinstance(value, str):
         return value
-    return NO_VALUE if isinstance(value, float) and math.isnan(value) else format(value, form)
+    unknown = value is None or (isinstance(value, float) and math.isnan(value))
+    return NO_VALUE if unknown else format(value, form)
 
 
 def _is_number(cell: object) -> bool:

@@ -25,15 +25,27 @@ QUICKEST = 12
 
 
 def hunt(stochvi: Run, folder: Path, seed: int, commands: tuple[tuple[str, ...], ...]) -> None:
+    """A changed scene."""
     mutator = Mutator(seed)
     inside = folder / "a" / "b"
     inside.mkdir(parents=True)
     scene, out = mutator.write(inside), inside / "o1" / "o2"
-    words = mutator.command(commands, out)
+    judge(stochvi, folder, seed, scene, mutator.command(commands, out), out)
+
+
+def hunt_in_files(stochvi: Run, folder: Path, seed: int) -> None:
+    """A changed file, of a scene or of paths."""
+    folder.mkdir(exist_ok=True)
+    file, words = Mutator(seed).file(folder)
+    judge(stochvi, folder, seed, file, words, folder / "none")
+
+
+def judge(stochvi: Run, folder: Path, seed: int, file: Path, words: list[str], out: Path) -> None:
+    """Run a command, which must end with a code and a sentence, in time, and write into `out`."""
     before = files_of(folder)
-    case = f"seed {seed}: {' '.join(words)}\n{scene.read_text('utf-8', 'replace')[:3000]}"
+    case = f"seed {seed}: {' '.join(words)}\n{file.read_text('utf-8', 'replace')[:3000]}"
     began, stood = time.process_time(), stood_still()
-    code, text, errors = stochvi(words[0], scene, *words[1:])
+    code, text, errors = stochvi(words[0], file, *words[1:])
     spent = time.process_time() - began - (stood_still() - stood)
     assert code in (0, 1, 2), case
     if code:
@@ -73,3 +85,17 @@ def test_thousands_of_changed_scenes_end_in_sentences(stochvi: Run, tmp_path: Pa
     for seed in range(100 * hundred, 100 * hundred + 100):
         with beginning(f"seed {seed}"):
             hunt(stochvi, tmp_path / str(seed), seed, COMMANDS + LONG_COMMANDS)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_changed_file_ends_in_a_sentence(stochvi: Run, tmp_path: Path, seed: int):
+    with beginning(f"seed {seed}"):
+        hunt_in_files(stochvi, tmp_path, seed)
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("hundred", range(5))
+def test_hundreds_of_changed_files_end_in_sentences(stochvi: Run, tmp_path: Path, hundred: int):
+    for seed in range(100 * hundred, 100 * hundred + 100):
+        with beginning(f"seed {seed}"):
+            hunt_in_files(stochvi, tmp_path / str(seed), seed)

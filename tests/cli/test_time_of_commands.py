@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import resource
 import subprocess
 import sys
 import time
@@ -17,7 +18,9 @@ from stochvi.cli import main
 from stochvi.cli.options import Common
 from stochvi.results.errors import NotConverged
 from stochvi.scenes.datasets import shipped_scene
+from support.accuracies import quick_cases
 from support.commands import ELASTIC, Run
+from support.known import to_toml
 
 scene_room = importlib.import_module("stochvi.scenes.scene")
 STUDY = importlib.import_module("studies.16_time_that_was_asked.cases")
@@ -55,6 +58,45 @@ def test_commands_end_in_their_cpu_time(tmp_path: Path) -> None:
     # the caches that others share make CPU times a quarter longer
     late = judged[judged["wall"] > 1.25 * judged["limit"]]
     assert not len(late), late[["command", "scene", "ended_by", "wall", "limit"]].to_string()
+
+
+NOISE = {"kind": "psd", "unit": "g2/Hz", "frequency_hz": [5.0, 500.0], "density": [1e-3, 1e-3]}
+STOPS = {"lower": -0.02, "upper": 0.02, "law": {"kind": "restitution", "coefficient": 0.7}}
+ROAD = {"kind": "road", "road": "D", "speed_kmh": 50.0, "band_hz": [0.5, 30.0]}
+
+HARD = {
+    "a light damper": ({"frequency_hz": 12.0, "zeta": 1e-3}, NOISE, "reliability --mission 3600"),
+    "a heavy damper": ({"frequency_hz": 12.0, "Q": 5e-3}, NOISE, "spectrum"),
+    "a slow mount": ({"frequency_hz": 2.5e-3, "zeta": 0.15}, ROAD, "simulate"),
+    "a box, clearance": (None, None, "clearance"),
+    "a box, size": (None, None, "size --probability 0.01 --mission 600"),
+    "a box, cost": (None, None, "cost"),
+    "a box, check": (None, None, "check"),
+}
+"""Questions of which one step used to take 10 to 40 s: structure and noise of an isolator, or a
+rigid box."""
+
+
+@quick_cases("question", HARD, keep=(4,))
+def test_a_short_budget_is_kept_where_a_step_takes_long(tmp_path: Path, question: str) -> None:
+    mount, noise, words = HARD[question]
+    scene = shipped_scene("rigid-box")
+    if mount is not None:
+        document = {"structure": {"kind": "isolator"} | mount, "excitation": [noise]}
+        scene = tmp_path / "scene.toml"
+        scene.write_text(to_toml(document | {"impact_pair": [STOPS]}), encoding="utf-8")
+    clock = Path(STUDY.__file__).with_name("on_cpu_clock.py")
+    command, *more = words.split()
+    start = [sys.executable, clock, "0", command, scene, *more, "--threads", "1", "--budget"]
+    # in the first run kernels may be compiled
+    subprocess.run([*start, "0.7"], capture_output=True, check=False)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    ended = subprocess.run([*start, "0.7"], capture_output=True, text=True, check=False)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    assert ended.returncode in (0, 1) and "Traceback" not in ended.stderr
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    # the caches that others share make CPU times a quarter longer
+    assert spent < 1.25 * (1.2 * 0.7 + 2.0), ended.stderr
 
 
 MOUNT, BOX = str(shipped_scene("isolator-sine")), str(shipped_scene("absorber-in-a-box"))

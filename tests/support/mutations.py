@@ -10,8 +10,13 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from scipy.io import savemat
+
 from stochvi.scenes.datasets import data_folder, zoo_files
+from stochvi.scenes.readers import TIME_RESPONSE
 from support.known import to_toml
+from support.uff import write_uff
 
 BARE = re.compile(
     r"math domain error|math range error|division by zero|divide by zero|Singular matrix|"
@@ -163,6 +168,69 @@ class Mutator:
         if self.random.random() < 0.15 and words[0] not in ("explain",):
             words += ["--out", str(out)]
         return words
+
+    def file(self, folder: Path) -> tuple[Path, list[str]]:
+        """Write a scene whose file has changed, or a file of paths; what is asked of which file."""
+        kind = self.random.choice(("csv", "table.csv", "uff", "mat", "toml", "paths.csv"))
+        path = folder / f"changed.{kind}"
+        t = np.arange(400) / 256.0
+        x = np.sin(40.0 * t)
+        match kind:
+            case "uff":
+                write_uff(path, (TIME_RESPONSE, "acceleration", t, x, "g"))
+            case "mat":
+                savemat(path, {"time": t, "acceleration": x})
+            case "toml":
+                shipped = self._shipped(folder)
+                path.write_text(to_toml(shipped), encoding="utf-8")
+            case "table.csv":
+                path.write_bytes(TABLE)
+            case "paths.csv":
+                path.write_text("\n".join(f"{a},{b}" for a, b in zip(t, x, strict=True)))
+            case _:
+                rows = [f"{a:.6f},{b:.6e}" for a, b in zip(t, x, strict=True)]
+                path.write_text("\n".join(["time (s),acceleration (g)", *rows]))
+        for _ in range(self.random.choice((0, 1, 1, 1, 2))):
+            path.write_bytes(self._spoilt(path.read_bytes()))
+        budget = ["--budget", str(BUDGET)]
+        if kind == "toml":
+            return path, [self.random.choice(("screen", "linearise")), *budget]
+        if kind == "paths.csv":
+            return path, ["judge", "--problem", "elastic-box"]
+        noise = {"kind": "psd" if kind == "table.csv" else "record", "file": path.name}
+        mount = {"kind": "isolator", "frequency_hz": 12.0, "zeta": 0.1}
+        pair = {"lower": -0.01, "upper": 0.01, "law": RIGID}
+        scene = folder / "scene.toml"
+        document = {
+            "structure": mount,
+            "impact_pair": [pair],
+            "excitation": [noise | {"unit": "g"}],
+        }
+        if kind == "table.csv":
+            document["excitation"] = [noise | {"unit": "g2/Hz"}]
+        scene.write_text(to_toml(document), encoding="utf-8")
+        return scene, [self.random.choice(("screen", "replay", "linearise")), *budget]
+
+    def _spoilt(self, content: bytes) -> bytes:
+        """The content of a file with bytes changed, cut, doubled or put in."""
+        place = self.random.randrange(len(content) + 1)
+        match self.random.randrange(6):
+            case 0:
+                return content[:place]
+            case 1:
+                return content[:place] + content[place // 2 :]
+            case 2:
+                return content[:place] + b"9" * self.random.choice((30, 200_000)) + content[place:]
+            case 3:
+                word = self.random.choice(
+                    (b"nan", b"1e999", b'"', b",,", b"\n", b"\x00", b"\xff\xfe")
+                )
+                return content[:place] + word + content[place:]
+            case _:
+                changed = bytearray(content)
+                for _ in range(self.random.choice((1, 1, 4, 64)) if content else 0):
+                    changed[self.random.randrange(len(changed))] = self.random.randrange(256)
+                return bytes(changed)
 
     def _shipped(self, folder: Path) -> dict[str, Any]:
         """A scene that ships, with the files that it names in a folder."""

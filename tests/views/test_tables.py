@@ -51,3 +51,11 @@ def test_the_modes_of_a_box_are_not_cut_to_the_width_of_the_terminal() -> None:
     for mode in found.modes:
         assert any(line.endswith(mode.motion) for line in lines)
     assert any("zeta  along x (kg)  along y (kg)  along z (kg)" in line for line in lines)
+
+
+def test_a_number_that_is_not_known_is_a_dash() -> None:
+    """Where a budget ended before hits were counted, a table of a sizing ended in a traceback."""
+    written = io.StringIO()
+    frame = pd.DataFrame({"hits": pd.Series([2.5, None, float("nan")], dtype=object)})
+    print_frame(Console(file=written, width=100), frame, "hits")
+    assert [line.split()[0] for line in written.getvalue().splitlines()[-3:]] == ["2.5", "-", "-"]
