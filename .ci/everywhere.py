@@ -135,29 +135,27 @@ def users(folder: Path) -> tuple[list[Variables], list[str]]:
     return chosen, left_out
 
 
-def run(variables: Variables, arguments: list[str]) -> Result:
-    """Run the part of the suite in one process, in random order."""
+def run(kind: str, variables: Variables, arguments: list[str], folder: Path) -> Result:
+    """Run the part of the suite in one process, in random order; what it prints stays in a file."""
     order = f"{datetime.date.today():%Y%m%d}{variables['PYTHONHASHSEED']}"
     options = ["-n", "0", "-q", "-p", "no:cacheprovider", "--random-order-bucket=module"]
     command = [sys.executable, "-c", START, *options, f"--random-order-seed={order}", *arguments]
-    began = time.monotonic()
-    done = subprocess.run(
-        command, env=os.environ | variables, capture_output=True, text=True, encoding="utf-8",
-        errors="replace", check=False,
-    )  # fmt: skip
-    lines = done.stdout.splitlines() or [done.stderr]
-    text = f"{lines[-1].strip('= ')} ({time.monotonic() - began:.0f} s)"
+    began, printed = time.monotonic(), folder / f"{kind}.txt"
+    with printed.open("wb") as file:
+        done = subprocess.run(
+            command, env=os.environ | variables, stdout=file, stderr=subprocess.STDOUT, check=False
+        )
+    text = printed.read_text(encoding="utf-8", errors="replace").strip()
+    last = f"{text.splitlines()[-1].strip('= ')} ({time.monotonic() - began:.0f} s)" if text else ""
     if done.returncode:
         again = shlex.join([*(f"{key}={value}" for key, value in variables.items()), *command])
-        text = (
-            f"{done.stdout[-12_000:]}\n{done.stderr[-4_000:]}\nagain: env {again}\nFAILED: {text}"
-        )
-    return Result(done.returncode == 0, text)
+        last = f"{last}\n{text[-20_000:]}\nagain: env {again}\n"
+    return Result(done.returncode == 0, last)
 
 
 def main(arguments: list[str]) -> int:
     """Print a line for each setting; 1 if a test failed in one of them."""
-    folder = Path(sys.prefix) / "everywhere"  # kernels and locale stay there for the next time
+    folder = Path(sys.prefix) / "everywhere"  # kernels and locale stay for the next time
     folder.mkdir(exist_ok=True)
     kinds, lacking = processors(folder)
     people, without = users(folder)
@@ -169,14 +167,14 @@ def main(arguments: list[str]) -> int:
     ]
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         # the first takes longest, because it compiles kernels of its own
-        results = pool.map(lambda each: run(each[1], arguments or list(PART)), settings)
+        results = pool.map(lambda each: run(*each, arguments or list(PART), folder), settings)
         passed = []
         for (kind, variables), result in zip(settings, results, strict=True):
             shown = ", ".join(
                 f"{key}={value}" for key, value in variables.items() if str(folder) not in value
             )
             word = "passed" if result.passed else "FAILED"
-            print(f"{word}  {kind}: {result.text}; {shown}", flush=True)
+            print(f"{word}  {kind}; {shown}: {result.text}", flush=True)
             passed.append(result.passed)
     return 0 if all(passed) else 1
 
