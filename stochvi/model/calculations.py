@@ -1,17 +1,21 @@
-"""What public calculations share: arguments are checked, progress is shown, a budget ends them."""
+"""What public calculations share: arguments are checked, progress is shown, a budget ends them, and
+answers record their call."""
 
 from __future__ import annotations
 
 import functools
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from typing import ParamSpec, TypeVar
+from dataclasses import replace
+from typing import Any, ParamSpec, TypeVar
 
 from stochvi.mathematics.arguments import CHECKS, argument_checker, shown
+from stochvi.results.base import Result
 from stochvi.results.deadline import ended_by, watched
-from stochvi.results.errors import SceneError
+from stochvi.results.errors import Interrupted, NotConverged, SceneError
+from stochvi.results.origin import call_of
 from stochvi.results.progress import showing, shown_in_notebooks
 from stochvi.scenes.scene import Scene
 
@@ -34,7 +38,8 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
 
     Before it begins, its scene and its plain arguments are checked against their annotations. Its
     progress is shown in a notebook, with the compiling of kernels. A `budget` that is long over
-    ends it (see `ended_by`).
+    ends it (see `ended_by`). An answer, also one that falls short, records the call in its
+    provenance.
     """
     check, parameters = argument_checker(function), inspect.signature(function).parameters
     budget = parameters.get("budget")
@@ -55,6 +60,21 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
                     )
                 if not watched():
                     around.enter_context(ended_by(seconds))
-            return function(*bound.args, **bound.kwargs)
+            try:
+                return recorded(function(*bound.args, **bound.kwargs), given)
+            except (NotConverged, Interrupted) as error:
+                error.response = recorded(error.response, given)
+                raise
+
+    def recorded(answer: Any, given: Mapping[str, Any]) -> Any:
+        if not isinstance(answer, Result):
+            return answer
+        defaults = {
+            name: each.default
+            for name, each in parameters.items()
+            if each.default is not inspect.Parameter.empty
+        }
+        call = call_of(function.__name__, {**defaults, **given})
+        return replace(answer, provenance={**answer.provenance, "call": call})
 
     return run
