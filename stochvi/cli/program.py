@@ -46,7 +46,7 @@ class Commands(click.Group):
 
 def _stop_for(error: BaseException) -> NoReturn:
     """End with the sentence and the exit code of an error; raise it again if it has none."""
-    from stochvi.results.errors import NotConverged, StochviError
+    from stochvi.results.errors import NotConverged, StochviError, reason_of
 
     if isinstance(error, KeyboardInterrupt):
         stop(str(error) or "interrupted by Ctrl-C; nothing was kept", FAILED)
@@ -57,7 +57,7 @@ def _stop_for(error: BaseException) -> NoReturn:
     if isinstance(error, MemoryError):
         stop(f"the memory of this machine does not suffice ({error}); ask for less", BAD_INPUT)
     if isinstance(error, OSError):
-        stop(f"{error.filename or ''} {(error.strerror or str(error)).lower()}", BAD_INPUT)
+        stop(f"{error.filename or ''} {reason_of(error)}", BAD_INPUT)
     raise error
 
 

@@ -2,11 +2,40 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 from collections.abc import Sequence
 from typing import Any
 
 from stochvi.results.sizes import few_lines
+
+
+REASONS = {
+    errno.EACCES: "permission denied", errno.EEXIST: "file exists", errno.EIO: "input/output error",
+    errno.EISDIR: "is a directory", errno.ELOOP: "too many levels of symbolic links",
+    errno.EMFILE: "too many open files", errno.ENAMETOOLONG: "file name too long",
+    errno.ENOENT: "no such file or directory", errno.ENOSPC: "no space left on device",
+    errno.ENOTDIR: "not a directory", errno.EPERM: "operation not permitted",
+    errno.EPIPE: "broken pipe", errno.EROFS: "read-only file system",
+}  # fmt: skip
+"""Why a system refuses a file, by the number of its error."""
+
+
+def reason_of(error: OSError) -> str:
+    """Why a file could not be read or written, in English and small letters.
+
+    A system states its reasons in the language of its user, in the middle of our sentences.
+
+    >>> reason_of(FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT)))
+    'no such file or directory'
+    >>> reason_of(IsADirectoryError(errno.EISDIR, "Is a folder, expected a file name"))
+    'is a folder, expected a file name'
+    """
+    said = error.strerror or str(error)
+    number = error.errno or 0
+    systems_own = getattr(error, "winerror", None) is not None or said == os.strerror(number)
+    return (REASONS.get(number, said) if systems_own else said).lower()
 
 
 class StochviError(Exception):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 MOST_NUMBERS = 2**25
 """Largest number of floats that one calculation keeps at a time: 256 MB."""
 
@@ -34,6 +32,8 @@ def spaced(name: str, first: float, last: float, number: int) -> list[float]:
     >>> spaced("--points", 0.0, 1.0, 3)
     [0.0, 0.5, 1.0]
     """
+    import numpy as np  # every command loads this file, also for its help
+
     check_size(name, number, MOST_SPACED, "ask for fewer")
     found: list[float] = np.linspace(first, last, number).tolist()
     return found

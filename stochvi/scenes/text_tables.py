@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.units import DENSITIES, Unit
-from stochvi.results.errors import SceneError
+from stochvi.results.errors import SceneError, reason_of
 from stochvi.scenes.text_cells import (
     CLOCK,
     DELIMITERS,
@@ -116,9 +116,8 @@ def check_file(path: Path, largest: int) -> None:
 
 
 def _unreadable(path: Path, error: OSError) -> SceneError:
-    reason = (error.strerror or str(error)).lower()
     near = _alike(path) if isinstance(error, FileNotFoundError) else ""
-    return SceneError(f"{path} cannot be read: {reason}{near}")
+    return SceneError(f"{path} cannot be read: {reason_of(error)}{near}")
 
 
 def _alike(path: Path) -> str:

@@ -34,7 +34,7 @@ from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, 
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.results.atomic_files import write_whole
 from stochvi.results.base import Result
-from stochvi.results.errors import CheckpointError
+from stochvi.results.errors import CheckpointError, reason_of
 from stochvi.results.intervals import PathMoments
 from stochvi.scenes.scene import Scene
 
@@ -434,7 +434,7 @@ class Keeper:
             self._write(state)
         except OSError as error:
             raise CheckpointError(
-                f"{path} cannot be written: {error.strerror or error}; name another file for "
+                f"{path} cannot be written: {reason_of(error)}; name another file for "
                 "the checkpoint"
             ) from error
 
@@ -453,9 +453,8 @@ class Keeper:
             self._write(state)
             self.failure = ""
         except OSError as error:
-            reason = error.strerror or str(error)
             self.failure = (
-                f"the checkpoint {self.begun.path} could not be written: {reason.lower()}; it "
+                f"the checkpoint {self.begun.path} could not be written: {reason_of(error)}; it "
                 "holds what it held before"
             )
 

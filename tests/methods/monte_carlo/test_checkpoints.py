@@ -157,7 +157,7 @@ def test_a_disk_that_fills_up_costs_no_answer(
         simulate(oscillator(), rel_error=1e-4, budget=1e-3, checkpoint=kept)
     assert warned(short.value.response)
     monkeypatch.setattr(checkpoints, "write_whole", FullDisk(writes=0))
-    with pytest.raises(CheckpointError, match=r"run cannot be written: No space left"):
+    with pytest.raises(CheckpointError, match=r"run cannot be written: no space left"):
         simulate(oscillator(), **ASKED, checkpoint=kept)
 
 
