@@ -10,7 +10,6 @@ from typing import Any
 
 from stochvi.results.sizes import few_lines
 
-
 REASONS = {
     errno.EACCES: "permission denied", errno.EEXIST: "file exists", errno.EIO: "input/output error",
     errno.EISDIR: "is a directory", errno.ELOOP: "too many levels of symbolic links",

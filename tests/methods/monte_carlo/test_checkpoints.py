@@ -162,7 +162,7 @@ def test_a_disk_that_fills_up_costs_no_answer(
 
 
 def test_a_folder_that_is_not_there_is_said(tmp_path: Path) -> None:
-    with pytest.raises(CheckpointError, match=r"nope/run cannot be written: No such file"):
+    with pytest.raises(CheckpointError, match=r"nope/run cannot be written: no such file"):
         simulate(oscillator(), **ASKED, checkpoint=tmp_path / "nope" / "run")
 
 
