@@ -168,9 +168,10 @@ LAST_DIGITS = (
 
 
 NEVER_SEEN = (
-    "0 (< 0.006): never seen; the number in brackets is the upper limit of its 95 % interval"
+    "at most 0.006: never seen, or in too few independent samples for an interval; the number is "
+    "the upper 95 % limit"
 )
-"""Explanation of how an `Estimate` of something that was never seen is shown."""
+"""Explanation of how an `Estimate` of something that was hardly ever seen is shown."""
 
 
 METHOD_COLUMNS = {
@@ -248,7 +249,7 @@ def value_with_error(estimate: Estimate, scale: float = 0.0, *, with_bias: bool 
     '0.500(20)+-?'
     """
     if estimate.upper_95 is not None:
-        return f"0 (< {estimate.upper_95:.2g})"
+        return f"at most {estimate.upper_95:.2g}"
     if abs(estimate.value) < NEGLIGIBLE * scale:
         return "0"
     if estimate.standard_error == 0.0:

@@ -67,7 +67,7 @@ def with_interval(estimate: Estimate | None, factor: float) -> str:
     if estimate is None:
         return UNKNOWN
     if estimate.upper_95 is not None:
-        return f"0\nbelow {factor * estimate.upper_95:.2g}"
+        return f"at most\n{factor * estimate.upper_95:.2g}"
     half = factor * estimate.half_width_95()
     value = factor * estimate.value
     if half == 0.0:

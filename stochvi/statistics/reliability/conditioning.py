@@ -154,15 +154,21 @@ def _from_crossings(
     event: str, estimate: Estimate, paths: int, jobs: Jobs, started: float
 ) -> Chance:
     """The chance of a first hit, which first crossings found since CPU second `started`."""
-    lower, upper = logarithmic_interval(
-        estimate.value, estimate.standard_error, paths - 1, jobs.confidence
-    )
+    lower, upper = 0.0, SMALLEST
+    if estimate.value > 0.0:
+        lower, upper = logarithmic_interval(
+            estimate.value, estimate.standard_error, paths - 1, jobs.confidence
+        )
+        estimate = of_events(estimate, paths)
+    if estimate.upper_95 is not None:
+        lower, upper = 0.0, estimate.upper_95
+        estimate = replace(estimate, upper_95=min(upper, 1.0))
     return Chance(
         event=event,
         limit=None,
         estimate=estimate,
         lower=lower,
-        upper=min(upper, 1.0) if estimate.value > 0.0 else SMALLEST,
+        upper=min(upper, 1.0),
         confidence=jobs.confidence,
         rule=f"Student's, of the logarithm, from a jackknife over {paths} paths",
         way="first crossings",

@@ -192,7 +192,7 @@ def _hits_statement(review: Review) -> str:
     if here is None:
         return ""
     if here.expected is None:
-        text = f"below {count_of(here.expected_high)} hits (none was seen)"
+        text = f"below {count_of(here.expected_high)} hits (none was seen, or too few)"
     else:
         text = (
             f"{count_of(here.expected)} hits are to be expected "
