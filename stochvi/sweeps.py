@@ -26,6 +26,7 @@ from stochvi.results.base import plain
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import (
     CheckpointError,
+    Interrupted,
     NotApplicable,
     NotConverged,
     StochviError,
@@ -134,7 +135,8 @@ def sweep(
         If a value is not a number, a key has no values, a key is named twice, or the values have
         more combinations than `MOST_ROWS`.
     Interrupted
-        After Ctrl-C, before the next row; rows that are complete are kept in `out`.
+        After Ctrl-C; its `response` is the table of the rows that are complete, which are kept in
+        `out`.
 
     See Also
     --------
@@ -156,8 +158,6 @@ def sweep(
     >>> table["stops.collision_rate"].round(4).tolist()
     [0.2031, 0.1147, 0.022]
     """
-    import pandas as pd
-
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     if method == "closure" and "form" in arguments:
@@ -176,12 +176,13 @@ def sweep(
     for change in grid:  # a value that the scene refuses ends the sweep before its first row
         changed_scene(document, change)
     folder = None if out is None else folder_in(Path(out), "rows")
-    rows = []
+    rows: list[dict[str, Any]] = []
     each = arguments.get("budget")
     deadline = Deadline.after(None if each is None else len(grid) * each)
     for number, change in enumerate(grid):
+        where = f"after row {number} of {len(grid)}"
         if deadline.interrupted:
-            raise deadline.fell_short(f"after row {number} of {len(grid)}", "")
+            raise deadline.fell_short(where, "", _table(rows))
 
         def report(done: float, text: str, number: int = number) -> None:
             if progress:
@@ -191,7 +192,19 @@ def sweep(
         if each is not None:  # what a row took too long, the others have less
             arguments["budget"] = min(each, deadline.part(1.0 / (len(grid) - number)) or each)
         job = Job.of(scene, change, method, common, seed, arguments)
-        rows.append(job.row(folder, executor, report))
+        try:
+            rows.append(job.row(folder, executor, report))
+        except KeyboardInterrupt as reason:
+            raise Interrupted(f"interrupted by Ctrl-C {where}", _table(rows)) from reason
+    return _table(rows)
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
+    """The table of finished rows."""
+    import pandas as pd
+
+    if not rows:
+        return pd.DataFrame()
     return pd.DataFrame(rows).astype({"seed": "Int64", "paths": "Int64", "seconds": float})
 
 

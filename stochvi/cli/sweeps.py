@@ -94,7 +94,7 @@ def sweep(
     from stochvi.scenes.scene import load_scene
     from stochvi.sweeps import once, values_of
     from stochvi.sweeps import sweep as solve
-    from stochvi.views.sweep import terminal_table, unseen, write_sweep
+    from stochvi.views.sweep import terminal_table, unseen, write_sweep, write_sweep_table
     from stochvi.views.tables import LAST_DIGITS, NEVER_SEEN, print_frame
 
     given = {"threads": options.threads, "dask": dask} | asked
@@ -120,7 +120,10 @@ def sweep(
                 loaded, ranges, method=method, out=options.out, executor=executor, progress=report,
                 common=random_numbers == "common", seed=options.seed, **given,
             )  # fmt: skip
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as reason:
+        so_far = getattr(reason, "response", None)
+        if options.out is not None and so_far is not None and len(so_far):
+            write_sweep_table(so_far, list(ranges), options.out)
         kept = (
             f"rows are kept in {options.out}: the same command goes on"
             if options.out

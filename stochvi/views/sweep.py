@@ -258,14 +258,20 @@ def _last(key: str) -> str:
     return ".".join(words[-2:])
 
 
+def write_sweep_table(table: pd.DataFrame, keys: Sequence[str], folder: Path) -> pd.DataFrame:
+    """Write `sweep.csv`, and return the table with units in the names of its columns."""
+    written = with_units(table, keys)
+    write_table(written, folder / "sweep.csv")
+    return written
+
+
 def write_sweep(
     table: pd.DataFrame, keys: Sequence[str], folder: str | Path, title: str = ""
 ) -> None:
     """Write `sweep.csv`, `sweep.parquet` where pyarrow is installed, and the contact sheet
     `sweep.png`; the units stand in the names of the columns."""
     folder = Path(folder)
-    written = with_units(table, keys)
-    write_table(written, folder / "sweep.csv")
+    written = write_sweep_table(table, keys, folder)
     if importlib.util.find_spec("pyarrow") is not None:
         memory = io.BytesIO()
         written.to_parquet(memory, index=False)

@@ -31,7 +31,7 @@ from stochvi.scenes.keys import changed_scene
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene, scene_from
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.statistics.reliability import reliability
-from stochvi.sweeps import sweep, values_of
+from stochvi.sweeps import Job, sweep, values_of
 from stochvi.views.sweep import (
     changes,
     draw_sweep,
@@ -666,3 +666,32 @@ def test_more_rows_than_a_sweep_may_have_are_refused_at_once(stochvi, vary, rows
     message = refused(stochvi("sweep", ELASTIC, *words, "--method", "exact"))
     assert rows in message and "at most 10000" in message
     assert time.process_time() - began < 2.0
+
+
+def test_ctrl_c_leaves_the_rows_that_are_complete_in_a_table(
+    stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = tmp_path / "scene.toml"
+    scene.write_text(
+        "[structure]\nkind = 'oscillator'\nmass = 1\ndamping = 0.1\nstiffness = 1\n"
+        "[[impact_pair]]\nupper = 1.0\nlaw = { coefficient = 1.0 }\n"
+        "[[excitation]]\nkind = 'white'\nintensity = 0.2\n"
+    )
+    answered, row = [], Job.row
+
+    def interrupted(self: Job, *arguments: object) -> object:
+        if len(answered) == 2:
+            raise KeyboardInterrupt
+        answered.append(self)
+        return row(self, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Job, "row", interrupted)
+    vary = ("--vary", "structure.stiffness=1,2,3", "--method", "exact")
+    done = stochvi("sweep", scene, *vary, "--out", tmp_path / "out")
+    assert done.code == 1 and "rows are kept" in done.err
+    table = pd.read_csv(tmp_path / "out" / "sweep.csv")
+    assert table.filter(like="stiffness").iloc[:, 0].tolist() == [1.0, 2.0]
+    answered.clear()
+    with pytest.raises(Interrupted, match="after row 2 of 3") as stopped:
+        sweep(scene, {"structure.stiffness": [1.0, 2.0, 3.0]}, method="exact")
+    assert len(stopped.value.response) == 2
