@@ -67,6 +67,16 @@ def test_every_way_agrees_and_a_seed_gives_the_same_digits_on_any_threads() -> N
         assert (chance.wilson is None) == (way == "splitting")
 
 
+def test_the_seed_does_not_choose_the_way() -> None:
+    asked: dict[str, Any] = {"mission": TEN_PERIODS, "barrier": 3.0, "rel_error": 0.2}
+    found = [
+        reliability(FREE, start="rest", seed=seed, threads=1, **asked).chances["passage"]
+        for seed in (1, 2)
+    ]
+    assert found[0].why == found[1].why
+    assert found[0].estimate.value != found[1].estimate.value  # negative control
+
+
 def test_a_stationary_start_is_a_matter_of_first_crossings() -> None:
     barrier, _, truth = RARE[2]
     found = reliability(FREE, mission=TEN_PERIODS, barrier=barrier, seed=1, threads=1)

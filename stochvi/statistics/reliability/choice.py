@@ -13,6 +13,7 @@ import numpy as np
 from stochvi.methods.monte_carlo.block_results import Block
 from stochvi.methods.monte_carlo.blocks import Crew, Work, blocks_between
 from stochvi.methods.monte_carlo.missions import MissionPlan
+from stochvi.methods.monte_carlo.rounds import PILOT_SEED
 from stochvi.methods.monte_carlo.splitting import (
     PARTICLES,
     SHARE,
@@ -88,6 +89,10 @@ KEPT = 0.1
 
 PURPOSES = ("pilot missions", "levels", "pilot repetitions", "answer", "twice the step")
 """Uses of a seed that share no random number."""
+
+OF_THE_ANSWER = PURPOSES[3:]
+"""Uses of the seed of the answer; the pilot has its own, so that the luck of a seed does not decide
+between the ways, nor the levels of a splitting."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -372,7 +377,8 @@ class Jobs:
         return done
 
     def _seed(self, purpose: str) -> int:
-        sequence = np.random.SeedSequence([self.seed, PURPOSES.index(purpose)])
+        seed = self.seed if purpose in OF_THE_ANSWER else PILOT_SEED
+        sequence = np.random.SeedSequence([seed, PURPOSES.index(purpose)])
         return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
 

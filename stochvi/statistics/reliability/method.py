@@ -5,9 +5,9 @@ missions. Splitting (`monte_carlo.splitting`) copies the paths that come close, 
 small to count. First crossings (`first_crossings`) need no mission at all where the motion before
 the first hit is stationary and Gaussian; `bursts` does the same for what follows a first hit, and
 `rare_hits` splits records of any Gaussian noise for fast and sharp hits, however rare. What is
-chosen depends on the counts of the pilot alone, never on the clock, so that a seed gives the same
-digits anywhere. The answer is a second stage that shares no random number with the pilot; it is
-enlarged only where its error is clearly larger than the pilot let expect.
+chosen depends on the counts of the pilot alone, never on the clock nor on the seed of the answer.
+The answer is a second stage that shares no random number with the pilot; it is enlarged only where
+its error is clearly larger than the pilot let expect.
 """
 
 from __future__ import annotations
