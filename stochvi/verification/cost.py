@@ -152,8 +152,9 @@ class StepError:
 class ModelError:
     """One quantity by a method that draws no random numbers; errors are relative.
 
-    `model_error` is the difference to the reference, `model_error_error` the standard error of the
-    reference, and `stated_bias` the bias that the method states.
+    `model_error` is the difference to the closed form, or else to the limit of the two finest steps
+    of the simulation; `model_error_error` is the standard error of that, and `stated_bias` the bias
+    that the method states.
     """
 
     method: str
@@ -454,7 +455,9 @@ def cost(
         used.add(taken)
         steps = _errors_of(key, quantity, truth, size, order, plans, statistics, cpu, bias / size)
         rows += steps
-        models += _models_of(key, truth, size, free, statistics)
+        # methods are not their own judges
+        judge = truth if taken == "exact" else _limit_of_steps(quantity, plans, order)
+        models += _models_of(key, judge, size, free, statistics)
     found = WorkPrecision(
         errors=sorted(rows, key=lambda row: -row.step),
         models=models,
