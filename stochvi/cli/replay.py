@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 @click.argument("scene")
 @click.option(
     "--clearances", metavar="LIST",
-    help="Distances of the stops from the position of rest, with commas: 2mm,3mm (or in m) "
+    help="Clearances: distances of the stops from the static equilibrium, 2mm,3mm (or in m) "
     "[the stops of the scene].",
 )  # fmt: skip
 @common("budget", "threads", "json", "out", "force", "quiet")

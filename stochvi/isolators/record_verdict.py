@@ -102,7 +102,7 @@ class RecordVerdict:
     reasons
         What contradicts, a sentence each.
     displacement_max
-        Largest distance from the position of rest, m.
+        Largest distance from the static equilibrium, m.
     displacement_std
         Standard deviation of the response to the record, m.
     peak_in_sigma, expected_peak_in_sigma
@@ -112,8 +112,8 @@ class RecordVerdict:
         Kurtosis of the response, without the start where that is left out, and the standard error
         that it would have for a Gaussian process.
     clearance
-        The smallest distance of stops from the position of rest that the record does not reach, m;
-        of the sides on which the scene has stops.
+        The smallest distance of stops from the static equilibrium that the record does not reach,
+        m; of the sides on which the scene has stops.
     p_values
         Chance that a stationary Gaussian process deviates as far, to either side, in its "peak", in
         its "kurtosis" and in its "level"; None where the record is too short to tell.

@@ -192,7 +192,7 @@ def _density_at(tables: Sequence[Table], omega: float) -> float:
 
 
 def with_clearance(scene: Scene, clearance: float, law: Law | None = None) -> Scene:
-    """The same scene between stops at +-clearance from where its mean position would be."""
+    """The same scene between stops at +-clearance from where its static equilibrium would be."""
     rest = model_of(scene).rest
     kept = (
         scene.impact_pairs[0].model_dump(include={"name", "law", "lower_law", "upper_law"})
@@ -216,7 +216,7 @@ def clearance_notes(
     linear
         The screening of the scene.
     clearances
-        Metres per side from the mean position.
+        Metres per side from the static equilibrium.
     """
     rest, nearest = model_of(scene).rest, min(clearances, default=math.inf)
     if abs(rest) <= nearest:
@@ -264,8 +264,8 @@ def clearance_curve(
         An isolator with one impact pair, or a structure of several coordinates or pairs. The laws
         of the stops are kept, and all stops move together.
     clearances
-        Metres per side from the mean position; of several pairs, of all of them, or a row (pairs,)
-        each.
+        Metres per side from the static equilibrium; of several pairs, of all of them, or a row
+        (pairs,) each.
     rel_error
         Relative standard error to reach.
     seed

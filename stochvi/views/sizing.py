@@ -24,7 +24,7 @@ from stochvi.views.axes import (
     length_unit,
 )
 from stochvi.views.colours import CLEARANCES, COLOURS, OWNERS
-from stochvi.views.words import count_of, name_of_answer
+from stochvi.views.words import count_of, name_of_answer, with_article
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,7 +86,7 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
     else:
         lowest = _plot_limit(ax, sizing, unit)
         end = 1.25 * max(places.values()) / unit
-        what = f"chance of a {wanted.name.replace('_', ' ')}\nabove {wanted.limit}"
+        what = f"chance of {with_article(wanted.name.replace('_', ' '))}\nabove {wanted.limit}"
     shown = {"3 sigma": COLOURS["linearise:closure"], name_of_answer(sizing): own}
     for words, place in places.items():
         label = f"{words}: {place / unit:.4g} {name}"
@@ -106,8 +106,9 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
     ax.set_xlabel(f"clearance per side ({name})")
     ax.set_ylabel(f"{what} in {spoken_mission(sizing.mission)}")
     add_grid(ax)
-    ax.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.13), ncols=2,
-              fontsize="small")  # fmt: skip
+    # above the label of the upper axis, whose distance is one of letters
+    ax.legend(frameon=False, loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2,
+              borderaxespad=5.0, fontsize="small")  # fmt: skip
     top = ax.secondary_xaxis(
         "top",
         functions=(lambda c: np.asarray(c) * unit / sigma, lambda s: np.asarray(s) * sigma / unit),

@@ -41,6 +41,15 @@ def millimetres(metres: float) -> str:
     return f"{four_digits(MM * metres)} mm"
 
 
+def with_article(words: str) -> str:
+    """Words with the indefinite article.
+
+    >>> with_article("impact speed"), with_article("peak acceleration")
+    ('an impact speed', 'a peak acceleration')
+    """
+    return f"{'an' if words[0] in 'aeiou' else 'a'} {words}"
+
+
 def four_digits(number: float) -> str:
     """A number with four digits, trailing zeros included."""
     return f"{number:#.4g}".rstrip(".")

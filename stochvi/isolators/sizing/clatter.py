@@ -74,7 +74,7 @@ def clatter(
     scene
         An isolator on a noisy base between stops that give way, whose laws are kept.
     clearances
-        Metres per side from the mean position.
+        Metres per side from the static equilibrium.
     stiffness_ratios
         Stiffness of elastic or viscoelastic stops over that of the mount, each with each
         clearance; by default that of the scene.

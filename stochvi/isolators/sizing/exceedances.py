@@ -84,7 +84,7 @@ def exceedances(
     scene
         One oscillator under Gaussian noise between stops, whose laws are kept.
     clearances
-        Metres per side from the mean position.
+        Metres per side from the static equilibrium.
     event
         "peak_acceleration" (absolute, m/s^2) or "impact_speed" (m/s); by default `event_of`.
     marks

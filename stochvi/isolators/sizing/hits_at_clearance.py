@@ -24,7 +24,7 @@ from stochvi.statistics.first_crossings import crossing_plan, deviations
 
 
 def at_clearance(scene: Scene, clearance: float) -> Scene:
-    """The scene with its stops moved to a distance (m) from the mean position, their laws kept."""
+    """The scene with its stops moved to a clearance (m), their laws kept."""
     rest = model_of(scene).rest
     pair = scene.impact_pairs[0]
     kept = pair.model_dump(include={"name", "on", "law", "lower_law", "upper_law"})

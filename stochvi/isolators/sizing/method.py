@@ -74,6 +74,8 @@ class SearchSettings:
         taken for separate ones.
     closer
         Ratio of a clearance to the one before it, where clearances below those of bursts are tried.
+    near_enough
+        That ratio from which on no closer one is tried.
     rough_error, share_of_limit
         Relative error, and share of the remaining time, of the chance that a limit is exceeded
         where no burst exceeds it.
@@ -116,6 +118,7 @@ class SearchSettings:
     least_sigma: float = 0.2
     most_overlap: float = 0.5
     closer: float = 0.5
+    near_enough: float = 0.95
     rough_error: float = 0.5
     share_of_limit: float = 0.4
     share_of_windows: float = 0.7
@@ -300,8 +303,9 @@ def _within_tolerances(found: Sizing, threads: int | None, budget: float) -> Siz
     table = worst_case(found, found.allowed, threads=threads, budget=rest)
     worst = table.iloc[-1]
     short = []
-    if math.isnan(worst["clearance"]):
-        short = [f"the largest clearance within the tolerances was not found: {worst['note']}"]
+    if worst["note"]:
+        lack = "was not found" if math.isnan(worst["clearance"]) else "is rough"
+        short = [f"the largest clearance within the tolerances {lack}: {worst['note']}"]
     return replace(
         found, worst_case=table, fell_short=(*found.fell_short, *short),
         warnings=(*found.warnings, *short),
@@ -624,12 +628,22 @@ class _Job:
         if not _within(chance, target.exceedance):
             chance = self._by_splitting(place) or chance
         # closer stops, where hits come without the pauses that separate one burst from the next
+        too_near = 0.0
         while _within(chance, target.exceedance) and place > self.nearest:
             closer = max(SEARCH.closer * place, self.nearest)
-            there = self._by_windows(closer)
-            if there is None or not _within(there, target.exceedance):
+            if too_near:
+                closer = math.sqrt(place * too_near)
+            if closer > SEARCH.near_enough * place:
                 break
-            place, chance = closer, there
+            there = self._by_windows(closer)
+            if there is None or self.deadline.passed():
+                break
+            if _within(there, target.exceedance):
+                place, chance = closer, there
+            elif there.upper_95 is None:
+                too_near = closer
+            else:
+                break
         self.warnings.append(
             f"a clearance below {1e3 * place:.4g} mm may do as well: it was not shown to keep the "
             "target"

@@ -81,7 +81,7 @@ class MotionBetweenStops:
     Parameters
     ----------
     scene
-        The scene that was simulated, its stops at 3 sigma from the mean position.
+        The scene that was simulated, its stops at 3 sigma from the static equilibrium.
     duration, hits
         Seconds of the path and number of its hits.
     kurtosis

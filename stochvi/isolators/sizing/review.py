@@ -167,8 +167,8 @@ class LinearMotion:
     rice_rate_at_three_sigma
         Hits per second at 3 sigma by Rice, as if hits changed nothing.
     largest_displacement, largest_in_sigma
-        Expected largest distance from the mean position in the mission, m and standard deviations
-        (Davenport 1964).
+        Expected largest distance from the static equilibrium in the mission, m and standard
+        deviations (Davenport 1964).
     """
 
     miles_error: float | None

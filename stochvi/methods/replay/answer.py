@@ -147,7 +147,7 @@ class ReplayAt:
     Parameters
     ----------
     clearance
-        Distance of the stops from the rest position, m; None for the stops of the scene.
+        Distance of the stops from the static equilibrium, m; None for the stops of the scene.
     stops
         Position of each stop by "pair side", m from the unloaded spring.
     coordinates, impact_pairs

@@ -49,8 +49,8 @@ def replay(
     scene
         A linear structure whose excitations are records (`kind = "record"`) and constant loads.
     clearances
-        Metres per side from the rest position, at each of which the stops of the one impact pair
-        are put, with their laws; by default the stops are where the scene has them. A scene
+        Metres per side from the static equilibrium, at each of which the stops of the one impact
+        pair are put, with their laws; by default the stops are where the scene has them. A scene
         without stops is replayed without.
     threads
         Number of clearances that are replayed at a time, by default all cores.
@@ -103,7 +103,7 @@ def replay(
         if not places or any(not 0.0 < each < math.inf for each in places if each is not None):
             raise ValueError(
                 f"clearances must be positive lengths in metres, got {list(clearances)}; give "
-                "distances from the rest position, such as [0.002, 0.003]"
+                "distances from the static equilibrium, such as [0.002, 0.003]"
             )
         if len(model.pairs) != 1:
             missing.append(
@@ -209,7 +209,7 @@ def shaking_of(scene: Scene, model: Model) -> list[Shaking]:
 
 
 def with_clearance(model: Model, clearance: float) -> Model:
-    """The model with the stops of its one pair at a distance (m) from the position of rest."""
+    """The model with the stops of its one pair at a distance (m) from the static equilibrium."""
     (pair,) = model.pairs
     rest = float(model.modal.gaps[0] @ model.modal.rest)
     stops = tuple(Stop(stop.side, rest + stop.side * clearance, stop.law) for stop in pair.stops)

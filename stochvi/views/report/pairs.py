@@ -65,7 +65,7 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
             Fact(
                 "Chance of any hit",
                 spoken_percent(sizing.probability.value),
-                f"{interval_in_words(sizing.probability)}, 95 %",
+                f"{interval_in_words(sizing.probability)}, 95 %; as calculated",
             ),
             *(
                 [Fact("Expected hits", count_of(sizing.expected_hits.value), f"in {mission}")]

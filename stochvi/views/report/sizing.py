@@ -224,9 +224,11 @@ def _risk_statement(review: Review) -> str:
         return f"Chance of any hit in {mission}: {here} {places[0]}, {there} {places[1]}."
     there = exceeding_in_words(review.exceeding.get("three_sigma"))
     what = target.name.replace("_", " ")
+    same = math.isclose(sizing.clearance.value, three.clearance, rel_tol=1e-3)
+    beside = "" if same else f", {there} {places[1]}"
     return (
         f"Chance that any {what} of {mission} exceeds {limit_in_words(target)}: "
-        f"{sizing.kept_chance()} {places[0]}, {there} {places[1]}."
+        f"{sizing.kept_chance()} {places[0]}{beside}."
     )
 
 
@@ -413,7 +415,10 @@ def _risk(review: Review) -> Section:
         shown(
             lambda: plot_risk(sizing, axes_or_new(None, PAGE)),
             "Chance of any hit in the mission against clearance. "
-            "Dashed: Rice's crossings taken for independent hits.",
+            "Dashed: Rice's crossings taken for independent hits."
+            if sizing.target.exceedance is None
+            else "Chance in the mission that a hit exceeds the limit, against clearance, as "
+            "simulated with the stops; grey: that of any hit.",
         ),
         shown(
             lambda: plot_hit_rate(review),
