@@ -233,9 +233,10 @@ def hard_hits_section(review: Review) -> Section:
     mission = spoken_mission(review.sizing.mission)
     return Section(
         title=title,
-        lead=f"The chance that any hit of the mission ({mission}) has "
-        f"{with_article(what)} above a limit, with the law of the stops; 95 % intervals below. "
-        "Bursts of hits were simulated with fast first hits drawn more often and weighted; where hits hardly pause, the whole motion.",
+        lead=f"The chance that any hit of the mission ({mission}) has {with_article(what)} above "
+        "a limit, with the law of the stops; 95 % intervals below. Bursts of hits were simulated "
+        "with fast first hits drawn more often and weighted; where hits hardly pause, the whole "
+        "motion.",
         grids=[
             Grid(
                 caption=f"Chance in {mission} that the largest {what} exceeds a limit",
