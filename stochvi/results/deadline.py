@@ -5,7 +5,6 @@ Ctrl-C acts like a deadline that passes: a calculation under way ends with the r
 
 from __future__ import annotations
 
-import ctypes
 import math
 import signal
 import threading
@@ -329,5 +328,7 @@ def _raise_in(thread: int) -> None:
         _raise_overdue[:] = [True]
         signal.pthread_kill(thread, signal.SIGINT)
     else:
+        import ctypes
+
         raise_at = ctypes.pythonapi.PyThreadState_SetAsyncExc
         raise_at(ctypes.c_ulong(thread), ctypes.py_object(Overdue))

@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stochvi.mathematics.arguments import checked
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, ContactStatistics, StopStatistics
 from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.conditions import check_rtol, unmet
@@ -325,7 +324,7 @@ class Batch(NamedTuple):
     speed_threshold: Array
 
 
-@checked
+@calculation
 def fokker_planck_many(
     *,
     omega: ArrayLike,
@@ -337,6 +336,7 @@ def fokker_planck_many(
     restitution_lower: ArrayLike = 1.0,
     restitution_upper: ArrayLike = 1.0,
     speed_threshold: ArrayLike | None = None,
+    budget: float | None = None,
 ) -> Batch:
     """The averages of `fokker_planck` for arrays of scenes, some hundred per second.
 
@@ -349,6 +349,8 @@ def fokker_planck_many(
         Stops in metres from the position of the unloaded spring, infinite for none; their R.
     speed_threshold
         Speed threshold of rates, m/s, as for `fokker_planck`.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------

@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stochvi.mathematics.arguments import checked
 from stochvi.methods.linearisation.cut_normal_arrays import (
     ROUGH,
     Booleans,
@@ -29,6 +28,7 @@ from stochvi.methods.linearisation.cut_normal_arrays import (
     Vector,
     cut_laws,
 )
+from stochvi.model.calculations import calculation
 from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.results.errors import NotApplicable
 
@@ -89,7 +89,7 @@ class Linearised(NamedTuple):
     converged: Booleans
 
 
-@checked
+@calculation
 def linearise_many(
     *,
     omega: ArrayLike,
@@ -100,6 +100,7 @@ def linearise_many(
     upper: ArrayLike = math.inf,
     restitution_lower: ArrayLike = 1.0,
     restitution_upper: ArrayLike = 1.0,
+    budget: float | None = None,
 ) -> Linearised:
     """The closure of `linearise` for arrays of oscillators, some 10^5 per second and core.
 
@@ -110,6 +111,8 @@ def linearise_many(
         1/s, 1/s, m^2/s^3, m/s^2. Everything is broadcast to one shape.
     lower, upper, restitution_lower, restitution_upper
         Rigid stops in metres from the position of the unloaded spring, infinite for none; their R.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------

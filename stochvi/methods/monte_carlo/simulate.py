@@ -341,7 +341,13 @@ def _check_record(plan: Plan, step: float, paths: int) -> None:
 
 @calculation
 def record_paths(
-    scene: Scene, *, duration: float, paths: int, seed: int = 0, first_path: int = 0
+    scene: Scene,
+    *,
+    duration: float,
+    paths: int,
+    seed: int = 0,
+    first_path: int = 0,
+    budget: float | None = None,
 ) -> tuple[float, list[pd.DataFrame]]:
     """Several paths of a scene of several coordinates at once, as `record_path` gives one.
 
@@ -359,6 +365,8 @@ def record_paths(
         Seed of the random numbers: the same seed gives the same digits.
     first_path
         Number of the first path.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
 
     Returns
     -------
