@@ -110,6 +110,22 @@ def test_pieces_that_were_done_are_kept() -> None:
     assert in_pieces(make, 0, 64, Deadline.after(WAIT)) == [2]
 
 
+def test_pieces_grow_where_a_few_paths_take_as_long_as_many(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """They stayed at two paths, at ten times the price, where two paths take long."""
+    clock, sizes = [0.0], list[int]()
+
+    def make(first: int, paths: int) -> int:
+        clock[0] += 0.3 * max(1.0, paths / 64.0)
+        sizes.append(paths)
+        return paths
+
+    monkeypatch.setattr(blocks.time, "perf_counter", lambda: clock[0])
+    in_pieces(make, 0, 300, Deadline.after(1000.0))
+    assert sizes[:4] == [2, 8, 32, 64] and sum(sizes) == 300 and len(sizes) < 9
+
+
 def test_a_path_in_time_is_not_given_up() -> None:
     plan = make_plan(model_of(oscillator(-1.0, 1.0, 0.5)), None, 20.0)
     with given_up_after(Deadline.after(60.0)):
