@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -275,7 +276,7 @@ def ended_by(budget: float | None, patience: float = OVERDUE_SECONDS) -> Iterato
 
     `patience` is the time after the deadline, s, for which a calculation may go on.
     """
-    with heeding_ctrl_c():
+    with heeding_ctrl_c(), _silent_where_it_is_ignored():
         deadline, ended, fired = Deadline.after(budget), threading.Event(), threading.Event()
         thread, lock = threading.get_ident(), threading.Lock()
 
@@ -319,6 +320,23 @@ def ended_by(budget: float | None, patience: float = OVERDUE_SECONDS) -> Iterato
                 answer = replace(answer, interrupted=False)  # type: ignore[type-var]
             where = "before there was an answer" if answer is None else "on the way"
             raise deadline.fell_short(where, "raise budget", answer) from None
+
+
+@contextmanager
+def _silent_where_it_is_ignored() -> Iterator[None]:
+    """Print nothing of an `Overdue` that comes in a destructor, where Python cannot raise it."""
+    usual = sys.unraisablehook
+
+    def tell(what: sys.UnraisableHookArgs) -> None:
+        if not isinstance(what.exc_value, Overdue):
+            usual(what)
+
+    sys.unraisablehook = tell
+    try:
+        yield
+    finally:
+        if sys.unraisablehook is tell:
+            sys.unraisablehook = usual
 
 
 def _raise_in(thread: int) -> None:

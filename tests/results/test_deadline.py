@@ -145,3 +145,22 @@ def test_ctrl_c_ends_what_does_not_look_at_its_deadline() -> None:
 
     with pytest.raises(Interrupted, match="interrupted by Ctrl-C before there was an answer"):
         ended(work, None)
+
+
+def test_nothing_is_told_of_a_destructor_that_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python cannot raise an exception there, and prints a traceback of it."""
+    told: list[object] = []
+    monkeypatch.setattr("sys.unraisablehook", told.append)
+    monkeypatch.setattr("stochvi.results.deadline.OVERDUE_SECONDS", 0.1)
+
+    class Slow:
+        def __del__(self) -> None:
+            spin()
+
+    def work() -> None:
+        Slow()
+        spin()
+
+    with pytest.raises(NotConverged):
+        ended(work)
+    assert not told
