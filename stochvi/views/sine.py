@@ -24,6 +24,14 @@ if TYPE_CHECKING:
 SIZE = (7.0, 8.0)
 """Size of the figure of three panels, inches."""
 
+WIDE = 10.0
+"""Ratio of large values to small ones of what is drawn, or of the ends of what is varied, from
+which on an axis is logarithmic: branches of small motions would lie on the axis."""
+
+MOST_COLOURS = 6
+"""Number of branches with a colour and a line in the legend; the others, which come after them by
+the size of their stable range, are grey."""
+
 PANELS = {
     "displacement_max": "largest displacement",
     "impact_speed_max": "impact speed (m/s)",
@@ -72,12 +80,12 @@ def _name(found: HarmonicResponse) -> str:
 
 
 def _row(number: int, branch: Branch) -> dict[str, object]:
-    shown = branch.admissible
+    shown = branch.admissible if branch.admissible.any() else np.ones_like(branch.admissible)
     stable = shown & branch.stable
     return {
         "branch": number,
         "form": branch.form,
-        "impacts": _impacts(branch.stops),
+        "impacts": _struck(branch),
         "periods": branch.periods,
         "from": float(branch.value[shown].min()),
         "to": float(branch.value[shown].max()),
@@ -109,6 +117,8 @@ def draw_sine(found: HarmonicResponse) -> Axes:
         plot_branches(found, ax, column)
     for ax in axes[:2]:
         ax.set_xlabel("")
+    if found.branches:
+        axes[0].legend(fontsize="x-small", ncols=2, loc="best")
     jumps = "; dotted: a slow sweep jumps" if found.jumps else ""
     axes[0].set_title(
         f"{found.coordinate}: full where stable, dashed where unstable{jumps}", fontsize="medium"
@@ -129,16 +139,23 @@ def plot_branches(found: HarmonicResponse, ax: Axes, column: str) -> Axes:
     if column == "displacement_max" and tables:
         largest = max(float(np.nanmax(table[column])) for _, table in tables)
         unit, name = length_unit(largest)
+    coloured = sorted(
+        range(len(tables)), key=lambda number: _extent(tables[number][0]), reverse=True
+    )
+    colours = {number: f"C{place}" for place, number in enumerate(coloured[:MOST_COLOURS])}
     for number, (branch, table) in enumerate(tables):
-        colour = f"C{number % 10}"
+        colour = colours.get(number, COLOURS["stop"])
         for stable, style in ((True, "-"), (False, "--")):
             chosen = branch.admissible & (branch.stable == stable)
             # a line goes on to the first point of the other style
             reached = chosen | np.append(chosen[1:], False) | np.insert(chosen[:-1], 0, False)
             values = np.where(reached & branch.admissible, table[column] / unit, np.nan)
-            ax.plot(branch.value, values, style, color=colour, linewidth=1.3)
+            label = f"{number}: {_label(branch)}" if stable and number in colours else None
+            width = 1.3 if number in colours else 0.7
+            ax.plot(branch.value, values, style, color=colour, linewidth=width, label=label)
         special = np.array([bool(each) for each in branch.names]) & branch.admissible
-        ax.plot(branch.value[special], table[column][special] / unit, "o", color=colour, ms=3.0)
+        if number in colours:
+            ax.plot(branch.value[special], table[column][special] / unit, "o", color=colour, ms=3.0)
     for swept in found.simulated:
         marker = "^" if swept.upwards else "v"
         values = swept.displacement_max if column == "displacement_max" else swept.impact_speed_max
@@ -149,13 +166,47 @@ def plot_branches(found: HarmonicResponse, ax: Axes, column: str) -> Axes:
             )  # fmt: skip
     for jump in found.jumps:
         ax.axvline(jump.value, color=COLOURS["stop"], linestyle=":", linewidth=1.0)
-    if found.simulated and column != "acceleration_max":
-        ax.legend(fontsize="small")
     ax.set_xlabel(_name(found))
     ax.set_ylabel(PANELS[column] + (f" ({name})" if name else ""))
     ax.set_ylim(bottom=0.0)
+    # impact speeds begin with 0
+    if column != "impact_speed_max" and _wide(
+        [table[column][branch.admissible] for branch, table in tables]
+    ):
+        ax.set_yscale("log")
+        ax.autoscale(axis="y")
+    if found.branches and _wide([branch.value[[0, -1]] for branch in found.branches]):
+        ax.set_xscale("log")
     add_grid(ax)
     return ax
+
+
+def _extent(branch: Branch) -> tuple[float, float]:
+    """Ranges over which a branch is stable, and over which it is at all."""
+    shown = branch.admissible
+    ranges = (branch.value[shown & branch.stable], branch.value[shown])
+    return tuple(float(np.ptp(each)) if len(each) else -1.0 for each in ranges)
+
+
+def _struck(branch: Branch) -> str:
+    """The stops that are hit in their order, and those that are rested on."""
+    rests = f"; rests on {', '.join(branch.sticking)}" if branch.sticking else ""
+    return _impacts(branch.stops) + rests
+
+
+def _label(branch: Branch) -> str:
+    """Impacts and periods of a branch, in a few words."""
+    words = _struck(branch) if branch.stops or branch.sticking else "no impacts"
+    return words + (f", in {branch.periods} periods" if branch.periods > 1 else "")
+
+
+def _wide(drawn: Sequence[np.ndarray]) -> bool:
+    """Whether numbers span decades: a tenth of them lies far below another tenth."""
+    values = np.concatenate([np.empty(0), *drawn])
+    values = values[np.isfinite(values)]
+    if not len(values) or values.min() <= 0.0:
+        return False
+    return bool(np.quantile(values, 0.9) > WIDE * np.quantile(values, 0.1))
 
 
 def _columns(branch: Branch) -> dict[str, np.ndarray]:

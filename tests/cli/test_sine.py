@@ -13,8 +13,8 @@ from support.commands import Run, one_document, refused
 
 MOUNT = str(shipped_scene("isolator-sine"))
 BRANCH_KEYS = {
-    "form", "impacts_per_period", "periods", "frequency_hz", "displacement_max", "impact_speed",
-    "multiplier", "stable", "admissible",
+    "form", "impacts_per_period", "sticking", "periods", "frequency_hz", "displacement_max",
+    "impact_speed", "multiplier", "stable", "admissible",
 }  # fmt: skip
 
 

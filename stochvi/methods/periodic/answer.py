@@ -28,6 +28,9 @@ class Branch:
         "force", which gives neither phases nor multipliers (NaN).
     stops
         "pair side" of each impact of a regime, in their order; none of motion without impacts.
+        Successive impacts on one stop count as one where the motion rests on a stop.
+    sticking
+        "pair side" of the stops on which the motion rests for a part of the period.
     periods
         Periods of the force after which the motion repeats itself.
     value, frequency_hz
@@ -41,16 +44,16 @@ class Branch:
         Phases of the force at the impacts (points, impacts), rad.
     displacement, velocity
         The coordinates (points, coordinates) just before the first impact, or at the phase 0 of
-        motion without impacts, m and m/s.
+        motion without impacts or with rests, m and m/s.
     impact_speed
-        Incident speeds (points, impacts), m/s.
+        Incident speeds (points, impacts), m/s; of successive impacts that count as one the largest.
     multiplier
         Largest modulus of the factors by which small disturbances change over the regime.
     stable, admissible
         Whether disturbances die away; whether the motion meets no stop besides these impacts.
     names
-        "fold", "grazing", "period doubling", "symmetry breaking" or "torus" at a special point,
-        else empty.
+        "fold", "grazing", "period doubling", "symmetry breaking", "torus" or "sticking", where
+        rests on a stop begin or end, at a special point, else empty.
 
     See Also
     --------
@@ -59,6 +62,7 @@ class Branch:
 
     form: str
     stops: tuple[str, ...]
+    sticking: tuple[str, ...]
     periods: int
     value: Vector
     frequency_hz: Vector
@@ -94,16 +98,16 @@ class Branch:
 
 
 BRANCH_KEYS = (
-    "form", "impacts_per_period", "periods", "frequency_hz", "displacement_max", "impact_speed",
-    "multiplier", "stable", "admissible",
+    "form", "impacts_per_period", "sticking", "periods", "frequency_hz", "displacement_max",
+    "impact_speed", "multiplier", "stable", "admissible",
 )  # fmt: skip
 """Keys of a branch in a JSON document."""
 
 
 COLUMNS = (
-    "branch", "form", "impacts", "impacts_per_period", "periods", "value", "frequency_hz",
-    "displacement_max", "acceleration_max", "impact_speed_max", "multiplier", "stable",
-    "admissible", "name",
+    "branch", "form", "impacts", "sticking", "impacts_per_period", "periods", "value",
+    "frequency_hz", "displacement_max", "acceleration_max", "impact_speed_max", "multiplier",
+    "stable", "admissible", "name",
 )  # fmt: skip
 """Columns of a table of regimes."""
 
@@ -167,6 +171,45 @@ class Jump:
         return max(changes, default=0.0)
 
 
+@dataclass(frozen=True, kw_only=True)
+class RandomStarts:
+    """Where motions from random starts ended.
+
+    Parameters
+    ----------
+    number, listed
+        Number of random starts, spread over the range, and of those that ended in a regime of one
+        of the branches.
+    elsewhere
+        Smallest and largest value at which a start or a slow sweep ended in none: in motion that
+        does not repeat itself within 8 periods, or has more than 24 impacts in its period; None
+        where there is none.
+
+    See Also
+    --------
+    stochvi.harmonic_response : The answer that holds it.
+    """
+
+    number: int
+    listed: int
+    elsewhere: tuple[float, float] | None
+
+    @property
+    def all_listed(self) -> bool:
+        """Whether every start, and every slow sweep at every value, ended on a branch."""
+        return self.listed == self.number and self.elsewhere is None
+
+    @property
+    def sentence(self) -> str:
+        """The share of starts that ended on a branch, and where others did."""
+        found = f"{self.listed} of {self.number} random starts ended in a regime that is listed"
+        if self.elsewhere is None:
+            return found
+        low, high = (f"{value:.4g}" for value in self.elsewhere)
+        where = f"at {low}" if low == high else f"from {low} to {high}"
+        return f"{found}; {where} some motions do not repeat themselves soon"
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SimulatedSweep:
     """A slow sweep by simulation from impact to impact, from each value to the next.
@@ -213,6 +256,8 @@ class HarmonicResponse(Result):
         Folds, grazings and changes of stability, in the order of their values.
     jumps
         Jumps of a slow sweep up and one down where the regime that they follow ends.
+    starts
+        What became of random starts; None of harmonic linearisation.
     model_error
         Errors of harmonic linearisation: "median" and "largest" relative difference of its impact
         speeds from those of the fastest exact stable regime of a period, and "without_exact", the
@@ -232,6 +277,7 @@ class HarmonicResponse(Result):
     branches: tuple[Branch, ...]
     special_points: tuple[SpecialPoint, ...] = ()
     jumps: tuple[Jump, ...] = ()
+    starts: RandomStarts | None = None
     simulated: tuple[SimulatedSweep, ...] = ()
     assumptions: Sequence[str] = ()
     model_error: Mapping[str, float | None] | None = None
@@ -254,6 +300,7 @@ class HarmonicResponse(Result):
                 "branch": number,
                 "form": branch.form,
                 "impacts": " ".join(stop.replace(" ", "-") for stop in branch.stops),
+                "sticking": " ".join(stop.replace(" ", "-") for stop in branch.sticking),
                 "impacts_per_period": branch.impacts_per_period,
                 "periods": branch.periods,
                 "value": branch.value,
@@ -299,4 +346,6 @@ class HarmonicResponse(Result):
                 f"; impact speeds are off by {100.0 * median:.2g} % from the exact regimes "
                 f"(median; up to {100.0 * (self.model_error['largest'] or 0.0):.2g} %)"
             )
+        if self.starts is not None:
+            found += f"; {self.starts.sentence}"
         return found

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 from scipy.spatial import cKDTree
 
-from stochvi.methods.periodic.branches import SETTLING, Finder, Track, simulate
+from stochvi.methods.periodic.branches import Finder
 from stochvi.methods.periodic.kernels import flights, solver
+from stochvi.methods.periodic.simulations import SETTLING, simulate
+from stochvi.methods.periodic.tracks import Track
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -338,7 +340,7 @@ class Attractors:
         if found[0] != flights.WANDERS:
             return int(owners[found[0]])
         settled = simulate(self.motion, states[0], SETTLING, self.phase)
-        regime = None if settled is None else settled.regime(self.motion, self.sigma)
+        regime = None if settled is None else self.finder.regime_of(settled, self.sigma)
         if regime is not None:
             points_ = np.append(regime.theta, solver.WEIGHT * regime.sigma)[None]
             track = self.finder.inspected(regime.stops, regime.periods, points_, [""])

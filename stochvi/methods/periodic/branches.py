@@ -1,24 +1,37 @@
-"""Branches of periodic regimes: found, followed, and their special points located and named."""
+"""Branches of periodic regimes: found by flights and by Newton's iteration, followed, and their
+special points located and named."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from stochvi.methods.compile_time import leave_out_of_budgets
 from stochvi.methods.periodic import continuation
-from stochvi.methods.periodic.continuation import GRID, VANISHED, Continuation
+from stochvi.methods.periodic.continuation import (
+    BREAKING,
+    DOUBLING,
+    FOLD,
+    GRAZING,
+    NODE,
+    POINT,
+    TORUS,
+    Continuation,
+    Problem,
+)
 from stochvi.methods.periodic.even import TOLERANCE, even_phases
 from stochvi.methods.periodic.family import Family, amplitudes
 from stochvi.methods.periodic.kernels import solver
 from stochvi.methods.periodic.regimes import pattern_of, states_of
+from stochvi.methods.periodic.resting import Rests
+from stochvi.methods.periodic.simulations import MOST_SIMULATED, REPEATS, Settled, simulate
+from stochvi.methods.periodic.tracks import OnBranch, Regime, Track
 from stochvi.results.deadline import NEVER, Deadline
 
 leave_out_of_budgets()
@@ -27,30 +40,33 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 Whole = NDArray[np.int64]
 
-POINT, FOLD, GRAZING, DOUBLING, BREAKING, TORUS = (
-    "", "fold", "grazing", "period doubling", "symmetry breaking", "torus",
-)  # fmt: skip
-"""Names of points of a branch: an ordinary point; where the branch turns back; where an impact
-vanishes or a further one appears; where a multiplier is -1; where a multiplier is 1 and the branch
-goes on; where a pair of complex multipliers has the modulus 1."""
-
 SLOWEST = 1e-7
 """Impact speed and following flight, in the units of the kernels, up to which impacts are taken for
 the end of bounces that come to rest, which no finite order of impacts describes."""
-
-FASTEST = 1e6
-"""Impact speed, in the units of the kernels, above which a solution is rounding: the phases of its
-impacts leave the motion undetermined."""
 
 FREE = 1e-10
 """Distance of a multiplier from 1 up to which a motion counts as free to move without a force:
 rounding leaves some 1e-15, and the motion under a force then has a relative error of 1e-5."""
 
-SAME = 1e-6
-"""Difference of phases, rad, up to which two regimes are one."""
-
 SEED_VALUES = 13
-"""Number of values in the range at which regimes are looked for."""
+"""Number of values in the range at which regimes are looked for, besides those beside grazings."""
+
+BESIDE_GRAZING = 2e-3
+"""Relative distance from a grazing of the motion without impacts at which regimes are looked
+for."""
+
+APART = 0.01
+"""Largest relative change of the varied number between points of the motion without impacts."""
+
+CHANGED, REFINEMENTS = 0.1, 10
+"""Relative change of its displacement from which on points are added between two, and how often."""
+
+FARTHEST = 0.04
+"""Largest relative change of the varied number in a step along a branch."""
+
+ONE_POINT = 1e-6
+"""Difference of points of a branch up to which a change of stability is that of a fold or of a
+grazing itself."""
 
 MOST_WORDS = 16
 """Largest number of orders of impacts with which Newton's iteration is started; the shortest orders
@@ -66,152 +82,80 @@ SUBHARMONICS = (1, 2, 3)
 """Numbers of periods within which a regime of one impact, or of one on each of two stops, is looked
 for."""
 
-SETTLING = 300
-"""Number of periods that a simulation runs before its motion counts as settled."""
+LOOKED_AT, LOOKS = 50, 12
+"""Number of periods after which a flight is looked at for having ended in a regime, and how often
+that is done."""
 
-LONGEST = 8
-"""Largest number of periods in which a simulated motion is looked at for repeating itself."""
+MOST_BRANCHES = 128
+"""Number of branches from which on no more are followed from flights: in a range of chaos there is
+no end of windows."""
 
-REPEATS = 1e-3
-"""Difference of states a period apart, relative to the motion, from which Newton's iteration
-finds the regime that a simulation approaches."""
+RANDOM_STARTS, MOST_LOOKS = 192, 800
+"""Number of random starts, over all values at which regimes are looked for, and of looks at their
+flights after which no more are started: where flights do not settle fewer suffice to say so."""
 
-MOST_KEPT = 512
-"""Number of last impacts that a simulation keeps."""
-
-MOST_SIMULATED = 24
-"""Largest number of impacts of a regime that is taken from a simulation."""
-
-
-@dataclass(frozen=True, eq=False)
-class Regime:
-    """A periodic motion: the stops that it hits in their order (numbers), in `periods` of the
-    force, at phases theta (rad); sigma is the place in the range."""
-
-    stops: tuple[int, ...]
-    periods: int
-    theta: Vector
-    sigma: float
-
-    def turned(self) -> Iterator[Regime]:
-        """The same regime from each of its impacts on, the first phase in [0, 2 pi)."""
-        for first in range(len(self.stops)):
-            stops = self.stops[first:] + self.stops[:first]
-            later = self.theta[:first] + 2.0 * math.pi * self.periods
-            theta = np.concatenate([self.theta[first:], later])
-            theta = theta - 2.0 * math.pi * math.floor(theta[0] / (2.0 * math.pi))
-            yield Regime(stops, self.periods, theta, self.sigma)
-
-    def same(self, other: Regime) -> bool:
-        """Whether two regimes at the same place are one."""
-        if self.periods != other.periods or sorted(self.stops) != sorted(other.stops):
-            return False
-        return any(
-            each.stops == other.stops and _close(each.theta, other.theta) for each in self.turned()
-        )
-
-    def shortest(self) -> Regime:
-        """The regime without repetition of its own."""
-        for periods in range(1, self.periods):
-            count, rest = divmod(len(self.stops) * periods, self.periods)
-            if self.periods % periods or rest:
-                continue
-            part = Regime(self.stops[:count], periods, self.theta[:count], self.sigma)
-            repeated = np.concatenate(
-                [
-                    part.theta + 2.0 * math.pi * periods * number
-                    for number in range(self.periods // periods)
-                ]
-            )
-            again = part.stops * (self.periods // periods)
-            if again == self.stops and np.all(np.abs(repeated - self.theta) < SAME):
-                return part
-        return self
+MOST_MOVED = 0.2
+"""Largest change of a phase, rad, from the end of a simulation to the regime that it approaches."""
 
 
-def _close(one: Vector, other: Vector) -> bool:
-    turns = np.abs(np.exp(1j * one[0]) - np.exp(1j * other[0]))
-    return bool(turns < SAME and np.all(np.abs(np.diff(one) - np.diff(other)) < SAME))
+class Ended(NamedTuple):
+    """The end of a flight: the last motion, and the regime, if it has settled to one."""
+
+    settled: Settled
+    place: OnBranch | None
 
 
-@dataclass(frozen=True, eq=False)
-class Track:
-    """A branch in the units of the kernels.
+class Scattered(NamedTuple):
+    """Places of the range where random flights started, and whether each ended in a regime."""
 
-    Parameters
-    ----------
-    stops, periods
-        Stops that are hit, in their order, in a number of periods of the force.
-    points
-        Points (theta, weighted sigma) as rows (number, impacts + 1), in the order of the branch.
-    names
-        Name of each point, as listed above.
-    margin, displacement, acceleration, speeds, factors, starts
-        Results of `solver.survey` at each point.
-    phases
-        Phases of the impacts (points, impacts).
-    """
-
-    stops: tuple[int, ...]
-    periods: int
-    points: Matrix
-    names: tuple[str, ...]
-    margin: Vector
-    displacement: Vector
-    acceleration: Vector
-    speeds: Matrix
-    factors: NDArray[np.float64]
-    starts: Matrix
-    phases: Matrix
-
-    @cached_property
-    def sigma(self) -> Vector:
-        """Places in the range."""
-        return np.asarray(self.points[:, -1] / solver.WEIGHT)
-
-    @cached_property
-    def admissible(self) -> NDArray[np.bool_]:
-        """Whether there is no further impact, and every impact comes from the free side."""
-        slow = self.speeds.min(axis=1, initial=np.inf) >= -TOLERANCE
-        fast = self.speeds.max(axis=1, initial=0.0) > FASTEST
-        return np.asarray((self.margin >= -TOLERANCE) & slow & ~fast)
-
-    @cached_property
-    def multiplier(self) -> Vector:
-        """The largest modulus of the multipliers of a period of the regime."""
-        return np.asarray(np.abs(np.linalg.eigvals(self.factors)).max(axis=1))
-
-    def regime(self, number: int) -> Regime:
-        """The regime at one of the points."""
-        return Regime(self.stops, self.periods, self.points[number, :-1], self.sigma[number])
-
-    def with_points(self, places: list[int], others: Track) -> Track:
-        """The branch with the points of another track inserted before some of its own."""
-        names = list(self.names)
-        for shift, (place, name) in enumerate(zip(places, others.names, strict=True)):
-            names.insert(place + shift, name)
-        mixed = {
-            field: np.insert(getattr(self, field), places, getattr(others, field), axis=0)
-            for field in MEASURED
-        }
-        return Track(stops=self.stops, periods=self.periods, names=tuple(names), **mixed)
-
-    def part(self, chosen: slice) -> Track:
-        """A part of the branch."""
-        fields = {field: getattr(self, field)[chosen] for field in MEASURED}
-        return Track(
-            stops=self.stops, periods=self.periods, names=self.names[chosen], **fields
-        )  # fmt: skip
+    sigma: Vector
+    listed: NDArray[np.bool_]
 
 
-MEASURED = (
-    "points", "margin", "displacement", "acceleration", "speeds", "factors", "starts", "phases",
-)  # fmt: skip
-"""Fields of a track with a row for each of its points."""
+class Phases:
+    """The equations of regimes whose impacts have one order: u holds their phases."""
+
+    def __init__(self, expansion: solver.Expansion, pattern: solver.Pattern) -> None:
+        self.expansion, self.pattern = expansion, pattern
+
+    def corrected(self, u: Vector, normal: Vector) -> continuation.Place | None:
+        """The regime on the plane through u with a normal; None where Newton's iteration fails."""
+        u, tangent = u.copy(), normal.copy()
+        slowest = solver.correct(self.expansion, self.pattern, u, tangent)
+        return None if math.isnan(slowest) else continuation.Place(u, tangent, slowest)
+
+    def settled(self, u: Vector) -> Vector | None:
+        """The regime near u at its place of the range; None where Newton's iteration fails."""
+        u, states = u.copy(), np.empty((len(u) - 1, 2 * self.expansion.n))
+        motion = solver.motion_at(self.expansion, u[-1] / solver.WEIGHT)
+        return u if solver.settle(motion, self.pattern, u[:-1], states) else None
+
+    def apart(self, one: Vector, other: Vector) -> float:
+        """The largest difference of two points, phases but for whole turns."""
+        turns = (one[:-1] - other[:-1]) / (2.0 * math.pi)
+        phases = 2.0 * math.pi * np.abs(turns - np.floor(turns + 0.5))
+        return float(max(abs(one[-1] - other[-1]), np.max(phases)))
+
+
+class Unstruck:
+    """The motion without impacts: there is one at each place."""
+
+    def corrected(self, u: Vector, normal: Vector) -> continuation.Place:
+        """The motion at u."""
+        return continuation.Place(u, normal, math.inf)
+
+    def settled(self, u: Vector) -> Vector:
+        """The motion at u."""
+        return u
+
+    def apart(self, one: Vector, other: Vector) -> float:
+        """The difference of two places."""
+        return float(abs(one[-1] - other[-1]))
 
 
 class Finder:
-    """Finds the branches of a family at the values of a grid of sigma (rising).
+    """Finds the branches of a family; `grid` (rising) holds the values of sigma at which they are
+    drawn, and changes nothing of where they are looked for.
 
     `most_impacts` bounds the impacts of the orders that Newton's iteration is started with;
     regimes that simulations settle to are followed whatever their number.
@@ -223,27 +167,171 @@ class Finder:
         self.family, self.grid = family, np.ascontiguousarray(grid, dtype=float)
         self.most_impacts, self.deadline = most_impacts, deadline
         self.tracks: list[Track] = []
+        self.looks = 0
+        self._in_vain: list[Regime] = []
+        self.rests = Rests(self.motion, self.grid, family.span, deadline)
 
     def find(self) -> list[Track]:
         """All branches that were found."""
-        self.tracks += self._without_impacts()
-        chosen = np.linspace(0, len(self.grid) - 1, min(SEED_VALUES, len(self.grid)))
-        for number in np.unique(np.round(chosen).astype(int)):
-            sigma = float(self.grid[number])
-            for seed in itertools.chain(self._simulated(sigma), self._solved(sigma)):
+        self.tracks += self.without_impacts()
+        for sigma in self.seeds:
+            for start in self.starts():
                 if self.deadline.passed():
                     return self.tracks
-                self._add(seed)
+                self.ended(sigma, start)
+            self._solve(sigma)
         return self.tracks
 
-    def _add(self, seed: Regime) -> None:
-        if not any(_passes(track, seed) for track in self.tracks):
-            self.tracks += self._followed(seed)
+    @cached_property
+    def seeds(self) -> list[float]:
+        """The places of the range at which regimes are looked for."""
+        if len(self.grid) == 1:
+            return [float(self.grid[0])]
+        beside = BESIDE_GRAZING / self.family.span
+        grazings = [
+            sigma + side * beside
+            for track in self.tracks
+            for sigma in track.sigma[np.array(track.names) == GRAZING]
+            for side in (-1.0, 1.0)
+        ]
+        return [*np.linspace(0.0, 1.0, SEED_VALUES), *(s for s in grazings if 0.0 < s < 1.0)]
 
-    # Seeds
+    def scattered(self) -> Scattered:
+        """Flights from random starts, and whether they end in the regimes of branches."""
+        random, listed, places = np.random.default_rng(0), list[bool](), list[float]()
+        rounds, before = math.ceil(self.random_starts / len(self.seeds)), self.looks
+        for sigma in self.seeds * rounds:
+            if self.deadline.passed() or self.looks - before > MOST_LOOKS:
+                break
+            ended = self.ended(sigma, self._random_start(sigma, random))
+            places.append(sigma)
+            listed.append(ended is not None and ended.place is not None)
+        return Scattered(np.array(places), np.array(listed, bool))
 
-    def _solved(self, sigma: float) -> Iterator[Regime]:
-        """Regimes with few impacts, by Newton's iteration from many phases."""
+    random_starts = RANDOM_STARTS
+
+    # Flights
+
+    def ended(
+        self, sigma: float, state: Vector, phase: float = 0.0, looks: int = LOOKS
+    ) -> Ended | None:
+        """Where a flight from a state ends; a regime that is on no branch yet is followed first.
+        None where impacts come too fast to be followed."""
+        ended: Ended | None = None
+        for _ in range(looks):
+            self.looks += 1
+            settled = self.simulate(sigma, state, phase)
+            if settled is None:
+                return None
+            state, ended = settled.state, Ended(settled, self._place_of(settled, sigma))
+            if ended.place is not None or self.deadline.passed():
+                break
+        return ended
+
+    def simulate(
+        self, sigma: float, state: Vector, phase: float = 0.0, periods: int = LOOKED_AT
+    ) -> Settled | None:
+        """A motion at a place of the range; None where impacts come too fast to be followed."""
+        return simulate(self.motion(sigma), state, periods, phase)
+
+    def _place_of(self, settled: Settled, sigma: float) -> OnBranch | None:
+        """The lasting regime to which a simulation has settled; None where it has not."""
+        if not (periods := settled.period(REPEATS)):
+            return None
+        if settled.rests(periods):
+            return self.rests.place_of(settled, sigma)
+        if not len(settled.impacts(periods)):
+            return self._free_at(sigma) if periods == 1 else None
+        regime = self.regime_of(settled, sigma)
+        return None if regime is None else self.added(regime)
+
+    def _free_at(self, sigma: float) -> OnBranch | None:
+        for track in self.tracks:
+            for number, _ in () if track.stops else track.around(sigma):
+                if track.admissible[number : number + 2].any():
+                    return OnBranch(track, number)
+        return None
+
+    def regime_of(self, settled: Settled, sigma: float) -> Regime | None:
+        """The regime that a simulation settles to; None without impacts, or if it does not
+        repeat."""
+        periods = settled.period(REPEATS)
+        impacts = settled.impacts(periods) if periods else np.empty((0, 3))
+        if not 0 < len(impacts) <= MOST_SIMULATED:
+            return None
+        turns = math.floor(impacts[0, 0] / (2.0 * math.pi))
+        phases, stops = impacts[:, 0] - 2.0 * math.pi * turns, impacts[:, 1].astype(int).tolist()
+        theta = phases.copy()
+        settles = _settles(self.motion(sigma), pattern_of(stops, periods), theta)
+        if not settles or np.max(np.abs(theta - phases)) > MOST_MOVED:
+            return None
+        return Regime(tuple(stops), periods, theta, sigma).shortest()
+
+    def added(self, regime: Regime) -> OnBranch | None:
+        """The place of a regime, on a branch that is followed from it if there is none yet; None
+        where the regime does not last."""
+        u = np.append(regime.theta, solver.WEIGHT * regime.sigma)[None]
+        if not self.inspected(regime.stops, regime.periods, u, [POINT]).lasting[0]:
+            return None
+        if (place := self._known(regime)) is not None:
+            return place
+        if len(self.tracks) >= MOST_BRANCHES or any(
+            each.sigma == regime.sigma and each.same(regime) for each in self._in_vain
+        ):
+            return None
+        self.tracks += self._followed(regime)
+        if (place := self._known(regime)) is None:
+            self._in_vain.append(regime)
+        return place
+
+    def _known(self, regime: Regime) -> OnBranch | None:
+        for track in self.tracks:
+            if track.by_state or track.periods != regime.periods or not track.stops:
+                continue
+            if sorted(track.stops) != sorted(regime.stops):
+                continue
+            problem = self.problem_of(track)
+            for number, u in track.around(regime.sigma):
+                found = problem.settled(u)
+                if found is None:
+                    continue
+                known = Regime(track.stops, track.periods, found[:-1], regime.sigma)
+                if known.same(regime):
+                    return OnBranch(track, number)
+        return None
+
+    def starts(self) -> Matrix:
+        """States (number, 2 n) from which simulations start: rest, and speeds of the pairs."""
+        n, m, _ = self.family.sizes
+        motion = self.motion(0.5)
+        found = [np.zeros(2 * n)]
+        for stop, speed in itertools.product(range(m), (0.3, 1.0, 3.0)):
+            row = motion.rows[stop]
+            state = np.zeros(2 * n)
+            state[n:] = speed * motion.omega * row / (row @ row)
+            found.append(state)
+        return np.array(found[: 1 + 8])
+
+    def _random_start(self, sigma: float, random: np.random.Generator) -> Vector:
+        """A state between the stops, of a random size."""
+        motion, n = self.motion(sigma), self.family.sizes[0]
+        state = random.normal(size=2 * n)
+        state[n:] *= 10.0 ** random.uniform(-1.0, 0.5)
+        for _ in range(n + 1):
+            for row, position in zip(motion.rows, motion.positions, strict=True):
+                if (depth := row @ state[:n] - position) > 0.0:
+                    state[:n] -= (1.0 + 0.5 * random.random()) * depth / (row @ row) * row
+        return np.asarray(state)
+
+    def motion(self, sigma: float) -> solver.Motion:
+        """The motion at a place of the range."""
+        motion: solver.Motion = solver.motion_at(self.family.expansion, sigma)
+        return motion
+
+    # Newton's iteration
+
+    def _solve(self, sigma: float) -> None:
+        """Add regimes with few impacts, by Newton's iteration from many phases."""
         motion = self.motion(sigma)
         random = np.random.default_rng(0)
         for word, periods in self._words():
@@ -255,8 +343,12 @@ class Finder:
             starts = np.concatenate([even_phases(motion, word, periods), starts])
             pattern = pattern_of(word, periods)
             for theta in starts:
+                if self.deadline.passed():
+                    return
                 if _settles(motion, pattern, theta):
-                    yield Regime(word, periods, theta, sigma).shortest()
+                    regime = Regime(word, periods, theta, sigma).shortest()
+                    if self._known(regime) is None:
+                        self.tracks += self._followed(regime)
 
     def _words(self) -> list[tuple[tuple[int, ...], int]]:
         """Orders of impacts, each once up to rotation, with their periods; the shortest first."""
@@ -302,90 +394,61 @@ class Finder:
             f"unstable one, and in few orders{remedy}"
         )
 
-    def _simulated(self, sigma: float) -> Iterator[Regime]:
-        """Regimes that simulations settle to, from rest and from motions of some sizes."""
-        motion = self.motion(sigma)
-        for start in self.starts():
-            if self.deadline.passed():
-                return
-            settled = self.simulate(sigma, start)
-            if settled is not None and (found := settled.regime(motion, sigma)) is not None:
-                yield found
-
-    def simulate(
-        self, sigma: float, state: Vector, phase: float = 0.0, periods: int = SETTLING
-    ) -> Settled | None:
-        """A motion at a place of the range, by default until it has settled; None where impacts
-        come too fast to be followed."""
-        return simulate(self.motion(sigma), state, periods, phase)
-
-    def end_of(self, track: Track, number: int) -> tuple[Vector, float]:
-        """A state of a regime, and the phase of the force at which it has it."""
-        phase = float(track.phases[number, 0]) if track.stops else 0.0
-        return track.starts[number], phase
-
-    def reaches(self, settled: Settled, sigma: float) -> Callable[[Track, int], bool]:
-        """Whether a simulated motion has settled to a point of a branch with impacts."""
-        regime = settled.regime(self.motion(sigma), sigma)
-        return lambda track, number: regime is not None and track.regime(number).same(regime)
+    # Branches
 
     def amplitude(self, track: Track) -> Vector:
-        """Amplitude of the first harmonic of the output, in units of the kernels."""
+        """Amplitude of the first harmonic of the output, in units of the kernels; NaN where the
+        motion rests on a stop."""
+        if track.by_state:
+            return np.full(len(track.points), np.nan)
         flat = self.family.flat(track.sigma)
         return amplitudes(
             flat, self.family.sizes, track.stops, track.periods, track.phases, track.speeds
         )
 
-    def starts(self) -> Matrix:
-        """States (number, 2 n) from which simulations start: rest, and speeds of the pairs."""
-        n, m, _ = self.family.sizes
-        motion = self.motion(0.5)
-        found = [np.zeros(2 * n)]
-        for stop, speed in itertools.product(range(m), (0.3, 1.0, 3.0)):
-            row = motion.rows[stop]
-            state = np.zeros(2 * n)
-            state[n:] = speed * motion.omega * row / (row @ row)
-            found.append(state)
-        return np.array(found[: 1 + 8])
+    def problem_of(self, track: Track) -> Problem:
+        """The equations of a branch."""
+        if not track.stops:
+            return Unstruck()
+        return Phases(self.family.expansion, pattern_of(track.stops, track.periods))
 
-    def motion(self, sigma: float) -> solver.Motion:
-        """The motion at a place of the range."""
-        motion: solver.Motion = solver.motion_at(self.family.expansion, sigma)
-        return motion
+    def _continuation(self, problem: Problem) -> Continuation:
+        reach = solver.WEIGHT * min(0.1, FARTHEST / self.family.span)
+        return Continuation(problem, solver.WEIGHT * self.grid, reach, self.deadline.passed)
 
-    # Branches
+    def _name(self, sigma: float) -> str:
+        """Name of an ordinary point at a place."""
+        return POINT if np.min(np.abs(self.grid - sigma)) < 1e-12 else NODE
 
-    def _without_impacts(self) -> list[Track]:
-        """The motion without impacts, over the grid."""
-        points = solver.WEIGHT * self.grid[:, None]
-        track = self.inspected((), 1, points, [POINT] * len(points))
+    def without_impacts(self) -> list[Track]:
+        """The motion without impacts."""
+        nodes = np.linspace(0.0, 1.0, max(2, math.ceil(self.family.span / APART)))
+        if len(self.grid) == 1:
+            nodes = self.grid
+        track = self._unstruck(np.union1d(self.grid, nodes))
+        for _ in range(REFINEMENTS):
+            sizes = track.displacement
+            steep = np.abs(np.diff(sizes)) > CHANGED * np.maximum(sizes[1:], sizes[:-1])
+            if not np.any(steep):
+                break
+            steep[1:] |= steep[:-1].copy()
+            steep[:-1] |= steep[1:].copy()
+            middles = 0.5 * (track.sigma[1:] + track.sigma[:-1])[steep]
+            more = self._unstruck(middles)
+            track = track.with_points((np.flatnonzero(steep) + 1).tolist(), more)
         # a loose mass, or resonance without damping: there is no such motion, or no single one
-        if not np.all(known := _determined(track)):
-            if not np.any(known):
-                return []
-            points = points[known]
-            track = self.inspected((), 1, points, [POINT] * len(points))
-        return self._trimmed(self._located(track))
+        track = track.part(_determined(track))
+        return self._trimmed(self._located(track)) if len(track.points) else []
+
+    def _unstruck(self, places: Vector) -> Track:
+        names = [self._name(sigma) for sigma in places]
+        return self.inspected((), 1, solver.WEIGHT * places[:, None], names)
 
     def _followed(self, seed: Regime) -> list[Track]:
-        pattern = pattern_of(seed.stops, seed.periods)
-        branch = Continuation(self.family.expansion, pattern, self.grid)
-        named = {GRID: POINT, continuation.FOLD: FOLD, VANISHED: GRAZING}
-        parts: list[tuple[Matrix, list[str]]] = []
-        for direction in (1.0, -1.0):
-            u = np.append(seed.theta, solver.WEIGHT * seed.sigma)
-            followed = branch.follow(u, direction)
-            parts.append((followed.points, [named[kind] for kind in followed.kinds]))
-            if followed.closed:
-                break
-        (points, names), *other = parts
-        middle = np.append(seed.theta, solver.WEIGHT * seed.sigma)[None]
-        points, names = np.concatenate([middle, points]), [POINT, *names]
-        if other:
-            before, before_names = other[0]
-            points = np.concatenate([before[::-1], points])
-            names = [*before_names[::-1], *names]
-        track = self.inspected(seed.stops, seed.periods, points, names)
+        problem = Phases(self.family.expansion, pattern_of(seed.stops, seed.periods))
+        u = np.append(seed.theta, solver.WEIGHT * seed.sigma)
+        found = self._continuation(problem).through(u, self._name(seed.sigma))
+        track = self.inspected(seed.stops, seed.periods, found.points, found.names)
         return self._trimmed(self._located(track))
 
     def inspected(
@@ -414,30 +477,27 @@ class Finder:
             factors, starts, points[:, :-1],
         )  # fmt: skip
 
-    def _at(self, track: Track, share: float, number: int) -> Matrix | None:
-        """The point of a branch on the plane across the chord to the next point; None without."""
-        start, end = track.points[number], track.points[number + 1]
-        u, normal = start + share * (end - start), end - start
-        if len(track.stops):
-            pattern = pattern_of(track.stops, track.periods)
-            branch = Continuation(self.family.expansion, pattern, self.grid)
-            place = branch.corrected(u, normal / np.linalg.norm(normal))
-            if place is None:
-                return None
-            u = place.u
-        return np.asarray(u[None])
-
     def _located(self, track: Track) -> Track:
         """The branch with its grazings and changes of stability among its points."""
         inserted: list[tuple[int, Matrix, str]] = []
+        problem = self.problem_of(track)
         for name, test in TESTS.items():
             values = test(track)
             for number in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0):
-                ends = track.names[number], track.names[number + 1]
-                if (name == BREAKING and FOLD in ends) or (name == GRAZING and GRAZING in ends):
+
+                def value(u: Vector, test: Callable[[Track], Vector] = test) -> float:
+                    return float(test(self.inspected(track.stops, track.periods, u[None], [""]))[0])
+
+                start, end = track.points[number], track.points[number + 1]
+                around = float(values[number]), float(values[number + 1])
+                point = continuation.root(problem, start, end, value, around)
+                if any(
+                    track.names[beside] in (FOLD, GRAZING)
+                    and np.abs(point - track.points[beside]).max() < ONE_POINT
+                    for beside in (number, number + 1)
+                ):
                     continue
-                if (point := self._root(track, int(number), test)) is not None:
-                    inserted.append((int(number), point, name))
+                inserted.append((int(number), point[None], name))
         if not inserted:
             return track
         inserted.sort(key=lambda each: each[0])
@@ -445,22 +505,6 @@ class Finder:
         points = np.concatenate([point for _, point, _ in inserted])
         names = [name for _, _, name in inserted]
         return track.with_points(places, self.inspected(track.stops, track.periods, points, names))
-
-    def _root(self, track: Track, number: int, test: Callable[[Track], Vector]) -> Matrix | None:
-        """Where a test of a branch changes its sign between two of its points."""
-
-        def value(share: float) -> float:
-            point = self._at(track, share, number)
-            if point is None:
-                raise ArithmeticError
-            at = self.inspected(track.stops, track.periods, point, [POINT])
-            return float(test(at)[0])
-
-        try:
-            share = brentq(value, 0.0, 1.0, xtol=1e-13, rtol=1e-13)
-        except (ArithmeticError, ValueError):
-            return None
-        return self._at(track, float(share), number)
 
     @staticmethod
     def _trimmed(track: Track) -> list[Track]:
@@ -522,72 +566,3 @@ def _settles(motion: solver.Motion, pattern: solver.Pattern, theta: Vector) -> b
         and solver.slowest(motion, pattern, theta, states) > SLOWEST
         and solver.survey(motion, pattern, theta, states)[0] >= -TOLERANCE
     )
-
-
-def _passes(track: Track, seed: Regime) -> bool:
-    """Whether a branch goes through a regime."""
-    if track.periods != seed.periods or sorted(track.stops) != sorted(seed.stops):
-        return False
-    here = np.flatnonzero(np.abs(track.sigma - seed.sigma) < 1e-12)
-    return any(track.regime(int(number)).same(seed) for number in here)
-
-
-# Simulation -----------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, eq=False)
-class Settled:
-    """The end of a simulated motion: states after its periods, the phase of the force at which it
-    started, its last impacts (phase, stop, speed), and the largest displacement of the last period.
-    """
-
-    ends: Matrix
-    phase: float
-    log: Matrix
-    displacement: float
-
-    @property
-    def state(self) -> Vector:
-        """The last state."""
-        return np.asarray(self.ends[-1])
-
-    def period(self, tolerance: float) -> int:
-        """Number of periods after which the motion repeats itself; 0 where it does not."""
-        last = self.ends[-1]
-        size = np.abs(self.ends[-LONGEST - 1 :]).max() or 1.0
-        for periods in range(1, min(LONGEST, len(self.ends) - 1) + 1):
-            if np.all(np.abs(self.ends[-1 - periods] - last) < tolerance * size):
-                return periods
-        return 0
-
-    def impacts(self, periods: int) -> Matrix:
-        """The impacts of the last periods."""
-        end = self.phase + 2.0 * math.pi * (len(self.ends) - 1)
-        return self.log[self.log[:, 0] > end - 2.0 * math.pi * periods]
-
-    def regime(self, motion: solver.Motion, sigma: float) -> Regime | None:
-        """The regime that the motion settles to; None without impacts, or if it does not repeat."""
-        periods = self.period(REPEATS)
-        impacts = self.impacts(periods) if periods else np.empty((0, 3))
-        if not 0 < len(impacts) <= MOST_SIMULATED:
-            return None
-        turns = math.floor(impacts[0, 0] / (2.0 * math.pi))
-        phases, stops = impacts[:, 0] - 2.0 * math.pi * turns, impacts[:, 1].astype(int).tolist()
-        theta = phases.copy()
-        settles = _settles(motion, pattern_of(stops, periods), theta)
-        if not settles or np.max(np.abs(theta - phases)) > 0.2:
-            return None
-        return Regime(tuple(stops), periods, theta, sigma).shortest()
-
-
-def simulate(
-    motion: solver.Motion, start: Vector, periods: int, phase: float = 0.0
-) -> Settled | None:
-    """A motion from a state at a phase of the force, from impact to impact; None where impacts come
-    too fast to be followed."""
-    ends, log = np.empty((periods + 1, len(start))), np.zeros((MOST_KEPT, 3))
-    hits, displacement = solver.march(motion, start, periods, phase, ends, log)
-    if hits < 0:
-        return None
-    kept = log[: min(hits, MOST_KEPT)]
-    return Settled(ends, phase, kept[np.argsort(kept[:, 0], kind="stable")], displacement)

@@ -10,31 +10,24 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from stochvi.methods.periodic.branches import (
-    FOLD,
-    GRAZING,
-    MOST_KEPT,
-    POINT,
-    REPEATS,
-    SAME,
-    SEED_VALUES,
-    SETTLING,
-    SUBHARMONICS,
-    Finder,
-    Matrix,
-    Settled,
-    Track,
-    Vector,
-)
+from stochvi.methods.periodic import continuation
+from stochvi.methods.periodic.branches import LOOKED_AT, SUBHARMONICS, Finder
+from stochvi.methods.periodic.continuation import GRAZING, Problem
 from stochvi.methods.periodic.family import Family
 from stochvi.methods.periodic.kernels import contact_flow, solver
 from stochvi.methods.periodic.regimes import unstruck
+from stochvi.methods.periodic.simulations import MOST_KEPT, REPEATS, SETTLING, Settled
+from stochvi.methods.periodic.tracks import SAME, OnBranch, Track
 from stochvi.results.deadline import NEVER, Deadline
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
 
 CHANGE = 1e-6
 """Step of sigma over which the flow is differenced."""
@@ -65,23 +58,17 @@ LINGERING = 8
 """Number of periods in which a motion that starts on the edge between two regimes comes close to
 the unstable regime on it."""
 
-STEPS = (1e-6, 0.02, 0.3)
-"""Smallest, first and largest step of arc, in units of the kernels and of `solver.WEIGHT`."""
-
 BEYOND = 0.2
 """Share of the range by which Newton's iteration may leave it. Far outside, the series of the
 numbers of a scene means nothing, and a force may become so slow that its period is never
 simulated."""
 
-TURN = 0.95
-"""Smallest cosine of the angle between tangents at two successive points."""
-
-BESIDE = 0.25
-"""Largest distance of a regime from the chord between two points of its branch, in lengths of the
-chord: one that is farther away belongs to another branch."""
-
 HALVINGS = 40
-"""Number of times that the step to a fold or to a grazing is halved."""
+"""Number of times that the step to a grazing is halved."""
+
+NEAR = 0.3
+"""Largest distance of a state from a branch, relative to the size of the regime, from which
+Newton's iteration is started to see whether the regime belongs to it."""
 
 
 class Orbit(NamedTuple):
@@ -95,6 +82,11 @@ class Orbit(NamedTuple):
     def periods(self) -> int:
         """Number of periods after which it repeats itself."""
         return len(self.ends)
+
+    @property
+    def u(self) -> Vector:
+        """Its point of a branch."""
+        return np.append(self.state, solver.WEIGHT * self.sigma)
 
 
 class Motion(NamedTuple):
@@ -111,17 +103,19 @@ class Motion(NamedTuple):
 class ContactFinder(Finder):
     """Finds the branches of a family with stops that give way."""
 
+    random_starts = 96
+
     def find(self) -> list[Track]:
         """All branches that were found."""
-        chosen = np.linspace(0, len(self.grid) - 1, min(SEED_VALUES, len(self.grid)))
-        numbers = np.unique(np.round(chosen).astype(int))
-        edges = numbers[:: max(1, (len(numbers) - 1) // (MOST_EDGES - 1))]
-        for number in numbers:
-            for orbit in self._orbits(float(self.grid[number]), edges=number in edges):
+        free = Finder(self.family, self.grid, 1, self.deadline)
+        free.tracks = free.without_impacts()
+        chosen = self.seeds = free.seeds
+        edges = chosen[:: max(1, (len(chosen) - 1) // (MOST_EDGES - 1))]
+        for sigma in chosen:
+            for orbit in self._orbits(sigma, edges=sigma in edges):
                 if self.deadline.passed():
                     return self.tracks
-                if not any(self._holds(track, orbit) for track in self.tracks):
-                    self.tracks += self._traced(orbit)
+                self._added(orbit)
         return self.tracks
 
     @property
@@ -151,29 +145,50 @@ class ContactFinder(Finder):
         return Motion(ends, grown, kept, *sizes)
 
     def simulate(
-        self, sigma: float, state: Vector, phase: float = 0.0, periods: int = SETTLING
+        self, sigma: float, state: Vector, phase: float = 0.0, periods: int = LOOKED_AT
     ) -> Settled | None:
         # all motions start at the phase 0, where regimes are known
-        settling = self.flown(sigma, state, periods, factors=False)
-        if settling is None:
+        flown = self.flown(sigma, state, periods, factors=False)
+        if flown is None:
             return None
-        last = self.flown(sigma, settling.ends[-1], 1, factors=False)
-        if last is None:
-            return None
-        return Settled(settling.ends, 0.0, settling.log[:, :3], last.displacement)
+        return Settled(flown.ends, 0.0, flown.log[:, :3], flown.displacement, flown.acceleration)
 
-    def end_of(self, track: Track, number: int) -> tuple[Vector, float]:
-        return track.points[number, :-1], 0.0
-
-    def reaches(self, settled: Settled, sigma: float) -> Callable[[Track, int], bool]:
+    def _place_of(self, settled: Settled, sigma: float) -> OnBranch | None:
         orbit = self._settled_orbit(settled, sigma)
-        return lambda track, number: orbit is not None and self._at_point(track, number, orbit)
+        place = None if orbit is None else self._added(orbit)
+        if orbit is None or place is None:
+            return None
+        here = self.inspected((), orbit.periods, orbit.u[None], [""])
+        return place if here.lasting[0] else None
+
+    def _added(self, orbit: Orbit) -> OnBranch | None:
+        """The place of a regime, on a branch that is followed from it if there is none yet."""
+        if (place := self._known_orbit(orbit)) is None:
+            self.tracks += self._traced(orbit)
+            place = self._known_orbit(orbit)
+        return place
+
+    def _known_orbit(self, orbit: Orbit) -> OnBranch | None:
+        size = float(np.abs(orbit.ends).max()) or 1.0
+        for track in self.tracks:
+            if track.periods != orbit.periods:
+                continue
+            for number, u in track.around(orbit.sigma):
+                if np.abs(orbit.ends - u[:-1]).max(axis=1).min() > NEAR * size:
+                    continue
+                known = self.orbit(u[:-1], track.periods, orbit.sigma)
+                if known is None:
+                    continue
+                if np.abs(orbit.ends - known.state).max(axis=1).min() < SAME:
+                    return OnBranch(track, number)
+        return None
 
     def amplitude(self, track: Track) -> Vector:
-        found = (self._flown(point, track.periods, factors=False) for point in track.points)
+        found = (self.at_point(point, track.periods, factors=False) for point in track.points)
         return np.array([np.nan if each is None else each.amplitude for each in found])
 
-    def _flown(self, u: Vector, periods: int, *, factors: bool = True) -> Motion | None:
+    def at_point(self, u: Vector, periods: int, *, factors: bool = True) -> Motion | None:
+        """The motion from a point of a branch on; None where it cannot be followed."""
         return self.flown(u[-1] / solver.WEIGHT, u[:-1], periods, factors=factors)
 
     # Regimes at one place
@@ -184,7 +199,7 @@ class ContactFinder(Finder):
         size, known = 1e-3, list[Orbit]()
         still = self._still(sigma)
         for start in (*self.starts(), *([] if still is None else [still])):
-            settled = self.simulate(sigma, start)
+            settled = self.simulate(sigma, start, periods=SETTLING)
             if self.deadline.passed():
                 return
             if settled is None:
@@ -204,7 +219,7 @@ class ContactFinder(Finder):
             for start in size * random.normal(size=(RANDOM_STARTS, 2 * self.family.sizes[0])):
                 if self.deadline.passed():
                     return
-                if (orbit := self._orbit(start, periods, sigma, reach=REACH * size)) is not None:
+                if (orbit := self.orbit(start, periods, sigma, reach=REACH * size)) is not None:
                     yield orbit
 
     def _on_edge(self, one: Orbit, other: Orbit) -> Orbit | None:
@@ -222,7 +237,7 @@ class ContactFinder(Finder):
         if motion is None:
             return None
         slowest = int(np.argmin(np.abs(np.diff(motion.ends, axis=0)).max(axis=1)))
-        return self._orbit(motion.ends[slowest], 1, one.sigma)
+        return self.orbit(motion.ends[slowest], 1, one.sigma)
 
     def _still(self, sigma: float) -> Vector | None:
         """The motion without contacts at the phase 0; None where there is none."""
@@ -231,9 +246,9 @@ class ContactFinder(Finder):
 
     def _settled_orbit(self, settled: Settled, sigma: float) -> Orbit | None:
         periods = settled.period(REPEATS)
-        return self._orbit(settled.state, periods, sigma) if periods else None
+        return self.orbit(settled.state, periods, sigma) if periods else None
 
-    def _orbit(self, start: Vector, periods: int, sigma: float, reach: float = 1e3) -> Orbit | None:
+    def orbit(self, start: Vector, periods: int, sigma: float, reach: float = 1e3) -> Orbit | None:
         """The regime that Newton's iteration ends at; None where it fails, or leaves the states
         within a reach."""
         state = start.copy()
@@ -253,26 +268,93 @@ class ContactFinder(Finder):
                 return Orbit(state, ends, sigma)
         return None
 
-    def _holds(self, track: Track, orbit: Orbit) -> bool:
-        if track.periods != orbit.periods:
-            return False
-        here = np.flatnonzero(np.abs(track.sigma - orbit.sigma) < 1e-12)
-        return any(self._at_point(track, int(number), orbit) for number in here)
-
-    @staticmethod
-    def _at_point(track: Track, number: int, orbit: Orbit) -> bool:
-        away = np.abs(orbit.ends - track.points[number, :-1]).max(axis=1)
-        return track.periods == orbit.periods and bool(away.min() < SAME)
-
     # Branches
 
-    def _corrected(self, u: Vector, normal: Vector, periods: int) -> tuple[Vector, Vector] | None:
-        """The regime on the plane through u with a normal, and the tangent of the branch there."""
-        at = u.copy()
+    def problem_of(self, track: Track) -> Problem:
+        return Shooting(self, track.periods)
+
+    def _traced(self, orbit: Orbit) -> list[Track]:
+        """The branch through a regime, as branches of one order of contacts each."""
+        problem = Shooting(self, orbit.periods)
+        points, names = self._continuation(problem).through(orbit.u, self._name(orbit.sigma))
+        words = [self._word(u, orbit.periods) for u in points]
+        found, first = list[Track](), 0
+        edge: list[Vector] = []
+        for number in range(1, len(points) + 1):
+            if number < len(points) and words[number] == words[first]:
+                continue
+            last = []
+            if number < len(points):
+                place = self._changed(points[number - 1], points[number], words[first], problem)
+                last = [] if place is None else [place]
+            part = [*edge, *points[first:number], *last]
+            labels = [GRAZING] * len(edge) + names[first:number] + [GRAZING] * len(last)
+            track = self.inspected(words[first], orbit.periods, np.array(part), labels)
+            found.append(self._located(track))
+            first, edge = number, last
+        return found
+
+    def _word(self, u: Vector, periods: int) -> tuple[int, ...]:
+        motion = self.at_point(u, periods, factors=False)
+        return () if motion is None else _word_of(motion.log)
+
+    def _changed(
+        self, start: Vector, end: Vector, word: tuple[int, ...], problem: Shooting
+    ) -> Vector | None:
+        """Where the order of contacts changes between two points of a branch, by bisection."""
+        normal = (end - start) / np.linalg.norm(end - start)
+        low, high, place = 0.0, 1.0, None
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            found = problem.corrected(start + middle * (end - start), normal)
+            if found is None:
+                return place
+            place = found.u
+            if self._word(place, problem.periods) == word:
+                low = middle
+            else:
+                high = middle
+        return place
+
+    def inspected(
+        self, stops: tuple[int, ...], periods: int, points: Matrix, names: Sequence[str]
+    ) -> Track:
+        number, count, two = len(points), len(stops), 2 * self.family.sizes[0]
+        sizes, factors = np.zeros((number, 2)), np.zeros((number, two, two))
+        speeds, phases = np.zeros((number, count)), np.zeros((number, count))
+        starts = np.array(points[:, :-1])
+        for place, u in enumerate(points):
+            motion = self.at_point(u, periods)
+            assert motion is not None, "a regime is followed once more"
+            sizes[place] = motion.displacement, motion.acceleration
+            factors[place] = motion.factors
+            log = _turned(motion.log, periods)
+            if count and len(log):
+                # at a grazing one contact more or fewer is seen: it has no speed there
+                own = min(count, len(log))
+                phases[place, :own], speeds[place, :own] = log[:own, 0], log[:own, 2]
+                starts[place] = log[0, 3:]
+        displacement, acceleration = sizes.T
+        return Track(
+            stops, periods, points, tuple(names), np.ones(number), displacement, acceleration,
+            speeds, factors, starts, phases, by_state=True,
+        )  # fmt: skip
+
+
+class Shooting:
+    """The equations of regimes of some periods: u holds their state at the phase 0."""
+
+    def __init__(self, finder: ContactFinder, periods: int) -> None:
+        self.finder, self.periods = finder, periods
+
+    def corrected(self, u: Vector, normal: Vector) -> continuation.Place | None:
+        """The regime on the plane through u with a normal; None where Newton's iteration fails."""
+        finder, at = self.finder, u.copy()
         for _ in range(MOST_ITERATIONS):
-            motion = self._flown(at, periods)
+            motion = finder.at_point(at, self.periods)
             sides = [
-                self._flown(_moved(at, side * CHANGE), periods, factors=False) for side in (-1, 1)
+                finder.at_point(_moved(at, side * CHANGE), self.periods, factors=False)
+                for side in (-1, 1)
             ]
             if motion is None or sides[0] is None or sides[1] is None:
                 return None
@@ -289,165 +371,19 @@ class ContactFinder(Finder):
                 return None
             if np.abs(change).max() < CONVERGED * (1.0 + np.abs(at).max()):
                 tangent = _solved(matrix, np.append(np.zeros(len(slope)), 1.0))
-                return None if tangent is None else (at, tangent / np.linalg.norm(tangent))
+                if tangent is None:
+                    return None
+                return continuation.Place(at, tangent / np.linalg.norm(tangent), math.inf)
         return None
 
-    def _at(self, track: Track, share: float, number: int) -> Matrix | None:
-        start, end = track.points[number], track.points[number + 1]
-        normal = (end - start) / np.linalg.norm(end - start)
-        found = self._corrected(start + share * (end - start), normal, track.periods)
-        return None if found is None else found[0][None]
+    def settled(self, u: Vector) -> Vector | None:
+        """The regime near u at its place of the range; None where Newton's iteration fails."""
+        orbit = self.finder.orbit(u[:-1], self.periods, u[-1] / solver.WEIGHT)
+        return None if orbit is None or orbit.periods != self.periods else orbit.u
 
-    def _followed_from(
-        self, orbit: Orbit, direction: float
-    ) -> tuple[list[Vector], list[str], bool]:
-        """Points of a branch in one direction of sigma, with their names, and whether it closed."""
-        first = np.append(orbit.state, solver.WEIGHT * orbit.sigma)
-        found = self._corrected(first, np.eye(len(first))[-1], orbit.periods)
-        if found is None:
-            return [], [], False
-        u, tangent = found[0], found[1] * np.sign(found[1][-1] or 1.0) * direction
-        points, names = list[Vector](), list[str]()
-        length, step = 0.0, STEPS[1]
-        while len(points) < 8 * len(self.grid) + 200 and not self.deadline.passed():
-            found = self._corrected(u + step * tangent, tangent, orbit.periods)
-            good = found is not None and abs(found[1] @ tangent) > TURN
-            if not good or found is None:
-                step *= 0.5
-                if step < STEPS[0]:
-                    break
-                continue
-            fresh, way = found[0], found[1] * np.sign(found[1] @ tangent)
-            if (
-                way[-1] * tangent[-1] < 0.0
-                and (turn := self._turn(u, tangent, step, orbit)) is not None
-            ):
-                self._fill(points, names, u, turn, orbit.periods)
-                points.append(turn)
-                names.append(FOLD)
-                self._fill(points, names, turn, fresh, orbit.periods)
-            else:
-                self._fill(points, names, u, fresh, orbit.periods)
-            length += step
-            u, tangent = fresh, way
-            if not 0.0 <= u[-1] <= solver.WEIGHT:
-                break
-            if length > 4.0 * step + 0.5 and np.linalg.norm(u - first) < step:
-                return points, names, True
-            step = min(1.5 * step, STEPS[2])
-        return points, names, False
-
-    def _turn(self, u: Vector, tangent: Vector, step: float, orbit: Orbit) -> Vector | None:
-        """Where a branch turns back within a step, by bisection."""
-        low, high, turn = 0.0, step, None
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            found = self._corrected(u + middle * tangent, tangent, orbit.periods)
-            if found is None:
-                return turn
-            turn, way = found
-            if way[-1] * np.sign(way @ tangent) * tangent[-1] > 0.0:
-                low = middle
-            else:
-                high = middle
-        return turn
-
-    def _fill(
-        self, points: list[Vector], names: list[str], start: Vector, end: Vector, periods: int,
-        parts: int = 2**6,
-    ) -> None:  # fmt: skip
-        """Add the regimes at the values of the grid between two points of a branch, if Newton's
-        iteration ends close to the chord between them at each value; else do the same for the two
-        halves of the chord, down to so many parts of it."""
-        values, way = solver.WEIGHT * self.grid, end - start
-        ahead = np.sign(way[-1])
-        inside = values[(ahead * (values - start[-1]) > 0.0) & (ahead * (values - end[-1]) <= 0.0)]
-        found = list[Vector]()
-        for value in inside if ahead > 0.0 else inside[::-1]:
-            guess = start + (value - start[-1]) / way[-1] * way
-            orbit = self._orbit(guess[:-1], periods, value / solver.WEIGHT)
-            if orbit is not None and orbit.periods == periods:
-                away = np.linalg.norm(orbit.state - guess[:-1])
-                if away < BESIDE * np.linalg.norm(way):
-                    found.append(np.append(orbit.state, value))
-        if len(found) < len(inside) and parts > 1:
-            middle = self._corrected(start + 0.5 * way, way / np.linalg.norm(way), periods)
-            if middle is not None:
-                self._fill(points, names, start, middle[0], periods, parts // 2)
-                self._fill(points, names, middle[0], end, periods, parts // 2)
-                return
-        points += found
-        names += [POINT] * len(found)
-
-    def _traced(self, orbit: Orbit) -> list[Track]:
-        """The branch through a regime, as branches of one order of contacts each."""
-        middle = np.append(orbit.state, solver.WEIGHT * orbit.sigma)
-        points, names, closed = self._followed_from(orbit, 1.0)
-        before, before_names, _ = ([], [], True) if closed else self._followed_from(orbit, -1.0)
-        points = [*before[::-1], middle, *points]
-        names = [*before_names[::-1], POINT, *names]
-        words = [self._word(u, orbit.periods) for u in points]
-        found, first = list[Track](), 0
-        edge: list[Vector] = []
-        for number in range(1, len(points) + 1):
-            if number < len(points) and words[number] == words[first]:
-                continue
-            last = []
-            if number < len(points):
-                place = self._changed(points[number - 1], points[number], words[first], orbit)
-                last = [] if place is None else [place]
-            part = [*edge, *points[first:number], *last]
-            labels = [GRAZING] * len(edge) + names[first:number] + [GRAZING] * len(last)
-            track = self.inspected(words[first], orbit.periods, np.array(part), labels)
-            found.append(self._located(track))
-            first, edge = number, last
-        return found
-
-    def _word(self, u: Vector, periods: int) -> tuple[int, ...]:
-        motion = self._flown(u, periods, factors=False)
-        return () if motion is None else _word_of(motion.log)
-
-    def _changed(
-        self, start: Vector, end: Vector, word: tuple[int, ...], orbit: Orbit
-    ) -> Vector | None:
-        """Where the order of contacts changes between two points of a branch, by bisection."""
-        normal = (end - start) / np.linalg.norm(end - start)
-        low, high, place = 0.0, 1.0, None
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            found = self._corrected(start + middle * (end - start), normal, orbit.periods)
-            if found is None:
-                return place
-            place = found[0]
-            if self._word(place, orbit.periods) == word:
-                low = middle
-            else:
-                high = middle
-        return place
-
-    def inspected(
-        self, stops: tuple[int, ...], periods: int, points: Matrix, names: Sequence[str]
-    ) -> Track:
-        number, count, two = len(points), len(stops), 2 * self.family.sizes[0]
-        sizes, factors = np.zeros((number, 2)), np.zeros((number, two, two))
-        speeds, phases = np.zeros((number, count)), np.zeros((number, count))
-        starts = np.array(points[:, :-1])
-        for place, u in enumerate(points):
-            motion = self._flown(u, periods)
-            assert motion is not None, "a regime is followed once more"
-            sizes[place] = motion.displacement, motion.acceleration
-            factors[place] = motion.factors
-            log = _turned(motion.log, periods)
-            if count and len(log):
-                # at a grazing one contact more or fewer is seen: it has no speed there
-                own = min(count, len(log))
-                phases[place, :own], speeds[place, :own] = log[:own, 0], log[:own, 2]
-                starts[place] = log[0, 3:]
-        displacement, acceleration = sizes.T
-        return Track(
-            stops, periods, points, tuple(names), np.ones(number), displacement, acceleration,
-            speeds, factors, starts, phases,
-        )  # fmt: skip
+    def apart(self, one: Vector, other: Vector) -> float:
+        """The largest difference of two points."""
+        return float(np.max(np.abs(one - other)))
 
 
 def _different(orbits: Sequence[Orbit]) -> list[Orbit]:

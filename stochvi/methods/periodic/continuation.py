@@ -1,195 +1,261 @@
-"""A branch of periodic regimes of one order of impacts, followed from one of its regimes.
+"""A branch of periodic regimes, followed by length of arc from one of its regimes.
 
-A point of a branch is u = (theta, WEIGHT sigma): the phases of the impacts, and the parameter.
-Steps go along the tangent; Newton's iteration of `kernels/solver.py` takes each back to the branch.
+A point of a branch is u = (x, WEIGHT sigma): what tells regimes at one place of the range apart
+(the phases of their impacts, or a state), and the parameter. Steps go along the tangent, and
+Newton's iteration takes each back to the branch. The values at which a branch is drawn change
+nothing of its course: the regimes there are added between its own points.
 """
 
 from __future__ import annotations
 
-import math
-from bisect import bisect_left, bisect_right
-from typing import NamedTuple
+import itertools
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.periodic.kernels import solver
+from stochvi.methods.periodic.kernels.solver import WEIGHT
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
-GRID, FOLD, VANISHED = range(3)
-"""Kinds of points of a branch: at a value that was asked for; where the branch turns back; where
-the speed of an impact vanishes, or two impacts merge."""
+POINT, NODE, FOLD, GRAZING, DOUBLING, BREAKING, TORUS, STICKING = (
+    "", "node", "fold", "grazing", "period doubling", "symmetry breaking", "torus", "sticking",
+)  # fmt: skip
+"""Names of points of a branch: at a value that was asked for; between those; where the branch turns
+back; where an impact vanishes or a further one appears; where a multiplier is -1; where a
+multiplier is 1 and the branch goes on; where a pair of complex multipliers has the modulus 1;
+where rests on a stop begin or end."""
 
-MOST_STEPS = 20_000
+MOST_STEPS = 5_000
 """Largest number of steps along a branch, good or not."""
 
-MOST_VISITS = 8
-"""Number of points on each value that was asked for at which a branch is given up."""
+FIRST_STEP, SHORTEST_STEP, LONGEST_STEP = 0.02, 1e-7, 0.4
+"""First, smallest and largest length of arc of a step."""
 
-MOST_SPECIAL = 200
-"""Number of further points at which a branch is given up."""
+CORNER = (1e-5, 1e-4, 1e-3)
+"""Lengths of steps by which a branch is continued where it has a corner."""
 
-FIRST_STEP, SHORTEST_STEP, LONGEST_STEP = 0.02, 1e-7, 0.5
-"""First, smallest and largest length of arc of a step, rad."""
-
-TURN = 0.98
+TURN = 0.97
 """Smallest cosine of the angle between the tangents at two successive points of a branch."""
 
 HALVINGS = 50
 """Number of halvings of a step in which a special point is located: rounding is reached."""
 
-NEAR = 0.5
-"""Largest distance, rad, of the phases of a regime from the chord of the step that passes it."""
+BESIDE = 0.25
+"""Largest distance of a regime from the chord between two points of its branch, in lengths of the
+chord: one that is farther away belongs to another branch."""
+
+PARTS = 64
+"""Largest number of parts of a chord into which it is divided until regimes lie beside it."""
 
 
 class Place(NamedTuple):
-    """A regime of a branch: its point u and the tangent there (K + 1,), and its smallest impact
-    speed, or its shortest flight if that is less."""
+    """A regime of a branch: its point u and the tangent there, and its smallest impact speed, or
+    its shortest flight if that is less."""
 
     u: Vector
     tangent: Vector
     slowest: float
 
 
-class Followed(NamedTuple):
-    """Points (number, K + 1) of a branch in its order, their kinds, and whether it has closed."""
-
-    points: Matrix
-    kinds: list[int]
-    closed: bool
-
-
-class Continuation:
-    """The branches of regimes with impacts in one order.
-
-    Parameters
-    ----------
-    expansion
-        The numbers of the scene over the range.
-    pattern
-        The impacts and the periods of the regimes.
-    grid
-        Rising values of sigma at which regimes are asked for.
-    """
-
-    def __init__(self, expansion: solver.Expansion, pattern: solver.Pattern, grid: Vector) -> None:
-        self.expansion, self.pattern, self.grid = expansion, pattern, grid.tolist()
-        self.most = MOST_VISITS * len(grid) + MOST_SPECIAL
+class Problem(Protocol):
+    """The equations of a branch."""
 
     def corrected(self, u: Vector, normal: Vector) -> Place | None:
         """The regime on the plane through u with a normal; None where Newton's iteration fails."""
-        u, tangent = u.copy(), normal.copy()
-        slowest = solver.correct(self.expansion, self.pattern, u, tangent)
-        return None if math.isnan(slowest) else Place(u, tangent, slowest)
 
-    def follow(self, u: Vector, direction: float) -> Followed:
-        """Follow a branch from the regime u, the parameter first in a direction, until it leaves
-        the range, closes, or an impact vanishes."""
-        points: list[Vector] = []
-        kinds: list[int] = []
-        closed = self._follow(u, direction, points, kinds)
-        return Followed(np.reshape(points, (len(points), len(u))), kinds, closed)
+    def settled(self, u: Vector) -> Vector | None:
+        """The regime near u at its own place of the range; None where there is none."""
 
-    def _follow(self, u: Vector, direction: float, points: list[Vector], kinds: list[int]) -> bool:
-        """Add the points of a branch and their kinds; whether the branch has closed."""
+    def apart(self, one: Vector, other: Vector) -> float:
+        """The largest difference of two points."""
 
-        def add(kind: int, *found: Vector) -> None:
+
+class Followed(NamedTuple):
+    """Points (number, size of u) of a branch in its order, and their names."""
+
+    points: Matrix
+    names: list[str]
+
+
+class Continuation:
+    """A branch from one of its regimes on.
+
+    Parameters
+    ----------
+    problem
+        The equations of the branch.
+    drawn
+        Rising values of WEIGHT sigma at which regimes are asked for.
+    reach
+        Largest change of WEIGHT sigma in a step.
+    given_up
+        Asked after each step: whether to end there.
+    """
+
+    def __init__(
+        self, problem: Problem, drawn: Vector, reach: float, given_up: Callable[[], bool]
+    ) -> None:
+        self.problem, self.drawn, self.reach, self.given_up = problem, drawn, reach, given_up
+
+    def through(self, u: Vector, name: str) -> Followed:
+        """The branch through a regime, in both directions, until it leaves the range, closes, or an
+        impact vanishes."""
+        points, names, closed = self._from(u, 1.0)
+        before, names_before, _ = ([], [], True) if closed else self._from(u, -1.0)
+        return Followed(
+            np.array([*before[::-1], u, *points]), [*names_before[::-1], name, *names]
+        )  # fmt: skip
+
+    def _from(self, u: Vector, direction: float) -> tuple[list[Vector], list[str], bool]:
+        """Points of a branch, the parameter first in a direction, with their names, and whether it
+        has closed."""
+        points, names = list[Vector](), list[str]()
+
+        def add(name: str, *found: Vector) -> None:
             points.extend(found)
-            kinds.extend([kind] * len(found))
+            names.extend([name] * len(found))
 
-        last = self.corrected(u, np.append(np.zeros(len(u) - 1), 1.0))
+        last = self.problem.corrected(u, np.append(np.zeros(len(u) - 1), 1.0))
         if last is None:
-            return False
+            return points, names, False
         if last.tangent[-1] * direction < 0.0:
             last = last._replace(tangent=-last.tangent)
         step, length = FIRST_STEP, 0.0
         for _ in range(MOST_STEPS):
-            if len(points) >= self.most:
-                return False
-            place = self.corrected(last.u + step * last.tangent, last.tangent)
-            if (
-                place is None
-                or place.tangent @ last.tangent < TURN
-                or (place.u - last.u) @ last.tangent > 1.1 * step
-            ):
+            if self.given_up():
+                break
+            step = min(step, self.reach / max(abs(last.tangent[-1]), 1e-12))
+            place = self._ahead(last, step)
+            if place is None or place.tangent @ last.tangent < TURN:
                 step *= 0.5
                 if step < SHORTEST_STEP:
-                    return False
+                    corner = self._round(last)
+                    if corner is None:
+                        break
+                    add(NODE, corner.u)
+                    last, step = corner, FIRST_STEP
                 continue
             length += step
             if not place.slowest > 0.0:
-                end = self._end(last, step)
-                add(GRID, *self._between(last.u, end))
-                add(VANISHED, end)
-                return False
+                end = self._bisected(last, step, lambda each: each.slowest > 0.0)[0]
+                add(POINT, *self._between(last.u, end))
+                add(GRAZING, end)
+                break
             begin = last.u
             if place.tangent[-1] * last.tangent[-1] < 0.0:
-                begin = self._fold(last, step)
-                add(GRID, *self._between(last.u, begin))
+                begin = self._bisected(last, step, _rising(last.tangent[-1]))[1]
+                add(POINT, *self._between(last.u, begin))
                 add(FOLD, begin)
-            add(GRID, *self._between(begin, place.u))
+            add(POINT, *self._between(begin, place.u))
+            if not 0.0 <= place.u[-1] <= WEIGHT:
+                break
+            add(NODE, place.u)
             last = place
-            if not 0.0 <= last.u[-1] <= solver.WEIGHT:
-                return False
-            if length > 4.0 * step + 0.5 and _apart(last.u, u) < step:
-                return True
+            if length > 4.0 * step + 0.5 and self.problem.apart(last.u, u) < step:
+                return points, names, True
             step = min(1.5 * step, LONGEST_STEP)
-        return False
+        return points, names, False
 
-    def _end(self, last: Place, step: float) -> Vector:
-        """The last point of a step before an impact vanishes, by bisection."""
-        low, high, end = 0.0, 1.0, last.u
+    def _ahead(self, last: Place, step: float) -> Place | None:
+        """The regime a step ahead, its tangent in the same sense."""
+        place = self.problem.corrected(last.u + step * last.tangent, last.tangent)
+        if place is None or place.tangent @ last.tangent >= 0.0:
+            return place
+        return place._replace(tangent=-place.tangent)
+
+    def _round(self, last: Place) -> Place | None:
+        """The regime beyond a corner of a branch, as where a contact begins: there it goes on in
+        another direction, or turns back."""
+        back = last.tangent * np.append(np.ones(len(last.u) - 1), -1.0)
+        for step, way in itertools.product(CORNER, (last.tangent, back)):
+            place = self.problem.corrected(last.u + step * way, way)
+            if place is None or not place.slowest > 0.0:
+                continue
+            gone = place.u - last.u
+            if np.linalg.norm(gone) > 2.0 * step or not 0.0 <= place.u[-1] <= WEIGHT:
+                continue
+            ahead = place.tangent if place.tangent @ gone > 0.0 else -place.tangent
+            # the branch that it came by would be found, too
+            if way is last.tangent or ahead @ last.tangent > -TURN:
+                return place._replace(tangent=ahead)
+        return None
+
+    def _bisected(
+        self, last: Place, step: float, before: Callable[[Place], bool]
+    ) -> tuple[Vector, Vector]:
+        """The last point of a step before a condition changes, and the last one that was tried."""
+        low, high, end, tried = 0.0, 1.0, last.u, last.u
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
-            place = self.corrected(last.u + middle * step * last.tangent, last.tangent)
-            if place is not None and place.slowest > 0.0:
+            place = self._ahead(last, middle * step)
+            if place is not None:
+                tried = place.u
+            if place is not None and before(place):
                 low, end = middle, place.u
             else:
                 high = middle
-        return end
+        return end, tried
 
-    def _fold(self, last: Place, step: float) -> Vector:
-        """The point of a step at which the branch turns back, by bisection."""
-        low, high, fold = 0.0, 1.0, last.u
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            place = self.corrected(last.u + middle * step * last.tangent, last.tangent)
-            if place is None:
-                break
-            fold = place.u
-            if place.tangent[-1] * last.tangent[-1] > 0.0:
-                low = middle
-            else:
-                high = middle
-        return fold
-
-    def _between(self, start: Vector, end: Vector) -> list[Vector]:
-        """The regimes at the values of the grid between two points of a branch."""
-        low, high = float(start[-1] / solver.WEIGHT), float(end[-1] / solver.WEIGHT)
-        if high >= low:
-            inside = self.grid[bisect_right(self.grid, low) : bisect_right(self.grid, high)]
+    def _between(self, start: Vector, end: Vector, parts: int = PARTS) -> list[Vector]:
+        """The regimes at the values that are drawn between two points of a branch, if they lie
+        close to the chord; else those of the two halves of the chord."""
+        way, values = end - start, self.drawn
+        if way[-1] >= 0.0:
+            inside = values[np.searchsorted(values, start[-1], "right") :]
+            inside = inside[: np.searchsorted(inside, end[-1], "right")]
         else:
-            inside = self.grid[bisect_left(self.grid, high) : bisect_left(self.grid, low)][::-1]
-        if not inside:
-            return []
-        states, found = np.empty((len(start) - 1, 2 * self.expansion.n)), []
-        for sigma in inside:
-            share = (sigma - low) / (high - low)
-            u = start + share * (end - start)
-            u[-1] = sigma * solver.WEIGHT
-            motion = solver.motion_at(self.expansion, sigma)
-            if not solver.settle(motion, self.pattern, u[:-1], states):
-                continue
-            away = np.abs(u - start - share * (end - start))[:-1]
-            if np.max(away) < NEAR:
-                found.append(u)
+            inside = values[np.searchsorted(values, end[-1], "left") :]
+            inside = inside[: np.searchsorted(inside, start[-1], "left")][::-1]
+        found, limit = list[Vector](), BESIDE * float(np.linalg.norm(way)) + 1e-9
+        for value in inside:
+            guess = start + (value - start[-1]) / way[-1] * way
+            guess[-1] = value
+            place = self.problem.settled(guess)
+            if place is not None and np.linalg.norm(place - guess) < limit:
+                found.append(place)
+        if len(found) < len(inside) and parts > 1:
+            middle = self.problem.corrected(start + 0.5 * way, way / np.linalg.norm(way))
+            if middle is not None:
+                halves = (start, middle.u), (middle.u, end)
+                return [each for a, b in halves for each in self._between(a, b, parts // 2)]
         return found
 
 
-def _apart(one: Vector, other: Vector) -> float:
-    """The largest difference of two points of a branch, phases but for whole turns."""
-    turns = (one[:-1] - other[:-1]) / (2.0 * math.pi)
-    phases = 2.0 * math.pi * np.abs(turns - np.floor(turns + 0.5))
-    return float(max(abs(one[-1] - other[-1]), np.max(phases)))
+def _rising(way: float) -> Callable[[Place], bool]:
+    """Whether the parameter goes the same way at a regime."""
+    return lambda place: bool(place.tangent[-1] * way > 0.0)
+
+
+def root(
+    problem: Problem, start: Vector, end: Vector, test: Callable[[Vector], float],
+    values: tuple[float, float],
+) -> Vector:  # fmt: skip
+    """The point between two points of a branch at which a test, of which the values there are
+    known, changes its sign.
+
+    The chord shrinks to the root, so that the iteration starts ever closer to the branch: where a
+    second branch crosses, its equations are singular at the very point that is looked for.
+    """
+    low, high, below, above = start, end, *values
+    for turn in range(HALVINGS):
+        way = high - low
+        length = float(np.linalg.norm(way))
+        if length < 1e-13:
+            break
+        # false position, and each third time the middle, so that both ends move
+        share = 0.5 if turn % 3 == 2 or below == above else below / (below - above)
+        share = min(max(share, 1e-3), 1.0 - 1e-3)
+        place = problem.corrected(low + share * way, way / length)
+        if place is None or np.linalg.norm(place.u - low - share * way) > BESIDE * length + 1e-12:
+            break
+        value = test(place.u)
+        if value == 0.0:
+            return place.u
+        if (value < 0.0) == (below < 0.0):
+            low, below = place.u, value
+        else:
+            high, above = place.u, value
+    return low + below / (below - above) * (high - low)

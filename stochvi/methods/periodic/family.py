@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,7 +232,8 @@ class Family:
     Parameters
     ----------
     low, high
-        The range; sigma = (value - low) / (high - low) is the parameter of the kernels.
+        The range. The parameter of the kernels, sigma, goes from 0 to 1 over it: in even ratios of
+        the value where that is above 0, so that resolution is a share of the value, else evenly.
     series
         Chebyshev coefficients (terms, numbers) over the range, scaled.
     sizes
@@ -272,7 +273,7 @@ class Family:
         NotApplicable
             If a model is not covered.
         """
-        middle = model_at(0.5 * (low + high))
+        middle = model_at(_value(low, high, 0.5))
         if conditions := unmet(middle, giving_way=True):
             raise NotApplicable("sine", conditions)
         number = 0 if coordinate is None else _place(middle, coordinate)
@@ -284,7 +285,7 @@ class Family:
         most = max((len(force.pieces) for force in forces), default=0)
 
         def at(x: float) -> Vector:
-            model = model_at(low + 0.5 * (1.0 + x) * (high - low))
+            model = model_at(_value(low, high, 0.5 * (1.0 + x)))
             laws = _laws(_forces(model, length, time), reach, most)
             return np.concatenate([numbers_of(model, number).flat / scale, laws.ravel()])
 
@@ -322,11 +323,21 @@ class Family:
 
     def value(self, sigma: Vector | float) -> Vector:
         """The number that is varied."""
-        return np.asarray(self.low + np.asarray(sigma) * (self.high - self.low))
+        return np.asarray(_value(self.low, self.high, np.asarray(sigma)))
 
     def sigma(self, value: Vector | float) -> Vector:
         """The parameter of the kernels at a value."""
-        return np.asarray((np.asarray(value, dtype=float) - self.low) / (self.high - self.low))
+        value = np.asarray(value, dtype=float)
+        if self.low > 0.0:
+            return np.asarray(np.log(value / self.low) / self.span)
+        return np.asarray((value - self.low) / (self.high - self.low))
+
+    @property
+    def span(self) -> float:
+        """Relative change of the value over the range."""
+        if self.low > 0.0:
+            return math.log(self.high / self.low)
+        return (self.high - self.low) / max(abs(self.low), abs(self.high))
 
     def states(self, starts: Matrix, sigma: Vector) -> dict[str, Matrix]:
         """Displacements (m) and velocities (m/s) of the coordinates, from states of the kernels."""
@@ -346,6 +357,13 @@ class Family:
         """The scaled numbers (points, numbers) at places of the range."""
         at = 2.0 * np.atleast_1d(sigma) - 1.0
         return np.asarray(np.polynomial.chebyshev.chebval(at, self.series).T)
+
+
+def _value(low: float, high: float, sigma: Any) -> Any:
+    """The value at a place of a range."""
+    if low > 0.0:
+        return low * (high / low) ** sigma
+    return low + sigma * (high - low)
 
 
 class Force(NamedTuple):

@@ -232,6 +232,7 @@ def _branch(
     return Branch(
         form=form,
         stops=stops,
+        sticking=(),
         periods=1,
         value=np.array([value for value, _, _, _ in rows]),
         frequency_hz=frequency / (2.0 * math.pi),

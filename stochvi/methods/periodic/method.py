@@ -12,16 +12,19 @@ from stochvi.methods.periodic.answer import (
     Branch,
     HarmonicResponse,
     Jump,
+    RandomStarts,
     SimulatedSweep,
     SpecialPoint,
 )
-from stochvi.methods.periodic.branches import DEFAULT_IMPACTS, Finder, Track
+from stochvi.methods.periodic.branches import DEFAULT_IMPACTS, Finder, Scattered
 from stochvi.methods.periodic.contact_branches import finder_of
+from stochvi.methods.periodic.continuation import NODE, POINT
 from stochvi.methods.periodic.even import MOST_STEPS
 from stochvi.methods.periodic.family import Family, unmet
-from stochvi.methods.periodic.jumps import Sweep
+from stochvi.methods.periodic.jumps import Step, Sweep
 from stochvi.methods.periodic.kernels import solver
 from stochvi.methods.periodic.linearised import FORMS, linearised, not_covered
+from stochvi.methods.periodic.tracks import Track
 from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline, heeding_ctrl_c
@@ -70,10 +73,11 @@ def harmonic_response(
     in which an impact turns a disturbance as by its saltation matrix. In contact with a stop that
     gives way the motion is linear, too, or linear piece by piece; Hertz's law is integrated to
     rounding. Regimes are then states at the phase 0 that the flow takes back to themselves. They
-    are looked for by simulations from several states, and by Newton's iteration from many more: one
-    that neither meets is not found. Percussion machines, free bodies
-    under a feed, are among the structures: their impact speed (B 4.20), the range of their regimes
-    (B 4.21) and of both branches (B 4.12, 4.28).
+    are looked for by flights from several states and from random ones, by slow sweeps up and down,
+    and by Newton's iteration, over the range of the values and not at them: they say only where
+    branches are drawn. Bounces that come to rest on a rigid stop are followed by flights.
+    Percussion machines, free bodies under a feed, are among the structures: their impact speed (B
+    4.20), the range of their regimes (B 4.21) and of both branches (B 4.12, 4.28).
 
     Parameters
     ----------
@@ -158,11 +162,19 @@ def harmonic_response(
     finder = finder_of(family, family.sigma(values), most_impacts, deadline)
     if slow := too_slow(finder):
         raise NotApplicable("sine", [slow])
+    jumps, starts = list[Jump](), None
     with heeding_ctrl_c():
         finder.find()
-        jumps = _jumps(finder) if len(values) > 1 else ()
+        sweeps = [Sweep(finder, upwards=upwards) for upwards in (True, False) if len(values) > 1]
+        for each in sweeps:
+            jumps += [_jump(finder, each.upwards, step) for step in each.steps()]
+        if form == "exact":
+            starts = _starts(
+                finder, finder.scattered(), [s for each in sweeps for s in each.elsewhere]
+            )
         simulated = tuple(_simulated(finder, upwards) for upwards in SWEEPS[sweep])
-    branches = tuple(_branch(finder, track) for track in finder.tracks)
+    tracks = [*finder.tracks, *finder.rests.tracks]
+    branches = tuple(_branch(finder, values, track) for track in tracks)
     error = None
     if form != "exact":
         found = linearised(lambda value: model_of(scene_at(value)), values, form)
@@ -174,11 +186,16 @@ def harmonic_response(
         coordinate=coordinate or model.coordinates[0],
         branches=branches,
         special_points=_special_points(branches) if form == "exact" else (),
-        jumps=jumps,
+        jumps=tuple(jumps),
+        starts=starts,
         simulated=simulated,
         model_error=error,
         assumptions=(*scene.assumptions(), how if form == "exact" else HARMONIC),
-        warnings=(*noise_left_out(model), *([few] if few and form == "exact" else [])),
+        warnings=(
+            *noise_left_out(model),
+            *([few] if few and form == "exact" else []),
+            *([starts.sentence] if starts and not starts.all_listed else []),
+        ),
         cost=Cost(wall_time=time.perf_counter() - began),
         provenance=provenance(scene.document()),
     )
@@ -257,14 +274,23 @@ def _at_frequency(scene: Scene, factor: float) -> Scene:
     return scene.model_copy(update={"excitations": changed})
 
 
-def _branch(finder: Finder, track: Track) -> Branch:
+def _branch(finder: Finder, values: Vector, track: Track) -> Branch:
+    # points between the values that were asked for show where there is no other
+    named = np.array([name != NODE for name in track.names])
+    shown = named if np.any(named & track.admissible) else np.ones(len(named), bool)
+    track = track.part(shown)
     family, sigma, multiplier = finder.family, track.sigma, track.multiplier
+    # the values that were asked for, to the last digit
+    asked = values[np.argmin(np.abs(finder.grid - sigma[:, None]), axis=1)]
+    drawn = np.array([name == POINT for name in track.names])
+    value, frequency = np.where(drawn, asked, family.value(sigma)), family.frequency_hz(sigma)
     return Branch(
         form="exact",
         stops=tuple(family.stops[stop] for stop in track.stops),
+        sticking=tuple(family.stops[stop] for stop in track.rests),
         periods=track.periods,
-        value=family.value(sigma),
-        frequency_hz=family.frequency_hz(sigma),
+        value=value,
+        frequency_hz=np.where(np.isclose(value, frequency, rtol=1e-9, atol=0.0), value, frequency),
         displacement_max=track.displacement * family.length,
         amplitude=family.length * finder.amplitude(track),
         acceleration_max=track.acceleration * family.length / family.time**2,
@@ -274,7 +300,18 @@ def _branch(finder: Finder, track: Track) -> Branch:
         multiplier=multiplier,
         stable=multiplier < STABLE,
         admissible=track.admissible,
-        names=track.names,
+        names=tuple(POINT if name == NODE else name for name in track.names),
+    )
+
+
+def _starts(finder: Finder, scattered: Scattered, swept: Sequence[float]) -> RandomStarts:
+    """What became of random starts, and where they or slow sweeps ended on no branch."""
+    places = np.concatenate([scattered.sigma[~scattered.listed], swept])
+    values = finder.family.value(places)
+    return RandomStarts(
+        number=len(scattered.listed),
+        listed=int(scattered.listed.sum()),
+        elsewhere=(float(values.min()), float(values.max())) if len(values) else None,
     )
 
 
@@ -293,21 +330,17 @@ def _special_points(branches: Sequence[Branch]) -> tuple[SpecialPoint, ...]:
     return tuple(sorted(found, key=lambda point: (point.value, point.branch)))
 
 
-def _jumps(finder: Finder) -> tuple[Jump, ...]:
+def _jump(finder: Finder, upwards: bool, step: Step) -> Jump:
     family = finder.family
-    return tuple(
-        Jump(
-            upwards=upwards,
-            value=float(family.value(step.sigma)),
-            frequency_hz=float(family.frequency_hz(step.sigma)),
-            displacement_max=(
-                step.displacements[0] * family.length, step.displacements[1] * family.length
-            ),
-            impact_speed=(step.speeds[0] * family.speed, step.speeds[1] * family.speed),
-        )
-        for upwards in (True, False)
-        for step in Sweep(finder, upwards=upwards).steps()
-    )  # fmt: skip
+    before, after = step.displacements
+    speeds = step.speeds
+    return Jump(
+        upwards=upwards,
+        value=float(family.value(step.sigma)),
+        frequency_hz=float(family.frequency_hz(step.sigma)),
+        displacement_max=(before * family.length, after * family.length),
+        impact_speed=(speeds[0] * family.speed, speeds[1] * family.speed),
+    )
 
 
 def _error(found: Sequence[Branch], exact: Sequence[Branch]) -> dict[str, float | None]:

@@ -286,3 +286,25 @@ def test_a_jump_is_where_a_simulated_sweep_has_it_and_a_first_touch_is_none() ->
         (leap,) = leaps  # the speed of first touches grows by less from value to value
         low, high = np.sort(swept.value[leap : leap + 2])
         assert low <= jump.value <= high
+
+
+def test_a_resonance_between_the_values_that_are_drawn_is_found() -> None:
+    """Its branch begins and ends at grazings, with a fold between them, on any grid."""
+    scene = Scene(
+        structure=Isolator(mass=1.0, frequency_hz=14.0, zeta=0.12),
+        impact_pairs=[
+            ImpactPair(clearance=0.004, law=Viscoelastic(stiffness=3e5, damping_ratio=0.1))
+        ],
+        excitations=[Sine(on="base", amplitude=9.81, frequency_hz=14.0)],
+    )
+    for values in ([5.0, 60.0, 200.0], [10.0, 20.0]):
+        found = harmonic_response(scene, values)
+        (number,) = (k for k, each in enumerate(found.branches) if len(each.stops) == 2)
+        points = [each for each in found.special_points if each.branch == number]
+        assert [each.name for each in points] == ["grazing", "grazing", "fold"]
+        assert [each.value for each in points] == pytest.approx(
+            [12.222437, 15.209287, 16.661027], 1e-6
+        )
+        assert [jump.value for jump in found.jumps] == pytest.approx(
+            [points[2].value, points[1].value], rel=1e-6
+        )

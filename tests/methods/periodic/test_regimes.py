@@ -24,6 +24,7 @@ from stochvi import (
 from stochvi.methods.periodic import Branch, HarmonicResonance, HarmonicResponse
 from support.accuracies import quick_cases
 from support.bounces import Bounces
+from support.sine_flights import Mass, settled
 
 ROUNDING = 1e-9
 """Relative difference of impact speeds that is asked for."""
@@ -70,7 +71,7 @@ def regimes(found: HarmonicResponse) -> list[tuple[Branch, int]]:
         (branch, int(i))
         for branch in found.branches
         for i in np.flatnonzero(branch.admissible)
-        if branch.stops and not branch.names[i]
+        if branch.stops and not branch.sticking and not branch.names[i]
     ]
 
 
@@ -403,11 +404,71 @@ def test_orders_of_impacts_that_are_not_tried_are_named() -> None:
         for found in (one, two)
     ]
     assert len(clatter[0]) < len(clatter[1])
-    assert len(one.warnings) == 1
-    assert not two.warnings
+    few = [[each for each in found.warnings if "few orders" in each] for found in (one, two)]
+    assert [len(each) for each in few] == [1, 0]
     assert one.assumptions != two.assumptions
 
 
 def test_no_more_orders_of_impacts_are_listed_than_are_tried() -> None:
     few, many = (harmonic_response(undamped(0.5), most_impacts=most) for most in (6, 40))
     assert [each.stops for each in few.branches] == [each.stops for each in many.branches]
+
+
+def clatter(points: int) -> HarmonicResponse:
+    """A mass that hits both stops, loses its symmetry, and bounces without end, over frequency."""
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[ImpactPair(clearance=0.5, law=Restitution(coefficient=0.6))],
+        excitations=[Sine(amplitude=0.25, frequency_hz=0.2)],
+    )
+    return harmonic_response(scene, np.geomspace(0.1, 0.45, points), most_impacts=2)
+
+
+def test_special_points_and_jumps_do_not_depend_on_the_values_that_are_drawn() -> None:
+    """Down: the symmetric regime loses its symmetry, the one of one stop jumps, and motions that do
+    not repeat themselves end in rest from the stops."""
+    few, many = clatter(3), clatter(8)
+    for found in (few, many):
+        breaking = special(found, "symmetry breaking", 2)
+        assert any(value == pytest.approx(0.151556, rel=1e-5) for value in breaking)
+        down = [jump.value for jump in found.jumps if not jump.upwards]
+        assert down[1:2] == pytest.approx([0.151465], rel=1e-5)
+        assert down[-1] == pytest.approx(0.11275, rel=1e-3)
+        (told,) = found.warnings
+        assert told == found.starts.sentence and "do not repeat themselves" in found.summary()
+        low, high = found.starts.elsewhere
+        assert 0.11 < low < 0.115 and 0.13 < high < 0.152
+    named = [[(each.name, each.value) for each in found.special_points] for found in (few, many)]
+    for name, value in named[0]:
+        assert any(name == other and value == pytest.approx(at, rel=1e-7) for other, at in named[1])
+
+
+def test_a_mass_that_rests_on_a_stop_for_a_part_of_the_period_is_listed() -> None:
+    """Against flights from event to event: a mass that is pressed on, and one that barely is."""
+    for restitution in (0.1, 0.5):
+        scene = Scene(
+            structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+            impact_pairs=[ImpactPair(upper=0.0, law=Restitution(coefficient=restitution))],
+            excitations=[Sine(amplitude=1.0, frequency_hz=0.12)],
+        )
+        found = harmonic_response(scene)
+        (branch,) = [each for each in found.branches if each.sticking]
+        (place,) = branch.at(0.12)
+        mass = Mass(1.0, 0.1, 1.0, 0.0, -math.inf, 0.0, restitution, 0.0, 0.0)
+        known = settled(mass, 2.0 * math.pi * 0.12, np.array([-1.0, 0.0]))
+        assert known.rest > 0.0 and known.periods == branch.periods
+        assert branch.displacement_max[place] == pytest.approx(known.size, rel=1e-9)
+        assert branch.impact_speed[place].max() == pytest.approx(known.speed, rel=1e-7)
+        assert branch.stable[place] and found.starts.all_listed and not found.warnings
+
+
+def test_a_mass_that_is_pressed_on_its_stop_all_the_time_is_listed() -> None:
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[ImpactPair(upper=0.2, law=Restitution(coefficient=0.5))],
+        excitations=[Sine(amplitude=0.1, frequency_hz=0.12), ConstantLoad(force=0.5)],
+    )
+    found = harmonic_response(scene)
+    (branch,) = [each for each in found.branches if each.stable.any()]
+    assert branch.sticking and not branch.stops
+    assert branch.displacement_max == pytest.approx([0.2]) and found.starts.all_listed

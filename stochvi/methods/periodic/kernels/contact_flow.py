@@ -103,8 +103,8 @@ def linear_motion(motion, laws, states):
     """
     now = pressed(motion, laws, states)
     part = step_between(now)
-    pull = acceleration_row(now)
-    return now, part, transition(now.generator, part), pull, times_generator(pull, now)
+    pull = acceleration_row(now, now.generator)
+    return now, part, transition(now.generator, part), pull, times_generator(pull, now.generator)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

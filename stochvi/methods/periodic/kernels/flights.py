@@ -27,6 +27,7 @@ from stochvi.methods.periodic.kernels.solver import (
     rate,
     remove_part,
     rest_on,
+    set_all,
     step_of,
     strike,
     strike_or_rest,
@@ -39,6 +40,10 @@ WANDERS = -1
 
 LOST = -2
 """Number of the regime of a flight whose impacts came too fast to be followed."""
+
+
+VANISHED = 1e-12
+"""Share of a disturbance up to which what is left after a period is the rounding of a rest."""
 
 
 class Targets(NamedTuple):
@@ -300,6 +305,9 @@ def watch_flight(course, y, skipped, watched, disturbance):
         for i in range(len(y)):
             square += disturbance[i, 0] ** 2
         size = math.sqrt(square)
+        if size < VANISHED:
+            size = 0.0
+            set_all(disturbance[:, 0], 0.0)
         if size > 0.0:
             for i in range(len(y)):
                 disturbance[i, 0] /= size

@@ -686,8 +686,8 @@ def survey(motion, pattern, theta, states):
     z, last = np.empty(size), np.empty(size)
     terms, c = np.empty((TERMS, size)), np.empty(TERMS)
     before, after = np.empty(two), np.empty(two)
-    pull = acceleration_row(motion)
-    slope = times_generator(pull, motion)
+    pull = acceleration_row(motion, motion.generator)
+    slope = times_generator(pull, motion.generator)
     factors, other = identity(two), np.empty((two, two))
     salt = np.empty((two, two))
     flights = max(len(stops), 1)
@@ -762,25 +762,26 @@ def survey(motion, pattern, theta, states):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def acceleration_row(motion):
-    """The row (N,) whose product with a state is the absolute acceleration of the output."""
+def acceleration_row(motion, generator):
+    """The row (N,) whose product with a state is the absolute acceleration of the output, by the
+    generator of the motion, free or at rest on a stop."""
     n, size = motion.rows.shape[1], len(motion.generator)
     found = np.zeros(size)
     for j in range(size):
         for i in range(n):
-            found[j] += motion.output[i] * motion.generator[n + i, j]
+            found[j] += motion.output[i] * generator[n + i, j]
     for j in range(size - 2 * n):
         found[2 * n + j] += motion.base[j]
     return found
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def times_generator(row, motion):
+def times_generator(row, generator):
     """The row whose product with a state is the rate of the product with another row."""
     found = np.zeros(len(row))
     for j in range(len(row)):
         for i in range(len(row)):
-            found[j] += row[i] * motion.generator[i, j]
+            found[j] += row[i] * generator[i, j]
     return found
 
 
@@ -967,28 +968,38 @@ def march(motion, start, periods, phase, ends, log):
     """Simulate from impact to impact: `start` (2 n,) at a phase of the force, over whole periods.
 
     `ends` (periods + 1, 2 n) takes the state at the start and after each period; `log` (most, 3)
-    the phase, stop and speed of impacts, the last ones in the place of the first where they are too
-    many. Returns the number of impacts (0 or more; -1 where they came too fast to be followed), and
-    the largest displacement of the output over the last period.
+    the phase, stop and speed of impacts, and of each release after a rest its phase and -1 less the
+    stop, the last ones in the place of the first where they are too many. Returns the number of
+    rows (0 or more; -1 where impacts came too fast to be followed), the largest displacement and
+    absolute acceleration of the output over the last period, and the stop that is rested on at the
+    end, or FREE.
     """
     two, size, m = 2 * motion.rows.shape[1], len(motion.generator), len(motion.positions)
     steps = math.ceil(2.0 * math.pi / motion.omega / step_of(motion))
     part = 2.0 * math.pi / motion.omega / steps
     resting = held(motion)
+    # by stop, the last one of free motion: the row of the acceleration, and that of its rate
+    pulls, slopes = np.empty((m + 1, size)), np.empty((m + 1, size))
+    for s in range(m + 1):
+        generator = motion.generator if s == m else resting[s]
+        put(acceleration_row(motion, generator), pulls[s])
+        put(times_generator(pulls[s], generator), slopes[s])
     matrix = transition(motion.generator, part)
     z, fresh = np.empty(size), np.empty(size)
-    terms, touch = np.empty((TERMS, size)), free_touch()
+    last, terms, touch = np.empty(size), np.empty((TERMS, size)), free_touch()
     put(start, z[:two])
     put(start, ends[0])
-    hits, displacement = 0, 0.0
+    hits, displacement, acceleration = 0, 0.0, 0.0
     last_hits = -1
     for period in range(periods):
         before = hits
         last_place, last_moving = output_of(motion, z)
         # rounding of the turning force does not add up over many periods
         force_state(motion, phase, z[two:])
+        kept = period == periods - 1
         for number in range(steps):
             left = part
+            put(z, last)
             while left > 0.0:
                 state = touch.on[0]
                 whole = left == part and state == FREE
@@ -1010,26 +1021,36 @@ def march(motion, start, periods, phase, ends, log):
                     continue
                 sum_terms(terms, sooner, z)
                 left = max(left - sooner, 0.0)
-                if event == state:
-                    touch.on[0], touch.on[1], touch.on[2] = FREE, FREE, state
-                    continue
-                speed = strike_or_rest(motion, event, touch, z)
+                if kept:
+                    acceleration = max(acceleration, abs(dot(pulls[state], z)))
                 slot = hits % len(log)
                 log[slot, 0] = (
                     phase + 2.0 * math.pi * period + motion.omega * ((number + 1) * part - left)
                 )
-                log[slot, 1], log[slot, 2] = event, speed
                 hits += 1
-                if period == periods - 1:
+                if event == state:
+                    touch.on[0], touch.on[1], touch.on[2] = FREE, FREE, state
+                    log[slot, 1], log[slot, 2] = -1 - state, 0.0
+                    continue
+                log[slot, 1], log[slot, 2] = event, strike_or_rest(motion, event, touch, z)
+                if kept:
                     displacement = max(displacement, abs(output_of(motion, z)[0]))
+                    acceleration = max(acceleration, abs(dot(pulls[touch.on[0]], z)))
                 if hits - before > MOST_IMPACTS:
-                    return -1, displacement
-            if period == periods - 1:
+                    return -1, displacement, acceleration, touch.on[0]
+            if kept:
                 place, moving = output_of(motion, z)
                 displacement = max(displacement, abs(place))
+                pull, slope = pulls[touch.on[0]], slopes[touch.on[0]]
+                if hits == last_hits:
+                    ends_ = dot(pull, last), dot(pull, z)
+                    rates = dot(slope, last), dot(slope, z)
+                    acceleration = max(acceleration, swing(ends_, rates, part))
+                else:
+                    acceleration = max(acceleration, abs(dot(pull, z)))
                 if hits == last_hits and touch.on[0] == FREE:
                     ends_, rates = (last_place, place), (last_moving, moving)
                     displacement = max(displacement, swing(ends_, rates, part))
                 last_hits, last_place, last_moving = hits, place, moving
         put(z[:two], ends[period + 1])
-    return hits, displacement
+    return hits, displacement, acceleration, touch.on[0]
