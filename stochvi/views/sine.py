@@ -184,8 +184,11 @@ def plot_branches(found: HarmonicResponse, ax: Axes, column: str) -> Axes:
 def _extent(branch: Branch) -> tuple[float, float]:
     """Ranges over which a branch is stable, and over which it is at all."""
     shown = branch.admissible
-    ranges = (branch.value[shown & branch.stable], branch.value[shown])
-    return tuple(float(np.ptp(each)) if len(each) else -1.0 for each in ranges)
+    stable, whole = (
+        float(np.ptp(each)) if len(each) else -1.0
+        for each in (branch.value[shown & branch.stable], branch.value[shown])
+    )
+    return stable, whole
 
 
 def _struck(branch: Branch) -> str:
