@@ -175,7 +175,8 @@ def plot_branches(found: HarmonicResponse, ax: Axes, column: str) -> Axes:
     ):
         ax.set_yscale("log")
         ax.autoscale(axis="y")
-    if found.branches and _wide([branch.value[[0, -1]] for branch in found.branches]):
+    ends = [float(value) for branch in found.branches for value in branch.value[[0, -1]]]
+    if ends and max(ends) > WIDE * min(ends) > 0.0:
         ax.set_xscale("log")
     add_grid(ax)
     return ax

@@ -1,4 +1,11 @@
-from .answer import Branch, HarmonicResponse, Jump, SimulatedSweep, SpecialPoint
+from .answer import (
+    Branch,
+    HarmonicResponse,
+    Jump,
+    RandomStarts,
+    SimulatedSweep,
+    SpecialPoint,
+)
 from .basins import BasinRegime, Basins, basins
 from .bifurcation import Bifurcation, BifurcationSweep, bifurcation, lyapunov_exponent
 from .method import harmonic_response
@@ -14,6 +21,7 @@ __all__ = [
     "HarmonicResponse",
     "Jump",
     "RandomResonance",
+    "RandomStarts",
     "SimulatedSweep",
     "SpecialPoint",
     "basins",
