@@ -39,13 +39,15 @@ def show_response(options: Common, found: Response, scene: Scene) -> None:
     The first warning tells if a measured record of the scene does not move the mount as Gaussian
     noise of its spectrum would.
     """
-    from stochvi.isolators.record_verdict import record_verdict
     from stochvi.views.files import to_json, write_text
     from stochvi.views.tables import print_response
 
-    record = record_verdict(scene)
-    if record is not None and not record.agrees:
-        found = replace(found, warnings=[record.sentence(), *found.warnings])
+    if any(each.kind == "record" for each in scene.excitations):
+        from stochvi.isolators.record_verdict import record_verdict  # compiles, through replay
+
+        record = record_verdict(scene)
+        if record is not None and not record.agrees:
+            found = replace(found, warnings=[record.sentence(), *found.warnings])
     options.show(found, print_response, "response")
     if options.out is not None:
         write_text(to_json(found.to_dict()) + "\n", options.out / "response.json")
