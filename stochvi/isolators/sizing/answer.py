@@ -300,6 +300,11 @@ class Sizing(Result):
         if made is None:
             return f"the largest clearance{within} was not found; raise budget"
         most = "at most " if self.kept_with is not None else ""
+        if self.worst_case is not None and self.worst_case["note"].iloc[-1]:
+            return (
+                f"clearance: {most}{made} from the static equilibrium{within}, which was not shown "
+                f"to keep {target.kept(mission)} as accurately as asked for; raise budget"
+            )
         if self.kept_with is not None and target.exceedance is not None:
             kept = (
                 f"already there the chance that any {target.name.replace('_', ' ')} of "
