@@ -61,10 +61,11 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
                 if not watched():
                     around.enter_context(ended_by(seconds))
             try:
-                return recorded(function(*bound.args, **bound.kwargs), given)
+                answer: T = recorded(function(*bound.args, **bound.kwargs), given)
             except (NotConverged, Interrupted) as error:
                 error.response = recorded(error.response, given)
                 raise
+        return answer
 
     def recorded(answer: Any, given: Mapping[str, Any]) -> Any:
         if not isinstance(answer, Result):

@@ -60,7 +60,7 @@ class Result:
         cost and the record of its call: one seed gives equal answers."""
         if type(other) is not type(self):
             return NotImplemented
-        return _lasting(self.to_dict()) == _lasting(other.to_dict())
+        return bool(_lasting(self.to_dict()) == _lasting(other.to_dict()))
 
     __hash__ = None  # type: ignore[assignment]
 
