@@ -262,7 +262,8 @@ class Mutator:
             case _ if isinstance(value, int | float):
                 factor = self.random.choice((-1.0, 1e-6, 1e-2, 0.5, 2.0, 1e2, 1e6))
                 extreme = self.random.choice(NUMBERS)
-                holder[key] = extreme if self.random.random() < 0.4 else value * factor
+                huge = abs(value) > 10**300
+                holder[key] = extreme if huge or self.random.random() < 0.4 else value * factor
             case _:
                 holder[key] = copy.deepcopy(self.random.choice((*WRONG, *NUMBERS)))
 
