@@ -20,8 +20,11 @@ larger: that of a first contact grows from 0."""
 ABRUPT = 0.1
 """Relative change right after the end of a branch from which on it is a jump in any case: the speed
 of first contacts grows as the root of the distance from the end, and is smaller than this at the
-first distance of BEYOND. It is also the smallest change of a motion that does not repeat itself,
-whose largest values are those of a finite time."""
+first distance of BEYOND."""
+
+LEAP = 0.2
+"""Relative change from which on a motion on no branch has jumped: where it does not repeat itself
+its largest values are those of a finite time, and differ by more than ABRUPT now and then."""
 
 BEYOND = (1e-6, 1e-4)
 """Relative distances of the varied number from the end of a regime at which flights go on from it,
@@ -89,7 +92,7 @@ class Sweep:
             if self._left(here) < 1e-9:
                 return
             there = self._from(here, min(STRIDE / self.finder.family.span, self._left(here)))
-            if there is not None and self._has_jumped(here, there, ABRUPT):
+            if there is not None and self._change(here, there) > LEAP:
                 yield from self._located(here, there)
             here = there
 
@@ -180,17 +183,16 @@ class Sweep:
         there = first and self._from(first, far)
         if first is None or there is None:
             return None, there
-        jumped = self._change(end, first) > ABRUPT or self._has_jumped(end, there, SMALLEST)
+        jumped = self._change(end, first) > ABRUPT or self._has_jumped(end, there)
         return (_step(end.sigma, end, there) if jumped else None), there
 
-    def _has_jumped(self, before: Reached, after: Reached, smallest: float) -> bool:
-        """Whether a motion has changed by more than a share, and does not go back with the
-        value."""
-        if self._change(before, after) <= smallest:
+    def _has_jumped(self, before: Reached, after: Reached) -> bool:
+        """Whether a motion has changed by much, and does not go back with the value."""
+        if self._change(before, after) <= SMALLEST:
             return False
         behind = BEYOND[0] / self.finder.family.span + abs(after.sigma - before.sigma)
         back = self._from(after, -behind)
-        return back is None or self._change(before, back) > smallest
+        return back is None or self._change(before, back) > SMALLEST
 
     def _change(self, before: Reached, after: Reached) -> float:
         """The larger one of the relative changes of displacement and speed."""
@@ -210,11 +212,11 @@ class Sweep:
             there = self._from(before, 0.5 * abs(after.sigma - before.sigma))
             if there is None:
                 break
-            if self._has_jumped(before, there, ABRUPT):
+            if self._change(before, there) > LEAP:
                 after = there
             else:
                 before = there
-        if self._change(before, after) > ABRUPT:
+        if self._change(before, after) > LEAP:
             yield _step(before.sigma, before, after)
 
 
