@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.signal import argrelmax
 
 from stochvi.isolators.sizing.changes import (
     CENTRE,
@@ -227,8 +226,9 @@ class Region:
 
 def _highest(values: Vector) -> list[int]:
     """Indices of the largest local maxima of values, the largest first."""
-    (peaks,) = argrelmax(np.pad(values, 1, constant_values=-math.inf))
-    found = {*(peaks - 1).tolist(), int(values.argmax())}
+    beside = np.pad(values, 1, constant_values=-math.inf)
+    peaks = np.flatnonzero((values > beside[:-2]) & (values > beside[2:]))
+    found = {*peaks.tolist(), int(values.argmax())}
     return sorted(found, key=lambda i: -values[i])[:MOST_STARTS]
 
 
