@@ -146,6 +146,8 @@ def motion_between_stops(
         seed=sizing.seed,
         step=period / WHITE_SAMPLES if fine else None,
     )
+    # filtered noise makes the structure one of several oscillators, whose columns have names
+    path = path.rename(columns=lambda name: name.partition(" of ")[0])
     path = path.iloc[round(settings.burn_in_share * len(path)) :]
     duration = float(path["time"].iloc[-1] - path["time"].iloc[0])
     speeds = path["impact_speed"].abs().to_numpy()
