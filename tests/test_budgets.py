@@ -21,7 +21,7 @@ from stochvi import (
     simulate,
     spectrum,
 )
-from stochvi.methods.monte_carlo.blocks import FEWEST_AT_ONCE
+from stochvi.methods.monte_carlo.blocks import FEWEST_AT_ONCE, FULL_LANES
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.periodic import harmonic_response
 from stochvi.model.model import model_of
@@ -60,23 +60,27 @@ def slowed(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
 
 
 @pytest.mark.parametrize(
-    ("solve", "module", "planning"),
+    ("solve", "module", "planning", "fewest"),
     [
-        (simulate, "stochvi.methods.monte_carlo.simulate", "make_plan"),
-        (spectrum, "stochvi.statistics.spectra.method", "plan_histories"),
-        (impacts, "stochvi.statistics.impacts.method", "plan_impacts"),
+        (simulate, "stochvi.methods.monte_carlo.simulate", "make_plan", FULL_LANES),
+        (spectrum, "stochvi.statistics.spectra.method", "plan_histories", FEWEST_AT_ONCE),
+        (impacts, "stochvi.statistics.impacts.method", "plan_impacts", FEWEST_AT_ONCE),
     ],
     ids=["simulate", "spectrum", "impacts"],
 )
 def test_a_plan_that_takes_long_is_a_part_of_the_budget(
-    slowed: Callable[..., None], solve: Callable[..., Any], module: str, planning: str
+    slowed: Callable[..., None],
+    solve: Callable[..., Any],
+    module: str,
+    planning: str,
+    fewest: int,
 ) -> None:
     """Plans of many coordinates and long tables, and kernels that are loaded, used to come on
     top."""
     slowed(module, planning)
     with pytest.raises(NotConverged, match="the budget of 9 s ended") as short:
         solve(oscillator(-1.0, 1.0, 0.8), rel_error=1e-5, budget=0.9 * SLOW, threads=1)
-    assert short.value.response.cost.paths == FEWEST_AT_ONCE
+    assert short.value.response.cost.paths == fewest
 
 
 def test_methods_without_a_budget_leave_less_to_the_simulation_of_a_check(

@@ -138,7 +138,7 @@ def test_clearances_of_pairs_are_measured_from_their_mean_gaps() -> None:
 def test_the_command_of_clearances_of_pairs(stochvi: Run, tmp_path: Path) -> None:
     scene = Path(__file__).parents[2] / "data" / "scenes" / "rigid-box.toml"
     done = stochvi(
-        "clearance", scene, "--gaps", "1,1mm", "--rel-error", "0.2", "--budget", "0.5",
+        "clearance", scene, "--gaps", "1,1mm", "--rel-error", "0.2", "--budget", "3",
         "--json", "-", "--out", tmp_path,
     )  # fmt: skip
     rows = one_document(done.out)["curve"]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,7 +99,13 @@ class Hits:
             scene = at_clearance(self.scene, clearance)
             rare = self.curve.first_rate(clearance) * self.window < UNFINISHED
             by_bursts = self._by_bursts(scene, clearance, wanted) if rare else None
-            self.tried[clearance] = by_bursts or self._by_simulation(scene, clearance, wanted)
+            found = by_bursts or self._by_simulation(scene, clearance, wanted)
+            known = self.tried.get(clearance, found)
+            # a finer look that the budget ended may know less than the rough one before it
+            rougher = _relative_error(known.hit_rate) < _relative_error(found.hit_rate)
+            self.tried[clearance] = (
+                replace(known, rel_error=wanted, unknown=found.unknown) if rougher else found
+            )
         return self.tried[clearance]
 
     def _by_bursts(self, scene: Scene, clearance: float, rel_error: float) -> Tried | None:
@@ -147,6 +154,11 @@ class Hits:
             response=response,
             unknown=unknown,
         )
+
+
+def _relative_error(rate: Estimate) -> float:
+    """Standard error of a rate, relative to it; infinite where an upper limit alone is known."""
+    return rate.standard_error / rate.value if rate.value > 0.0 else math.inf
 
 
 def compile_kernels(scene: Scene) -> None:

@@ -69,6 +69,9 @@ PILOT_SHARE = 0.25
 """Largest number of paths of a pilot, as a share of those that the accuracy will take, or of two
 blocks if these are more."""
 
+SIGNIFICANT = 2.0
+"""Standard errors by which a bias exceeds what was asked for, to be refused."""
+
 BETWEEN_IMPACTS = (
     "accelerations are those between impacts: without the impulses of rigid stops, which have none"
 )
@@ -203,11 +206,17 @@ class Run:
         The checkpoint leaves them out: a run that resumes from it simulates the whole block.
         """
         if not self.fine.count:
-            self.whole_blocks = self.state
+            self.whole_blocks = self.whole_blocks or self.state
             if statistics.steps < self.plan.steps:
                 self.plan = self.plan.cut(statistics.steps)
             self.state = self.state.with_block(statistics, self._steps_of(statistics), where)
             self.merged_at = self.seconds
+
+    def leave_step_open(self) -> None:
+        """Have the checkpoint hold no path of this run: one that resumes from it chooses the step
+        first, as it was not chosen yet."""
+        if not self.state.goal:
+            self.whole_blocks = self.state
 
     def write_checkpoint(self) -> None:
         """Write the checkpoint now, if there is one."""
@@ -578,7 +587,9 @@ def choose_step(run: Run, rel_error: float, deadline: Deadline) -> float:
 
     A pilot of paths of its own (PILOT_SEED) is simulated at both steps, until its bias is clearly
     above or below `rel_error`, or it takes PILOT_SHARE of the paths of the run, when the estimate
-    of the bias decides. The choice is the same for every seed of the run.
+    of the bias, less its standard error, decides: the largest of several estimates is as large as
+    their errors where there is no bias. The choice is the same for every seed of the run. A budget
+    that ends before leaves it open in the checkpoint.
     """
     while not run.plan.elastic:
         speak = run.progress and partial(_say_pilot, run.progress)
@@ -588,22 +599,21 @@ def choose_step(run: Run, rel_error: float, deadline: Deadline) -> float:
             with suppress(NotConverged):
                 pilot.add_paths(paths, deadline)
             run.crew.block_seconds = math.inf  # those of the run are larger
-            if deadline.passed():
+            if deadline.passed() or pilot.fine.count < FEWEST_PATHS:
+                run.leave_step_open()
                 return 0.0  # the answer will say that the budget was too short
-            if pilot.fine.count < FEWEST_PATHS:
-                return 0.0
             errors = max(relative_standard_errors(pilot).values())
             most = pilot.fine.count * (errors / rel_error) ** 2
             known = pilot.fine.count >= PILOT_SHARE * max(most, 2.0 * run.plan.block)
             if largest_bias(pilot, -1.0) <= rel_error:
                 return 0.0
-            bias = largest_bias(pilot, 0.0 if known else 2.0)
+            bias = largest_bias(pilot, 1.0 if known else SIGNIFICANT)
             known = known or bias > rel_error
             paths = pilot.fine.count
         if bias <= rel_error:
             return 0.0
         if run.state.refinements == MOST_REFINEMENTS:
-            return bias
+            return largest_bias(pilot, SIGNIFICANT)
         run.refine()
     return 0.0
 

@@ -172,7 +172,7 @@ def harmonic_response(
             starts = _starts(
                 finder, finder.scattered(), [s for each in sweeps for s in each.elsewhere]
             )
-        simulated = tuple(_simulated(finder, upwards) for upwards in SWEEPS[sweep])
+        simulated = tuple(_simulated(finder, values, upwards) for upwards in SWEEPS[sweep])
     tracks = [*finder.tracks, *finder.rests.tracks]
     branches = tuple(_branch(finder, values, track) for track in tracks)
     error = None
@@ -280,10 +280,9 @@ def _branch(finder: Finder, values: Vector, track: Track) -> Branch:
     shown = named if np.any(named & track.admissible) else np.ones(len(named), bool)
     track = track.part(shown)
     family, sigma, multiplier = finder.family, track.sigma, track.multiplier
-    # the values that were asked for, to the last digit
-    asked = values[np.argmin(np.abs(finder.grid - sigma[:, None]), axis=1)]
     drawn = np.array([name == POINT for name in track.names])
-    value, frequency = np.where(drawn, asked, family.value(sigma)), family.frequency_hz(sigma)
+    value = np.where(drawn, _asked(finder, values, sigma), family.value(sigma))
+    frequency = family.frequency_hz(sigma)
     return Branch(
         form="exact",
         stops=tuple(family.stops[stop] for stop in track.stops),
@@ -302,6 +301,11 @@ def _branch(finder: Finder, values: Vector, track: Track) -> Branch:
         admissible=track.admissible,
         names=tuple(POINT if name == NODE else name for name in track.names),
     )
+
+
+def _asked(finder: Finder, values: Vector, sigma: Vector) -> Vector:
+    """The nearest values that were asked for, to the last digit."""
+    return np.asarray(values[np.argmin(np.abs(finder.grid - sigma[:, None]), axis=1)])
 
 
 def _starts(finder: Finder, scattered: Scattered, swept: Sequence[float]) -> RandomStarts:
@@ -367,11 +371,11 @@ def _error(found: Sequence[Branch], exact: Sequence[Branch]) -> dict[str, float 
     }
 
 
-def _simulated(finder: Finder, upwards: bool) -> SimulatedSweep:
+def _simulated(finder: Finder, values: Vector, upwards: bool) -> SimulatedSweep:
     rows = np.array(list(Sweep(finder, upwards=upwards).simulated())).reshape(-1, 4)
     return SimulatedSweep(
         upwards=upwards,
-        value=finder.family.value(rows[:, 0]),
+        value=_asked(finder, values, rows[:, 0]),
         displacement_max=finder.family.length * rows[:, 1],
         impact_speed_max=finder.family.speed * rows[:, 2],
         periods=rows[:, 3].astype(np.int64),
