@@ -201,7 +201,7 @@ parser.add_argument("--quick", action="store_true", help="few places, frequencie
 parser.add_argument("--out", type=Path, default=Path(__file__).parent)
 options = parser.parse_args()
 started = time.process_time()
-columns, steps, points, paths = (4, 6, 4, 4) if options.quick else (33, 41, 23, 16)
+columns, steps, points, paths = (4, 6, 4, 8) if options.quick else (33, 41, 23, 16)
 
 ratios = (0.7, 1.5) if options.quick else (0.5, 0.7, 0.85, 1.1, 1.2, 1.5, 2.0)
 folds = pd.DataFrame(

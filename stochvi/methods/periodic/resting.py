@@ -227,12 +227,14 @@ def _far(here: Flown, there: Flown) -> bool:
     return bool(np.abs(there.ends[-1] - here.ends[-1]).max() > NEAR * here.size)
 
 
-def _measured(motion: solver.Motion, settled: Settled, periods: int) -> Flown:
-    """The motion over its periods, from the end of a flight."""
+def _measured(motion: solver.Motion, settled: Settled, periods: int) -> Flown | None:
+    """The motion over its periods, from the end of a flight; None where impacts come too fast to be
+    followed once more."""
     parts, state = list[Settled](), settled.state
     for _ in range(periods):
         part = simulate(motion, state, 1)
-        assert part is not None, "a flight is followed once more"
+        if part is None:
+            return None
         parts.append(part)
         state = part.state
     turns = [np.array([2.0 * math.pi * number, 0.0, 0.0]) for number in range(periods)]
