@@ -112,13 +112,14 @@ def _range(values: np.ndarray) -> str:
 def draw_sine(found: HarmonicResponse) -> Axes:
     """Displacement, impact speed and acceleration of the branches: stable ones full, unstable ones
     dashed, simulated motions as dots."""
-    _, axes = plt.subplots(3, 1, figsize=SIZE, sharex=True, layout="constrained")
+    figure, axes = plt.subplots(3, 1, figsize=SIZE, sharex=True, layout="constrained")
     for ax, column in zip(axes, PANELS, strict=True):
         plot_branches(found, ax, column)
     for ax in axes[:2]:
         ax.set_xlabel("")
     if found.branches:
-        axes[0].legend(fontsize="x-small", ncols=2, loc="best")
+        lines = axes[0].get_legend_handles_labels()
+        figure.legend(*lines, fontsize="x-small", ncols=2, loc="outside lower center")
     jumps = "; dotted: a slow sweep jumps" if found.jumps else ""
     axes[0].set_title(
         f"{found.coordinate}: full where stable, dashed where unstable{jumps}", fontsize="medium"
@@ -152,7 +153,12 @@ def plot_branches(found: HarmonicResponse, ax: Axes, column: str) -> Axes:
             values = np.where(reached & branch.admissible, table[column] / unit, np.nan)
             label = f"{number}: {_label(branch)}" if stable and number in colours else None
             width = 1.3 if number in colours else 0.7
-            ax.plot(branch.value, values, style, color=colour, linewidth=width, label=label)
+            # one value alone makes no line
+            dot = "o" if len(branch.value) == 1 else ""
+            ax.plot(
+                branch.value, values, style, marker=dot, ms=4.0, color=colour, linewidth=width,
+                label=label,
+            )  # fmt: skip
         special = np.array([bool(each) for each in branch.names]) & branch.admissible
         if number in colours:
             ax.plot(branch.value[special], table[column][special] / unit, "o", color=colour, ms=3.0)

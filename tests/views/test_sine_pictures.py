@@ -24,5 +24,5 @@ def test_axes_are_logarithmic_where_motions_of_all_sizes_are_drawn(high: float, 
     low, top = ax.get_ylim()
     drawn = ax.lines[0].get_ydata()
     assert top > np.nanmax(drawn) and (low < np.nanmin(drawn) if scale == "log" else low == 0.0)
-    assert "no impacts" in ax.get_legend().get_texts()[0].get_text()
+    assert "no impacts" in ax.figure.legends[0].get_texts()[0].get_text()
     plt.close(ax.figure)

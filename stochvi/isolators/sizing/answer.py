@@ -298,19 +298,21 @@ class Sizing(Result):
             else ""
         )
         if made is None:
-            return f"the largest clearance{within} was not found; raise budget"
-        most = "at most " if self.kept_with is not None else ""
+            return f"the clearance that keeps the target{within} was not found; raise budget"
         if self.worst_case is not None and self.worst_case["note"].iloc[-1]:
             return (
-                f"clearance: {most}{made} from the static equilibrium{within}, which was not shown "
+                f"clearance: {made} from the static equilibrium{within}, which was not shown "
                 f"to keep {target.kept(mission)} as accurately as asked for; raise budget"
             )
         if self.kept_with is not None and target.exceedance is not None:
             kept = (
-                f"already there the chance that any {target.name.replace('_', ' ')} of "
-                f"{spoken_mission(mission)} exceeds {target.limit} is {self.kept_chance()}"
+                f"the chance that any {target.name.replace('_', ' ')} of "
+                f"{spoken_mission(mission)} exceeds {target.limit} is {self.kept_chance()} there"
             )
-            return f"clearance: {most}{made} from the static equilibrium{within}; {kept}"
+            return (
+                f"clearance: {made} from the static equilibrium{within} is enough, and less may "
+                f"be; {kept}"
+            )
         sides = "" if len(self.sides) == 1 else "per side "
         return (
             f"clearance: {made} {sides}from the static equilibrium keeps {target.kept(mission)}"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.isolators.sizing.chance_at_stops import two_sided
+from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.results.origin import Origin, origin_of
 from stochvi.results.response import Response
 from stochvi.views.axes import PAGE, axes_or_new
@@ -284,11 +285,13 @@ def _clearance_card(sizing: Sizing) -> Fact:
     made, name = sizing.made, "Clearance to make"
     sides = "per side, " if len(sizing.sides) > 1 else ""
     if made is None:
-        return Fact(name, UNKNOWN, "the largest within the tolerances was not found")
+        return Fact(name, UNKNOWN, "what the target needs within the tolerances was not found")
     within = f"within {sizing.allowed.in_words()}; " if sizing.worst_case is not None else ""
-    most = "at most " if sizing.kept_with is not None else ""
-    remark = f"{sides}from the static equilibrium; {within}rounded up to {made.step_in_words}"
-    return Fact(name, f"{most}{made}", remark)
+    enough = "enough, and less may be; " if sizing.kept_with is not None else ""
+    remark = (
+        f"{enough}{sides}from the static equilibrium; {within}rounded up to {made.step_in_words}"
+    )
+    return Fact(name, str(made), remark)
 
 
 def _calculated_card(sizing: Sizing) -> Fact:
@@ -546,7 +549,7 @@ def _limits(review: Review) -> Section:
         lead="What this report takes for granted, and does not say.",
         notes=[
             *(text[0].upper() + text[1:] for text in review.assumptions),
-            *([_sentence(NO_TOLERANCES)] if review.worst_case is None else []),
+            *([_sentence(NO_TOLERANCES)] if review.sizing.allowed == Tolerances() else []),
             "One direction of motion; no rocking, and no coupling of directions.",
             "A linear spring and a viscous damper: an elastomer is stiffer at small amplitudes, "
             "and softer when warm.",
