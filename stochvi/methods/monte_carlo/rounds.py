@@ -69,8 +69,9 @@ PILOT_SHARE = 0.25
 """Largest number of paths of a pilot, as a share of those that the accuracy will take, or of two
 blocks if these are more."""
 
-SIGNIFICANT = 2.0
-"""Standard errors by which a bias exceeds what was asked for, to be refused."""
+SIGNIFICANT = 3.0
+"""Standard errors by which a bias exceeds what was asked for, to decide early or to be refused: the
+largest of several quantities is looked at several times."""
 
 BETWEEN_IMPACTS = (
     "accelerations are those between impacts: without the impulses of rigid stops, which have none"
@@ -608,7 +609,7 @@ def choose_step(run: Run, rel_error: float, deadline: Deadline) -> float:
             if largest_bias(pilot, -1.0) <= rel_error:
                 return 0.0
             bias = largest_bias(pilot, 1.0 if known else SIGNIFICANT)
-            known = known or bias > rel_error
+            known = known or (bias > rel_error and run.state.refinements < MOST_REFINEMENTS)
             paths = pilot.fine.count
         if bias <= rel_error:
             return 0.0
