@@ -69,9 +69,8 @@ PILOT_SHARE = 0.25
 """Largest number of paths of a pilot, as a share of those that the accuracy will take, or of two
 blocks if these are more."""
 
-SIGNIFICANT = 3.0
-"""Standard errors by which a bias exceeds what was asked for, to decide early or to be refused: the
-largest of several quantities is looked at several times."""
+SIGNIFICANT = 2.0
+"""Standard errors by which a bias must exceed `rel_error` to decide early, or to be refused."""
 
 BETWEEN_IMPACTS = (
     "accelerations are those between impacts: without the impulses of rigid stops, which have none"

@@ -6,7 +6,7 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 from threading import Timer
@@ -147,9 +147,9 @@ def test_ctrl_c_does_not_wait_for_a_path_that_takes_long(
             yield
 
     monkeypatch.setattr(blocks, "given_up_after", pressed)
-    # on a busy machine the guard of budgets may be the one that ends it
-    ended = r"before two paths|after 4 of 4 paths, cut after|before there was an answer"
-    with pytest.raises(Interrupted, match=ended):
+    # the guard of budgets, which would end it on a busy machine, goes by the clock
+    monkeypatch.setattr("stochvi.model.calculations.ended_by", lambda _: nullcontext())
+    with pytest.raises(Interrupted, match=r"before two paths|after 4 of 4 paths, cut after"):
         solve(oscillator(-1.0, 1.0, 0.5), paths=4, duration=LONG[solve], budget=3600.0, threads=1)
 
 
