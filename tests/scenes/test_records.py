@@ -179,7 +179,7 @@ def test_a_record_in_a_scene_file_shakes_the_mount(tmp_path: Path) -> None:
     (caution,) = screen(scene).notes
     assert f"uncertain by {50.0 * error:.2g} %" in caution
     assert "larger peaks" not in told and "short for this mount" not in told
-    assert scene.effects() == ("tabulated noise of a record on base",)
+    assert scene.effects() == ("measured record on base",)
 
 
 def test_a_record_says_where_it_is_short_or_has_large_peaks(tmp_path: Path) -> None:

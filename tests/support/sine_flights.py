@@ -17,6 +17,10 @@ PARTS = 48
 """Steps in the shorter one of the period of the force and of the motion."""
 
 
+SMALLEST = 0.15
+"""Relative change of displacement or speed from which on a change of a sweep may be a jump."""
+
+
 class Mass(NamedTuple):
     """Per unit mass: spring, damper, force of the sine and of the load; positions of the stops
     (infinite where there is none), restitution, and spring and damper of stops that give way (0:
@@ -136,14 +140,23 @@ def fly(m, w, state, periods, sizes, ends):
                 if beyond(m, mode, there, speed) > 0.0:
                     tau, over = low, 1.0
             if over > 0.0:
-                low, high = 0.0, tau
-                for _ in range(60):
-                    middle = 0.5 * (low + high)
+                # false position, where an end that stays counts half, and at times the middle
+                low, high, side = 0.0, tau, 0
+                there, speed = step(m, w, mode, x, v, t, tau)
+                below, above = beyond(m, mode, x, v), beyond(m, mode, there, speed)
+                for turn in range(60):
+                    if high - low < 1e-15 * period:
+                        break
+                    share = 0.5 if turn % 4 == 3 or below >= 0.0 else below / (below - above)
+                    middle = low + share * (high - low)
                     there, speed = step(m, w, mode, x, v, t, middle)
-                    if beyond(m, mode, there, speed) > 0.0:
-                        high = middle
+                    value = beyond(m, mode, there, speed)
+                    if value > 0.0:
+                        high, above, below = middle, value, below * (0.5 if side > 0 else 1.0)
+                        side = 1
                     else:
-                        low = middle
+                        low, below, above = middle, value, above * (0.5 if side < 0 else 1.0)
+                        side = -1
                 if low == 0.0:
                     high = max(high, 1e-13 * period)
                 x, v = step(m, w, mode, x, v, t, high)
@@ -160,7 +173,9 @@ def fly(m, w, state, periods, sizes, ends):
                     v = -m.restitution * v
                     x = m.upper if side > 0 else m.lower
                     push = side * (m.force * math.cos(w * t) + m.load - m.k * x - m.c * v)
-                    if m.restitution * speed < 1e-9 * fastest and push > 0.0:
+                    # below the second one the rounding of places would keep it bouncing
+                    slow = max(1e-9 * fastest, math.sqrt(1e-14 * max(push, 0.0) * largest))
+                    if m.restitution * speed < slow and push > 0.0:
                         rested, v = side, 0.0
                 else:
                     d = x - m.upper if side > 0 else m.lower - x
@@ -203,27 +218,86 @@ def settled(m: Mass, w: float, state: np.ndarray, rounds: int = 12, periods: int
     return Motion(0, *sizes[:, :2].max(axis=0), sizes[-8:, 2].sum(), state)
 
 
-def swept(
-    m: Mass, frequencies: np.ndarray, smallest: float = 0.15, near: float = 1e-4
-) -> list[tuple[float, Motion, Motion]]:
-    """Jumps of a slow sweep: places at which a motion that repeats itself changes by a share."""
-    found, here, last = list[tuple[float, Motion, Motion]](), None, 0.0
-    for frequency in frequencies.tolist():
-        state = np.array([min(max(0.0, m.lower), m.upper), 0.0]) if here is None else here.state
-        there = settled(m, 2.0 * math.pi * frequency, state, rounds=4)
-        if here is not None and here.periods and changed(here, there, frequency) > smallest:
-            low, high, before, after = last, frequency, here, there
-            while abs(high / low - 1.0) > near and before.periods:
-                middle = math.sqrt(low * high)
-                motion = settled(m, 2.0 * math.pi * middle, before.state, rounds=8)
-                if changed(before, motion, middle) > smallest:
-                    high, after = middle, motion
-                else:
-                    low, before = middle, motion
-            if before.periods and changed(before, after, high) > smallest:
-                found.append((low, before, after))
-        here, last = there, frequency
-    return found
+class Jump(NamedTuple):
+    """A place at which a motion that repeats itself changes by a share, and both motions."""
+
+    place: float
+    before: Motion
+    after: Motion
+
+
+class Swept(NamedTuple):
+    """A slow sweep: its frequencies in their order, the motion at each, and its jumps."""
+
+    frequencies: list[float]
+    motions: list[Motion]
+    jumps: list[Jump]
+
+    def before(self, place: float, near: float) -> Motion | None:
+        """The last motion whose frequency is at least a relative distance before a place."""
+        upwards = self.frequencies[-1] > self.frequencies[0]
+        passed = [
+            motion
+            for frequency, motion in zip(self.frequencies, self.motions, strict=True)
+            if (frequency < place * (1.0 - near) if upwards else frequency > place * (1.0 + near))
+        ]
+        return passed[-1] if passed else None
+
+    def window(self, place: float) -> float | None:
+        """The relative distance of a place from the last one before it at which the motion did not
+        repeat itself; None if it always did."""
+        before = [
+            frequency
+            for frequency, motion in zip(self.frequencies, self.motions, strict=True)
+            if not motion.periods
+            and (frequency < place) == (self.frequencies[-1] > self.frequencies[0])
+        ]
+        return abs(place / before[-1] - 1.0) if before else None
+
+
+def swept(m: Mass, frequencies: np.ndarray, near: float = 1e-4) -> Swept:
+    """A slow sweep from rest, with its jumps bisected to a relative distance."""
+    state, passed, jumps = np.array([min(max(0.0, m.lower), m.upper), 0.0]), list[Motion](), []
+    for number, frequency in enumerate(frequencies.tolist()):
+        w, here = 2.0 * math.pi * frequency, passed[-1] if passed else None
+        there = settled(m, w, state, rounds=4 if here is None or here.periods else 2)
+        if here is not None and here.periods and not there.periods:
+            # near a fold motions approach slowly
+            there = settled(m, w, there.state)
+        if here is not None and here.periods and changed(here, there, frequency) > SMALLEST:
+            jumps += _bisected(m, (frequencies[number - 1], here), (frequency, there), near)
+        passed.append(there)
+        state = there.state
+    return Swept(frequencies.tolist(), passed, jumps)
+
+
+def jumped(m: Mass, before: Motion, place: float, upwards: bool, near: float) -> float | None:
+    """Where a motion changes at once in a slow sweep over a relative distance on both sides of a
+    place, as the relative distance from it; None where it does not."""
+    way, last = (1.0 if upwards else -1.0), before
+    for away in (0.1 * near * np.arange(-10, 11)).tolist():
+        frequency = place * (1.0 + way * away)
+        there = settled(m, 2.0 * math.pi * frequency, last.state)
+        if changed(last, there, frequency) > SMALLEST:
+            return abs(away)
+        last = there
+    return None
+
+
+def _bisected(
+    m: Mass, start: tuple[float, Motion], end: tuple[float, Motion], near: float
+) -> list[Jump]:
+    """The jump between two frequencies of a sweep; none where the change is gradual."""
+    (low, before), (high, after) = start, end
+    while abs(high / low - 1.0) > near and before.periods:
+        middle = math.sqrt(low * high)
+        motion = settled(m, 2.0 * math.pi * middle, before.state)
+        if changed(before, motion, middle) > SMALLEST:
+            high, after = middle, motion
+        else:
+            low, before = middle, motion
+    jumped = before.periods and changed(before, after, high) > SMALLEST
+    return [Jump(low, before, after)] if jumped else []
 
 
 def changed(before: Motion, after: Motion, frequency: float) -> float:

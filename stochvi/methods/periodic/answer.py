@@ -201,13 +201,20 @@ class RandomStarts:
 
     @property
     def sentence(self) -> str:
-        """The share of starts that ended on a branch, and where others did."""
-        found = f"{self.listed} of {self.number} random starts ended in a regime that is listed"
+        """The share of starts that ended on a branch."""
+        return f"{self.listed} of {self.number} random starts ended in a listed regime"
+
+    @property
+    def warning(self) -> str:
+        """Where starts or sweeps ended on no branch; empty if none did."""
         if self.elsewhere is None:
-            return found
+            return ""
         low, high = (f"{value:.4g}" for value in self.elsewhere)
         where = f"at {low}" if low == high else f"from {low} to {high}"
-        return f"{found}; {where} some motions do not repeat themselves soon"
+        return (
+            f"possibly chaotic motion {where}: some random starts or slow sweeps end in no listed "
+            "regime there"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -155,11 +155,7 @@ class ContactFinder(Finder):
 
     def _place_of(self, settled: Settled, sigma: float) -> OnBranch | None:
         orbit = self._settled_orbit(settled, sigma)
-        place = None if orbit is None else self._added(orbit)
-        if orbit is None or place is None:
-            return None
-        here = self.inspected((), orbit.periods, orbit.u[None], [""])
-        return place if here.lasting[0] else None
+        return None if orbit is None else self._added(orbit)
 
     def _added(self, orbit: Orbit) -> OnBranch | None:
         """The place of a regime, on a branch that is followed from it if there is none yet."""
@@ -245,8 +241,14 @@ class ContactFinder(Finder):
         return state if state is not None and np.all(np.abs(state) < 1e6) else None
 
     def _settled_orbit(self, settled: Settled, sigma: float) -> Orbit | None:
+        """The lasting regime to which a simulation has settled; None where it has not. In chaos
+        motions come close to unstable regimes by chance, of which there is no end."""
         periods = settled.period(REPEATS)
-        return self.orbit(settled.state, periods, sigma) if periods else None
+        orbit = self.orbit(settled.state, periods, sigma) if periods else None
+        if orbit is None:
+            return None
+        here = self.inspected((), orbit.periods, orbit.u[None], [""])
+        return orbit if here.lasting[0] else None
 
     def orbit(self, start: Vector, periods: int, sigma: float, reach: float = 1e3) -> Orbit | None:
         """The regime that Newton's iteration ends at; None where it fails, or leaves the states

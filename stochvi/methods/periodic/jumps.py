@@ -30,6 +30,11 @@ BEYOND = (1e-6, 1e-4)
 """Relative distances of the varied number from the end of a regime at which flights go on from it,
 one after the other: near a fold a motion takes long to leave."""
 
+PUSH, PUSHED = 1e-3, 6
+"""Share of its velocity that a motion loses which stays at a regime that no longer attracts it, and
+number of flights for which it is then followed: nothing else would disturb it, and just beyond a
+change of stability disturbances grow by some 0.1 % in a period."""
+
 STRIDE = 4e-3
 """Relative distance of the varied number between two flights where a motion is on no branch."""
 
@@ -134,7 +139,8 @@ class Sweep:
         and it does not repeat itself, over many; and its last state."""
         periods = periods or settled.period(REPEATS) or UNSETTLED
         state, sizes = settled.state, list[tuple[float, float]]()
-        for _ in range(periods):
+        # an impact that comes now before, now after the phase at which periods end is in one of two
+        for _ in range(periods + 1):
             more = self.finder.simulate(sigma, state, settled.phase, periods=1)
             if more is None:
                 return None
@@ -183,8 +189,27 @@ class Sweep:
         there = first and self._from(first, far)
         if first is None or there is None:
             return None, there
+        if there.place is None and self._change(end, there) <= SMALLEST:
+            # it may grow gradually, too, and go back too slowly to be seen
+            there = self._pushed(end, there)
+            return (
+                _step(end.sigma, end, there) if self._change(end, there) > LEAP else None
+            ), there
         jumped = self._change(end, first) > ABRUPT or self._has_jumped(end, there)
         return (_step(end.sigma, end, there) if jumped else None), there
+
+    def _pushed(self, end: Reached, there: Reached) -> Reached:
+        """The motion to which a disturbance leads from the end of a branch."""
+        state = there.state.copy()
+        state[len(state) // 2 :] *= 1.0 - PUSH
+        for _ in range(PUSHED):
+            further = self._reached(there.sigma, state, there.phase)
+            if further is None:
+                break
+            there, state = further, further.state
+            if there.place is not None or self._change(end, there) > LEAP:
+                break
+        return there
 
     def _has_jumped(self, before: Reached, after: Reached) -> bool:
         """Whether a motion has changed by much, and does not go back with the value."""

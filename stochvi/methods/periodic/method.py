@@ -194,7 +194,7 @@ def harmonic_response(
         warnings=(
             *noise_left_out(model),
             *([few] if few and form == "exact" else []),
-            *([starts.sentence] if starts and not starts.all_listed else []),
+            *([starts.warning] if starts and starts.warning else []),
         ),
         cost=Cost(wall_time=time.perf_counter() - began),
         provenance=provenance(scene.document()),

@@ -87,7 +87,7 @@ class RecordedNoise(DensityNoise):
     (400.0, 'g2/Hz')
     """
 
-    effect_word: ClassVar[str] = "tabulated noise of a record"
+    effect_word: ClassVar[str] = "measured record"
 
     kind: Literal["record"] = "record"
     file: str
