@@ -130,9 +130,12 @@ EXPLAIN_BUDGET = 3.0
     "--budget", type=TIME, default=EXPLAIN_BUDGET, show_default=True, metavar="TIME",
     help="Largest time, without compiling; the trial simulation gets what is left of it.",
 )  # fmt: skip
-@common("threads", "json", "quiet")
+@common("threads", "json", "out", "quiet")
 def explain(options: Common, scene: str, budget: float) -> None:
-    """What would be simulated, what not, which methods apply, and how long they take."""
+    """Say what would be simulated, which methods apply, and how long they take.
+
+    With --out it draws the scene with its lengths as scene.svg.
+    """
     from stochvi.scenes.scene import load_scene
     from stochvi.verification.explain import explain as explain_scene
     from stochvi.views.verification_tables import print_explanation
@@ -140,7 +143,12 @@ def explain(options: Common, scene: str, budget: float) -> None:
     loaded = load_scene(scene)
     left = options.until(budget).rest or budget
     found = explain_scene(loaded, threads=options.threads, budget=left)
-    options.show(found, print_explanation)
+    options.show(found, print_explanation, "methods")
+    if options.out is not None:
+        from stochvi.views.schematic import write_problem
+
+        rests = {name: gap.position for name, gap in found.rest_of_gaps.items()}
+        write_problem(loaded, rests, options.out)
 
 
 FILE_PATHS = 4096

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import combinations, product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.scenes.rigid_body import AXES, RigidBody
 from stochvi.views.colours import COLOURS
-from stochvi.views.words import MM, four_digits
+from stochvi.views.words import MM, chance_in_words, four_digits
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from stochvi.isolators.sizing.box_overview import BoxOverview
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
+    from stochvi.scenes.scene import Scene
 
 SMALLEST_CHANCE = 1e-6
 """Chance of a hit below which all snubbers have the same colour."""
@@ -54,8 +55,8 @@ def one_axis_in_rows(sizing: PairsSizing) -> pd.DataFrame:
                 if row["pair"] in sizing.clearances
                 else "fixed",
                 "3 sigma of one axis (mm)": four_digits(MM * row["one_axis_three_sigma"]),
-                "hit there": spoken_percent(row["chance_at_one_axis"]),
-                "hit as the scene stands": spoken_percent(row["chance_as_given"]),
+                "hit there": chance_in_words(row["chance_at_one_axis"]),
+                "hit as the scene stands": chance_in_words(row["chance_as_given"]),
             }
             for row in sizing.box.pairs.to_dict("records")
         ]
@@ -63,17 +64,32 @@ def one_axis_in_rows(sizing: PairsSizing) -> pd.DataFrame:
 
 
 def plot_box(sizing: PairsSizing) -> Axes:
-    """The box from outside: mounts, centre of mass, and snubbers, coloured by the chance that each
-    alone is hit with the stops of the scene; of several at one place, by the largest chance."""
-    import matplotlib.pyplot as plt
-    from matplotlib.colors import LogNorm
+    """Draw the box, its snubbers coloured by the probability that each alone is hit with the stops
+    of the scene; of several at one place, by the largest."""
+    assert sizing.box is not None
+    table = sizing.box.pairs
+    return draw_box(sizing.scene, dict(zip(table["pair"], table["chance_as_given"], strict=True)))
 
-    body, box = sizing.scene.structure, sizing.box
-    assert isinstance(body, RigidBody) and box is not None
-    pairs = [pair for pair in sizing.scene.impact_pairs if pair.at and pair.direction]
+
+def draw_box(scene: Scene, chances: Mapping[str, float] | None = None) -> Axes:
+    """Draw a rigid box from outside: mounts, centre of mass, and snubbers with their directions.
+
+    Parameters
+    ----------
+    scene
+        A scene of a rigid body.
+    chances
+        Probability of a hit by the name of the pair, which colours the snubbers; without it they
+        have one colour.
+    """
+    import matplotlib.pyplot as plt
+
+    body = scene.structure
+    assert isinstance(body, RigidBody)
+    pairs = [pair for pair in scene.impact_pairs if pair.at and pair.direction]
     mounts = np.array([mount.at for mount in body.mounts])
-    places = np.array([pair.at for pair in pairs])
-    directions = np.array([pair.direction for pair in pairs])
+    places = np.array([pair.at for pair in pairs]).reshape(-1, 3)
+    directions = np.array([pair.direction for pair in pairs]).reshape(-1, 3)
     directions = directions / np.linalg.norm(directions, axis=1)[:, None]
     figure = plt.figure(figsize=(6.8, 5.2), layout="constrained")
     ax: Any = figure.add_subplot(projection="3d")
@@ -83,14 +99,8 @@ def plot_box(sizing: PairsSizing) -> Axes:
     corners: dict[tuple[float, ...], list[str]] = {}
     for pair, place in zip(pairs, places.tolist(), strict=True):
         corners.setdefault(tuple(place), []).append(pair.name)
-    alone = box.pairs.set_index("pair")["chance_as_given"]
-    chance = np.array([alone[names].max() for names in corners.values()])
     length = 0.15 * float(np.ptp(np.concatenate([mounts, places]), axis=0).max())
-    seen = ax.scatter(
-        *np.array(list(corners)).T, c=np.clip(chance, SMALLEST_CHANCE, 1.0), s=90,
-        cmap="inferno_r", norm=LogNorm(SMALLEST_CHANCE, 1.0), edgecolor="black", depthshade=False,
-        label="snubbers",
-    )  # fmt: skip
+    _draw_snubbers(ax, corners, chances)
     ax.quiver(*places.T, *(length * directions).T, color="black", linewidth=1.0)
     # the labels below their corners, and room for them at the sides
     for corner, names in corners.items():
@@ -105,12 +115,32 @@ def plot_box(sizing: PairsSizing) -> Axes:
     ax.set_aspect("equal")
     ax.locator_params(nbins=4)
     ax.grid(visible=False)
-    figure.colorbar(
-        seen, ax=ax, shrink=0.7, label="chance of a hit, the largest of the snubbers there"
-    )
     ax.legend(frameon=False, fontsize="small", loc="upper left")
     found: Axes = ax
     return found
+
+
+def _draw_snubbers(
+    ax: Any, corners: Mapping[tuple[float, ...], list[str]], chances: Mapping[str, float] | None
+) -> None:
+    """Draw a dot at each place of snubbers, coloured by the largest of their probabilities."""
+    if not corners:
+        return
+    style = {"s": 90, "edgecolor": "black", "depthshade": False, "label": "snubbers"}
+    places = np.array(list(corners)).T
+    if chances is None:
+        ax.scatter(*places, color=COLOURS["linearise:motion"], **style)
+        return
+    from matplotlib.colors import LogNorm
+
+    risk = np.array([max(chances[name] for name in names) for names in corners.values()])
+    seen = ax.scatter(
+        *places, c=np.clip(risk, SMALLEST_CHANCE, 1.0), cmap="inferno_r",
+        norm=LogNorm(SMALLEST_CHANCE, 1.0), **style,
+    )  # fmt: skip
+    ax.get_figure().colorbar(
+        seen, ax=ax, shrink=0.7, label="probability of a hit, the largest of the snubbers there"
+    )
 
 
 def _together(names: list[str]) -> str:

@@ -1,4 +1,8 @@
-"""The colours of all pictures."""
+"""The colours of all pictures.
+
+They are those of M. Okabe and K. Ito, which readers with any colour vision tell apart. In grey they
+differ in lightness, and pictures that compare curves give each a marker or a line style as well.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +10,16 @@ import numpy as np
 
 COLOURS = {
     "exact": "#1b1b1b",
-    "simulate": "#0b6fb8",
-    "linearise:closure": "#d1495b",
-    "linearise:motion": "#e0a030",
-    "linearise:force": "#3a8f5c",
-    "fokker-planck": "#7a4fa3",
+    "simulate": "#0072b2",
+    "linearise:closure": "#d55e00",
+    "linearise:motion": "#e69f00",
+    "linearise:force": "#009e73",
+    "fokker-planck": "#cc79a7",
     "stop": "#8a8f98",
 }
 """One colour per method, the same in every picture."""
 
-OWNERS = ("#0b6fb8", "#d1495b", "#3a8f5c", "#e0a030", "#7a4fa3", "#1b1b1b")
+OWNERS = ("#0072b2", "#d55e00", "#009e73", "#e69f00", "#cc79a7", "#1b1b1b")
 """Colours of coordinates and impact pairs, in their order."""
 
 BAND_ALPHA = 0.3
@@ -24,18 +28,27 @@ BAND_ALPHA = 0.3
 GRID_COLOUR = "#dddddd"
 """Colour of the lines of a grid."""
 
+DRAWING = {
+    "ink": "#1b1b1b",
+    "mass": "#dbe9f4",
+    "base": "#e3e6ea",
+    "line": "#c4c8ce",
+    "length": "#a8480a",
+}
+"""Colours of the drawing of a scene: outlines, mass, base and frame, thin lines, and lengths."""
+
 CLEARANCES = {
-    "three_sigma": "#e0a030",
-    "recommended": "#3a8f5c",
-    "record": "#c0392b",
+    "three_sigma": "#e69f00",
+    "recommended": "#009e73",
+    "record": "#a5222f",
 }
 """Colours of the clearances that the pictures of a sizing mark: three standard deviations, the
 answer, and what a record itself needs where it contradicts the sizing."""
 
 TRANSFERS = {
-    "transmissibility_h1": "#0b6fb8",
-    "transmissibility_ratio": "#d1495b",
-    "coherence": "#3a8f5c",
+    "transmissibility_h1": "#0072b2",
+    "transmissibility_ratio": "#d55e00",
+    "coherence": "#009e73",
 }
 """Colours of what compares a response with its excitation, by quantity."""
 

@@ -151,14 +151,22 @@ def write_parquet(frame: pd.DataFrame, path: Path) -> None:
 
 
 def write_picture(ax: Axes, path: Path) -> None:
-    """A PNG of the figure that holds these Axes; the figure is closed."""
+    """Write the figure that holds these Axes as PNG, or as SVG where the file is named so.
+
+    The figure is closed. An SVG has its letters as outlines, and the same bytes for the same
+    figure.
+    """
     import matplotlib.pyplot as plt
 
     from stochvi.views.axes import as_written
 
     memory, figure = io.BytesIO(), as_written(ax)
     try:
-        figure.savefig(memory, dpi=DOTS_PER_INCH, format="png")
+        if path.suffix == ".svg":
+            with plt.rc_context({"svg.fonttype": "path", "svg.hashsalt": "stochvi"}):
+                figure.savefig(memory, format="svg", metadata={"Date": None, "Creator": None})
+        else:
+            figure.savefig(memory, dpi=DOTS_PER_INCH, format="png")
     finally:
         plt.close(figure)
     write_bytes(memory.getvalue(), path)

@@ -119,15 +119,22 @@ def names_of_places(sizing: Sizing) -> dict[str, str]:
 
 
 def chance_of_stops(sizing: Sizing) -> str:
-    """Chance of any hit with the stops of the scene, in words; a limit of a tiny one."""
+    """Probability of any hit with the stops of the scene, in words."""
     chance = sizing.gap.probability
-    if chance is None:
-        return "not known"
-    return spoken_percent(chance) if chance > TINY else f"under {spoken_percent(TINY)}"
+    return UNKNOWN if chance is None else chance_in_words(chance)
+
+
+def chance_in_words(probability: float) -> str:
+    """A probability in per cent; a limit of a tiny one.
+
+    >>> chance_in_words(0.01), chance_in_words(1e-30)
+    ('1 %', 'under 1.0e-10 %')
+    """
+    return spoken_percent(probability) if probability > TINY else f"under {spoken_percent(TINY)}"
 
 
 TINY = 1e-12
-"""Chance below which its value means nothing: no noise is Gaussian as far as that."""
+"""Probability below which its value means nothing: no noise is Gaussian as far as that."""
 
 
 def places_of_stops(sizing: Sizing) -> str:

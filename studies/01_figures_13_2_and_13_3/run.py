@@ -16,9 +16,9 @@ TEXTBOOK = stochvi.load_scene(shipped_scene("oscillator-elastic"))
 DEVIATIONS = np.geomspace(0.1, 3.0, 25)  # sigma_x0 / D, the linear response over the clearance
 METHODS = (  # name, form, variant, line, colour, width
     ("exact", "", "", "-", "#1b1b1b", 2.6),
-    ("motion (book)", "motion", "book", "--", "#e0a030", 1.6),
-    ("force (book)", "force", "book", "-.", "#3a8f5c", 1.6),
-    ("closure", "closure", "consistent", ":", "#d1495b", 2.6),
+    ("motion (book)", "motion", "book", "--", "#e69f00", 1.6),
+    ("force (book)", "force", "book", "-.", "#009e73", 1.6),
+    ("closure", "closure", "consistent", ":", "#d55e00", 2.6),
 )
 PANELS = {
     "sigma_x_over_D": r"$\sigma_x / D$",
@@ -76,7 +76,7 @@ table = compute(options.quick)
 table.to_csv(options.out / "result.csv", index=False)
 figure, axes = plt.subplots(1, 3, figsize=(12.6, 4.3), layout="constrained")
 for ax, (column, label) in zip(axes, PANELS.items(), strict=True):
-    for name, _, _, line, colour, width in (*METHODS, ("Monte Carlo", "", "", "o", "#0b6fb8", 1)):
+    for name, _, _, line, colour, width in (*METHODS, ("Monte Carlo", "", "", "o", "#0072b2", 1)):
         part = table[table["method"] == name]
         ax.plot(part["sigma_x0_over_D"], part[column], line, c=colour, lw=width, ms=5, label=name)
     ax.set(xlabel=r"$\sigma_{x0} / D$", ylabel=label, xlim=(0.0, 3.05), ylim=(0.0, None))

@@ -13,7 +13,7 @@ from stochvi.views.files import write_picture
 from stochvi.views.impacts import plot_histogram
 from stochvi.views.spectra import plot_curve
 
-COLOURS = {None: "#3a8f5c", 1.0: "#0b6fb8", 0.8: "#d1495b"}
+COLOURS = {None: "#009e73", 1.0: "#0072b2", 0.8: "#d55e00"}
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--quick", action="store_true", help="larger errors")
 parser.add_argument("--out", type=Path, default=Path(__file__).parent)

@@ -6,7 +6,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
-ALARM, POINTS, REST = "#d1495b", "#0b6fb8", "#8a8f98"
+ALARM, POINTS, REST = "#d55e00", "#0072b2", "#8a8f98"
 
 
 def draw(faults: pd.DataFrame | None, alarms: pd.DataFrame | None, z: float, path: Path) -> None:

@@ -90,7 +90,7 @@ def main() -> None:
                      "on_a_branch": on, "farthest": away})  # fmt: skip
         print(rows[-1], flush=True)
         plot_branches(exact, ax, "impact_speed_max")
-        for form, colour in (("motion", "#e0a030"), ("force", "#3a8f5c")):
+        for form, colour in (("motion", "#e69f00"), ("force", "#009e73")):
             for branch in sv.harmonic_response(given, at, form=form, most_impacts=2).branches:
                 if branch.stops:
                     label = f"by {form}" if branch.stable[0] else None

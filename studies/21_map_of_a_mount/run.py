@@ -33,7 +33,7 @@ LIVES = {
 }
 """Clearance, m, and intensities of the noise of the base, m^2/s^3, for the life of each regime."""
 
-COLOURS = {"no impacts": "#0b6fb8", "stops lower, stops upper": "#d1495b", "other": "#3a8f5c",
+COLOURS = {"no impacts": "#0072b2", "stops lower, stops upper": "#d55e00", "other": "#009e73",
            "undecided": "#d0d0d0"}  # fmt: skip
 
 

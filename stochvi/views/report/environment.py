@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from stochvi.isolators.sizing.answer import spoken_mission
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.views.report.pages import Fact, Section, shown
+from stochvi.views.schematic import draw_problem
 from stochvi.views.sizing import plot_input, plot_response
 from stochvi.views.words import (
     G,
@@ -144,6 +145,7 @@ def gap_section(review: Review) -> Section:
         if found.mean_position
         else "without gravity or a load, that is where the mass hangs"
     )
+    names = [pair.name for pair in scene.impact_pairs] or ["stops"]
     return Section(
         title="Gap and stops",
         lead="A clearance is the distance of a stop from the static equilibrium, where the mass "
@@ -151,4 +153,11 @@ def gap_section(review: Review) -> Section:
         f"unloaded spring; {rest}. The chance of any hit does not depend on the law of the stops; "
         "what the hits do depends on it.",
         facts=facts,
+        pictures=[
+            shown(
+                lambda: draw_problem(scene, dict.fromkeys(names, found.mean_position)),
+                "The scene with its stops as they stand in the scene file; not to scale.",
+                wide=True,
+            )
+        ],
     )

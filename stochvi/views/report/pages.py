@@ -45,10 +45,12 @@ class Grid:
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A picture as a data URI, which is empty where it was not drawn, and its caption."""
+    """A picture as a data URI, which is empty where it was not drawn, and its caption; a wide one
+    takes the width of the page."""
 
     uri: str
     caption: str
+    wide: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +143,7 @@ def _tied(value: object) -> object:
     return BEFORE_UNIT.sub("\u00a0", str(value)) if plain else value
 
 
-def shown(draw: Callable[[], Axes], caption: str) -> Picture:
+def shown(draw: Callable[[], Axes], caption: str, *, wide: bool = False) -> Picture:
     """The figure that holds the Axes that `draw` returns, as SVG with letters as outlines, closed;
     the same bytes for the same figure. A caption alone where no time is left for the picture."""
     if not time_for_pictures():
@@ -156,4 +158,4 @@ def shown(draw: Callable[[], Axes], caption: str) -> Picture:
         figure.savefig(memory, format="svg", metadata={"Date": None, "Creator": None})
     plt.close(figure)
     encoded = base64.b64encode(memory.getvalue()).decode("ascii")
-    return Picture(uri=f"data:image/svg+xml;base64,{encoded}", caption=caption)
+    return Picture(uri=f"data:image/svg+xml;base64,{encoded}", caption=caption, wide=wide)

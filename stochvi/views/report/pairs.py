@@ -25,6 +25,7 @@ from stochvi.views.pairs import (
     worst_places,
 )
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
+from stochvi.views.schematic import draw_gaps
 from stochvi.views.words import MM, NO_TOLERANCES, count_of
 
 if TYPE_CHECKING:
@@ -87,6 +88,11 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
                 ],
                 pictures=[
                     shown(
+                        lambda: draw_gaps(sizing.scene.impact_pairs, _rests(sizing)),
+                        "Stops as they stand in the scene file, and clearances from the static "
+                        "equilibrium.",
+                    ),
+                    shown(
                         lambda: plot_pairs_clearances(sizing),
                         "Clearances and the rule of three sigma.",
                     ),
@@ -120,6 +126,12 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
         origin=origin,
         footer=[f"{sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads"],
     )
+
+
+def _rests(sizing: PairsSizing) -> dict[str, float]:
+    """Where each sized gap rests, m from the unloaded position, by pair."""
+    table = sizing.placed()
+    return dict(zip(table["pair"], table["mean_gap"], strict=True))
 
 
 def _tolerances(sizing: PairsSizing) -> Section:
