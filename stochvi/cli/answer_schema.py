@@ -139,14 +139,17 @@ CHANGES = {
     "ResponseSpectrum": Change(
         {"spectra": Mapping[str, Mapping[str, dict[str, Any]]]}, renamed={"curves": None}
     ),
-    "Screening": Change(optional=METHOD),
+    "Screening": Change(
+        optional=METHOD
+        | dict.fromkeys(("displacement_std", "velocity_std"), float)
+        | dict.fromkeys(("acceleration_std", "zero_crossing_rate"), float | None)
+    ),
     "Sizing": Change(
         METHOD
         | {"verdict": str, "made": Rounded | None, "clearance_in_sigma": float, "gap": Gap},
         {"sensitivity": ROWS, "review": PART},
         {"method": "by"},
     ),
-    "StructureScreening": Change(optional=METHOD),
     "WorkPrecision": Change(
         {
             "summary": str, "simulated_by": str, "free_of_bias": bool, "targets": list[float],

@@ -98,14 +98,15 @@ def _show_textbook(scene: Scene, verdict: Check, label: str, out: Path, console:
 def _show_isolator(
     scene: Scene, out: Path, options: Common, console: Console, report: Progress
 ) -> None:
-    from stochvi.isolators.screening import clearance_curve, predicted_curve, screen_isolator
+    from stochvi.isolators.clearance import clearance_curve, predicted_curve
+    from stochvi.isolators.screening import screen
     from stochvi.statistics.overview import overview
     from stochvi.views.files import try_picture, write_clearance, write_table
     from stochvi.views.isolator_tables import print_clearance, print_screening
     from stochvi.views.overview import draw_overview
 
     console.print(f"\n{scene.title}", style="bold", highlight=False)
-    linear = screen_isolator(scene)
+    linear = screen(scene)
     print_screening(console, linear)
     write_table(linear.to_frame(), out / "screening.csv")
     curve = clearance_curve(

@@ -46,18 +46,14 @@ def fail_unless_gaussian(record: RecordVerdict | None) -> None:
 def screen(options: Common, scene: str) -> None:
     """Linear screening: rms, 3 sigma, Rice's rate of hits; Miles' equation for an isolator."""
     from stochvi.isolators.screening import screen as solve
-    from stochvi.isolators.structure_screening import StructureScreening
     from stochvi.scenes.scene import load_scene
-    from stochvi.views.isolator_tables import print_screening, print_structure_screening
+    from stochvi.views.isolator_tables import print_screening
 
     found = solve(load_scene(scene), budget=options.rest)
     document = {"method": "screen", **found.to_dict()}
-    if isinstance(found, StructureScreening):
-        options.show(found, print_structure_screening, "screening", document)
-        if found.impact_pairs:
-            options.draw("screening", found.plot)
-        return
     options.show(found, print_screening, "screening", document)
+    if found.impact_pairs:
+        options.draw("screening", found.plot)
     fail_unless_gaussian(found.record)
 
 
@@ -76,31 +72,30 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     """Hit rate against clearance, pair by pair: Rice, closure, Monte Carlo."""
     import numpy as np
 
-    from stochvi.isolators.screening import clearance_curve, clearance_notes, predicted_curve
+    from stochvi.isolators.clearance import (
+        clearance_curve,
+        clearance_notes,
+        predicted_curve,
+    )
     from stochvi.isolators.screening import screen as solve
-    from stochvi.isolators.structure_screening import StructureScreening
     from stochvi.results.base import plain
     from stochvi.results.errors import NotApplicable
     from stochvi.scenes.scene import load_scene
-    from stochvi.views.files import write_clearance, write_pairs_clearance
+    from stochvi.views.files import write_clearance
     from stochvi.views.isolator_tables import print_clearance, print_record
 
     loaded = load_scene(scene)
     linear = solve(loaded)
-    several = isinstance(linear, StructureScreening)
-    if isinstance(linear, StructureScreening):
-        stds: Any = {name: gap.displacement_std for name, gap in linear.impact_pairs.items()}
-        record, notes = None, linear.notes
-        if still := [name for name, std in stds.items() if not std > 0.0]:
-            raise NotApplicable(
-                "clearance",
-                [f"excitation must move the gap of {', '.join(still)}; leave out what stays still"],
-            )
-        places = np.transpose([lengths("--gaps", gaps, plain=std) for std in stds.values()])
-    else:
-        record, stds = linear.record, linear.displacement_std
-        places = np.array(lengths("--gaps", gaps, plain=linear.displacement_std))
-        notes = clearance_notes(loaded, linear, places.tolist())
+    record = linear.record
+    stds = {name: gap.displacement_std for name, gap in linear.impact_pairs.items()}
+    if still := [name for name, std in stds.items() if not std > 0.0]:
+        raise NotApplicable(
+            "clearance",
+            [f"excitation must move the gap of {', '.join(still)}; leave out what stays still"],
+        )
+    places = np.transpose([lengths("--gaps", gaps, plain=std) for std in stds.values()])
+    places = places.reshape(-1, len(stds))
+    notes = clearance_notes(linear, places)
     if not options.quiet:
         print_record(options.console, record)
 
@@ -113,7 +108,7 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     def show(curve: pd.DataFrame) -> None:
         document = {
             "method": "clearance",
-            "displacement_std": stds,
+            "displacement_std": stds if len(stds) > 1 else next(iter(stds.values())),
             "curve": plain(curve),
             "notes": notes,
             "record": plain(record),
@@ -121,9 +116,7 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
         options.show(
             curve, lambda console, each: print_clearance(console, each, notes), None, document
         )
-        if options.out is not None and several:
-            write_pairs_clearance(curve, loaded.title, options.out)
-        elif options.out is not None:
+        if options.out is not None:
             write_clearance(curve, predicted_curve(loaded, curve), loaded.title, options.out)
 
     shown(simulated, show)

@@ -254,6 +254,11 @@ class Model:
         return modal_form(self)
 
     @cached_property
+    def mean_gaps(self) -> Vector:
+        """Mean gaps (pairs,) under the constant loads where nothing is hit, m."""
+        return self.modal.gaps @ self.modal.rest
+
+    @cached_property
     def white(self) -> Matrix:
         """Intensity matrix (n, n) of the white forces, N^2 s."""
         total = np.zeros_like(self.mass)

@@ -252,7 +252,7 @@ class PairMotion:
 
 def own_distances(model: Model) -> tuple[Vector, Vector]:
     """(pairs,) distances of the lower and of the upper stops from the mean gaps, m."""
-    rest = model.modal.gaps @ model.modal.rest
+    rest = model.mean_gaps
     found = np.full((2, len(model.pairs)), math.inf)
     for number, (pair, place) in enumerate(zip(model.pairs, rest, strict=True)):
         for stop in pair.stops:

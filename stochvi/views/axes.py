@@ -241,3 +241,10 @@ def label_for_page(ax: Axes, x: str, y: str, *, legend: bool = True) -> None:
     if legend:
         ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
                   ncols=LEGEND_COLUMNS)  # fmt: skip
+
+
+def legend_above(ax: Axes) -> None:
+    """The legend above the Axes of bars, where it hides none of them."""
+    ax.legend(
+        frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3
+    )

@@ -1,16 +1,16 @@
-"""Pictures of the hit rate of an isolator against the clearance of its stops."""
+"""Pictures of hit rates against the clearance of the stops."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from stochvi.views.axes import add_grid, add_title, axes_or_new, length_unit
+from stochvi.views.axes import add_grid, axes_or_new, length_unit
 from stochvi.views.colours import COLOURS, owner_colours
-
-SIGMA_LABEL = "clearance per side / rms displacement without stops"
 
 
 def plot_clearance_curve(
@@ -18,31 +18,48 @@ def plot_clearance_curve(
 ) -> Axes:
     """Hit rate against clearance: Rice, closure, and Monte Carlo with its 95 % interval.
 
-    `curve` comes from `clearance_curve`; `predicted` from `predicted_rates` on a finer grid.
+    `curve` comes from `clearance_curve`; `predicted` from `predicted_curve`. A picture of one pair
+    tells the methods apart by colour, one of several pairs the pairs.
     """
-    ax = axes_or_new(ax)
+    ax = axes_or_new(ax, (6.8, 4.6))
     smooth = curve if predicted is None else predicted
-    sigma = smooth["clearance_in_sigma"]
-    ax.plot(sigma, smooth["rice"], color=COLOURS["exact"], linestyle="--", label="Rice, no impacts")
-    ax.plot(sigma, smooth["closure"], color=COLOURS["linearise:closure"], label="moment closure")
-    centre = curve["simulated"]
-    ax.errorbar(
-        curve["clearance_in_sigma"], centre, color=COLOURS["simulate"], fmt="o", markersize=4.5,
-        yerr=[centre - curve["simulated_low"], curve["simulated_high"] - centre], capsize=3,
-        label="Monte Carlo, 95 %",
-    )  # fmt: skip
+    several = "pair" in curve
+    for (name, rows), (_, lines), colours in zip(
+        _by_pair(curve), _by_pair(smooth), _colours(curve), strict=True
+    ):
+        rice, closure, simulated = colours
+        sigma = lines["clearance_in_sigma"]
+        ax.plot(sigma, lines["rice"], color=rice, linestyle="--", label=None if several else RICE)
+        if lines["closure"].notna().any():
+            ax.plot(
+                sigma, lines["closure"], color=closure, linewidth=1.0 if several else None,
+                label=None if several else "moment closure",
+            )  # fmt: skip
+        _error_bars(ax, rows, rows["simulated"], 1.0, simulated, name or "Monte Carlo, 95 %")
+    if several:
+        ax.plot([], [], color="0.4", linestyle="--", label=RICE)
+        ax.plot([], [], color="0.4", linewidth=1.0, label="moment closure")
     ax.set_yscale("log")
-    ax.set_xlabel(SIGMA_LABEL)
-    ax.set_ylabel("hits on both stops (1/s)")
+    ax.set_xlabel(_sigma_label(curve))
+    ax.set_ylabel(f"hits on the stops{' of a pair' if several else ''} (1/s)")
     add_grid(ax)
     ax.legend(frameon=False)
+    if not several:
+        _add_lengths(ax, curve)
+    return ax
+
+
+RICE = "Rice, no impacts"
+
+
+def _add_lengths(ax: Axes, curve: pd.DataFrame) -> None:
+    """The clearances of one pair as lengths, on an upper axis."""
     unit, name = length_unit(float(curve["clearance"].max()))
     per_sigma = float(curve["clearance"].iloc[0] / curve["clearance_in_sigma"].iloc[0]) / unit
     top = ax.secondary_xaxis(
         "top", functions=(lambda s: np.asarray(s) * per_sigma, lambda c: np.asarray(c) / per_sigma)
     )
     top.set_xlabel(f"clearance per side ({name})")
-    return ax
 
 
 def plot_clearance_ratio(
@@ -51,18 +68,13 @@ def plot_clearance_ratio(
     """The same rates divided by Rice's, which shows what the impacts themselves change."""
     ax = axes_or_new(ax)
     smooth = curve if predicted is None else predicted
-    ratio = curve["simulated"] / curve["rice"]
     ax.axhline(1.0, color=COLOURS["exact"], linestyle="--", linewidth=1.2)
-    ax.plot(
-        smooth["clearance_in_sigma"], smooth["closure"] / smooth["rice"],
-        color=COLOURS["linearise:closure"],
-    )  # fmt: skip
-    ax.errorbar(
-        curve["clearance_in_sigma"], ratio, color=COLOURS["simulate"], fmt="o", markersize=4.5,
-        yerr=[ratio - curve["simulated_low"] / curve["rice"],
-              curve["simulated_high"] / curve["rice"] - ratio], capsize=3,
-    )  # fmt: skip
-    ax.set_xlabel(SIGMA_LABEL)
+    for (_, rows), (_, lines), (_, closure, simulated) in zip(
+        _by_pair(curve), _by_pair(smooth), _colours(curve), strict=True
+    ):
+        ax.plot(lines["clearance_in_sigma"], lines["closure"] / lines["rice"], color=closure)
+        _error_bars(ax, rows, rows["simulated"] / rows["rice"], rows["rice"], simulated, None)
+    ax.set_xlabel(_sigma_label(curve))
     ax.set_ylabel("rate / Rice")
     add_grid(ax)
     return ax
@@ -77,26 +89,36 @@ def draw_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str) -> 
     below: Axes = axes[1]
     plot_clearance_curve(curve, predicted, above).set_xlabel("")
     plot_clearance_ratio(curve, predicted, below)
-    figure.suptitle(title)
+    figure.suptitle(title or "hits against clearance")
     return above
 
 
-def draw_pairs_clearance(curve: pd.DataFrame, title: str, ax: Axes | None = None) -> Axes:
-    """Hit rate of each pair against the clearance of all, in rms of its gap: Monte Carlo with its
-    95 % interval over Rice."""
-    ax = axes_or_new(ax, (6.8, 4.6))
-    groups = curve.groupby("pair", sort=False)
-    for colour, (name, rows) in zip(owner_colours(len(groups)), groups, strict=True):
-        centre = rows["simulated"]
-        ax.plot(rows["clearance_in_sigma"], rows["rice"], color=colour, linestyle="--", linewidth=1)
-        ax.errorbar(
-            rows["clearance_in_sigma"], centre, color=colour, fmt="o", markersize=4.5, capsize=3,
-            yerr=[centre - rows["simulated_low"], rows["simulated_high"] - centre], label=name,
-        )  # fmt: skip
-    ax.plot([], [], color="0.4", linestyle="--", linewidth=1, label="Rice, no impacts")
-    ax.set_yscale("log")
-    ax.set_xlabel("clearance per side / rms of the gap without stops")
-    ax.set_ylabel("hits on the stops of the pair (1/s)")
-    add_grid(ax)
-    ax.legend(frameon=False)
-    return add_title(ax, title or "hits against clearance")
+def _by_pair(table: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """Name and rows of each pair; the name is empty where there is one."""
+    if "pair" not in table:
+        return [("", table)]
+    return [(str(name), rows) for name, rows in table.groupby("pair", sort=False)]
+
+
+def _colours(curve: pd.DataFrame) -> list[Sequence[str]]:
+    """Colours of Rice's rate, the closure and the simulation, for each pair."""
+    if "pair" not in curve:
+        return [(COLOURS["exact"], COLOURS["linearise:closure"], COLOURS["simulate"])]
+    return [(colour,) * 3 for colour in owner_colours(curve["pair"].nunique())]
+
+
+def _error_bars(
+    ax: Axes, rows: pd.DataFrame, centre: pd.Series, scale: pd.Series | float, colour: str,
+    label: str | None,
+) -> None:  # fmt: skip
+    """Simulated rates over a scale, with their 95 % intervals."""
+    ax.errorbar(
+        rows["clearance_in_sigma"], centre, color=colour, fmt="o", markersize=4.5, capsize=3,
+        yerr=[centre - rows["simulated_low"] / scale, rows["simulated_high"] / scale - centre],
+        label=label,
+    )  # fmt: skip
+
+
+def _sigma_label(curve: pd.DataFrame) -> str:
+    moved = "of the gap" if "pair" in curve else "displacement"
+    return f"clearance per side / rms {moved} without stops"

@@ -223,12 +223,3 @@ def write_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str, fo
 
     write_table(curve, folder / "clearance.csv")
     try_picture(lambda: draw_clearance(curve, predicted, title), folder / "clearance.png")
-
-
-def write_pairs_clearance(curve: pd.DataFrame, title: str, folder: Path) -> None:
-    """Write hit rates of several pairs against their clearances as `clearance.csv` and
-    `clearance.png`."""
-    from stochvi.views.clearance import draw_pairs_clearance
-
-    write_table(curve, folder / "clearance.csv")
-    try_picture(lambda: draw_pairs_clearance(curve, title), folder / "clearance.png")

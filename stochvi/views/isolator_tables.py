@@ -36,20 +36,14 @@ if TYPE_CHECKING:
     from stochvi.isolators.screening import Screening
     from stochvi.isolators.sizing.answer import Sizing
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
-    from stochvi.isolators.structure_screening import StructureScreening
 
 
 def print_screening(console: Console, linear: Screening) -> None:
-    """Print the verdict on a record, then the linear screening of an isolator with its notes."""
+    """Print the verdict on a record, then the linear screening of coordinates and gaps with its
+    notes."""
     print_record(console, linear.record)
-    print_frame(console, linear.to_frame(), "linear screening, stops left out")
-    for note in linear.notes:
-        console.print(f"note: {note}", style="yellow", highlight=False)
-
-
-def print_structure_screening(console: Console, linear: StructureScreening) -> None:
-    """Print the linear screening of several coordinates and gaps, with its notes."""
-    print_frame(console, _joined(linear.to_frame()), "linear screening, stops left out")
+    table = linear.to_frame() if len(linear.coordinates) == 1 else _joined(linear.to_frame())
+    print_frame(console, table, "linear screening, stops left out")
     if linear.impact_pairs:
         print_frame(console, linear.gaps_to_frame(), "gaps, and hits by Rice")
     for note in linear.notes:

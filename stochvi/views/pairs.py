@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
-from stochvi.views.axes import add_grid, add_title, axes_or_new, length_unit
+from stochvi.views.axes import add_grid, add_title, axes_or_new, legend_above, length_unit
 from stochvi.views.colours import COLOURS, owner_colours
 from stochvi.views.words import MM, four_digits
 
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
-    from stochvi.isolators.structure_screening import StructureScreening
 
 
 def interval_in_words(chance: Probability) -> str:
@@ -240,33 +239,5 @@ def plot_pairs_clearances(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
     ax.invert_yaxis()
     ax.set_xlim(left=0.0)
     ax.set_xlabel(f"clearance per side ({unit_name})")
-    _legend_above(ax)
+    legend_above(ax)
     return ax
-
-
-def plot_structure_screening(found: StructureScreening, ax: Axes | None = None) -> Axes:
-    """Three sigma of every gap about its mean, and the stops where they are."""
-    gaps = found.impact_pairs
-    ax = axes_or_new(ax, (6.8, 0.9 + 0.42 * max(len(gaps), 3)))
-    places = [max(gap.three_sigma, *gap.stops.values()) for gap in gaps.values()]
-    unit, unit_name = length_unit(max(places, default=1.0))
-    for row, gap in enumerate(gaps.values()):
-        half = gap.three_sigma / unit
-        ax.barh(row, 2.0 * half, left=-half, color=COLOURS["simulate"], alpha=0.5, height=0.5)
-        for side, distance in gap.stops.items():
-            at = (distance if side == "upper" else -distance) / unit
-            ax.plot([at, at], [row - 0.4, row + 0.4], color=COLOURS["stop"], linewidth=4)
-    ax.plot([], [], color=COLOURS["stop"], linewidth=4, label="stop")
-    ax.barh([0], [0], color=COLOURS["simulate"], alpha=0.5, label="3 sigma, nothing hit")
-    ax.set_yticks(range(len(gaps)), list(gaps))
-    ax.invert_yaxis()
-    ax.set_xlabel(f"gap, from its mean ({unit_name})")
-    _legend_above(ax)
-    return ax
-
-
-def _legend_above(ax: Axes) -> None:
-    """The legend above the Axes of bars, where it hides none of them."""
-    ax.legend(
-        frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=3
-    )

@@ -24,9 +24,10 @@ from stochvi.views.basins import draw_bifurcation, plot_basins, plot_lifetimes
 from stochvi.views.colours import COLOURS, GRID_COLOUR, OWNERS
 from stochvi.views.first_passage import plot_first_passage
 from stochvi.views.impacts import draw_impacts, plot_histogram
-from stochvi.views.pairs import plot_pairs_risk, plot_structure_screening
+from stochvi.views.pairs import plot_pairs_risk
 from stochvi.views.replay import plot_clearances, plot_history
 from stochvi.views.report.missions import plot_chances
+from stochvi.views.screening import plot_screening
 from stochvi.views.sine import plot_sine
 from stochvi.views.sizing import plot_risk
 from stochvi.views.spectra import draw_spectrum, plot_curve
@@ -40,7 +41,6 @@ from stochvi.views.verification import (
 
 if TYPE_CHECKING:
     from stochvi.isolators.jolt_response import Jolts
-    from stochvi.isolators.screening import Screening
     from stochvi.methods.fokker_planck.transients import Transient
     from stochvi.methods.replay.answer import Replay
     from stochvi.results.base import Result
@@ -62,9 +62,6 @@ MOST_ROWS = 40
 MOST_SCORE = 3.0
 """Scores above this multiple of the one that raises an alarm are drawn at the edge of the
 picture."""
-
-SIGMAS = np.linspace(1.0, 6.0, 101)
-"""Clearances of the picture of a screening, in rms displacements."""
 
 
 def plot(found: Result, ax: Axes | None = None) -> Axes:
@@ -210,33 +207,6 @@ def plot_explanation(found: Explanation, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def plot_screening(found: Screening, ax: Axes | None = None) -> Axes:
-    """Hits by Rice's formula against clearance, three sigma marked."""
-    ax = axes_or_new(ax)
-    sigma = found.displacement_std
-    unit, name = length_unit(3.0 * sigma)
-    places = SIGMAS * sigma
-    ax.semilogy(
-        places / unit,
-        [found.rice_rate(place) for place in places],
-        color=COLOURS["exact"],
-        linestyle="--",
-        label="Rice, hits change nothing",
-    )
-    ax.plot(
-        3.0 * sigma / unit,
-        found.rice_rate(3.0 * sigma),
-        "o",
-        color=COLOURS["linearise:closure"],
-        label="3 sigma",
-    )
-    ax.set_xlabel(f"clearance per side ({name})")
-    ax.set_ylabel("hits per second")
-    add_grid(ax)
-    ax.legend(frameon=False)
-    return ax
-
-
 def plot_transient(found: Transient, ax: Axes | None = None) -> Axes:
     """Mean displacement and one standard deviation about it against time."""
     ax = axes_or_new(ax)
@@ -366,7 +336,6 @@ PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "ResponseSpectrum": plot_spectrum,
     "Screening": plot_screening,
     "Sizing": plot_risk,
-    "StructureScreening": plot_structure_screening,
     "Transient": plot_transient,
     "WorkPrecision": plot_cost,
 }

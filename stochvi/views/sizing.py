@@ -303,7 +303,7 @@ def plot_impact_speeds(review: Review, ax: Axes | None = None) -> Axes:
     """Rate of impacts faster than w, counted, and Rice's with Rayleigh speeds."""
     ax = axes_or_new(ax, PAGE)
     sizing, motion = review.sizing, _motion(review)
-    assert motion.faster_hits is not None and sizing.screening is not None
+    assert motion.faster_hits is not None
     speeds, faster = motion.faster_hits["impact_speed"], motion.faster_hits["rate"]
     deviation = sizing.screening.velocity_std
     rice = sizing.three_sigma.rice_hits / sizing.mission

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 import stochvi
-from stochvi.isolators.screening import predicted_rates
+from stochvi.isolators.clearance import predicted_rates
 from stochvi.views.clearance import draw_clearance
 from stochvi.views.files import write_picture
 

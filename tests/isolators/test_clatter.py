@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from stochvi import ConstantLoad, Elastic, Isolator, NotApplicable, Restitution, Viscoelastic
+from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.screening import screen
 from stochvi.isolators.sizing.clatter import clatter
-from stochvi.isolators.sizing.hits_at_clearance import at_clearance
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
@@ -59,7 +59,7 @@ def test_the_mean_square_is_that_of_samples(law: CompliantLaw) -> None:
     scene = truck(law)
     clearance = 1.5 * screen(scene).displacement_std
     row = clatter(scene, [clearance], rel_error=0.02, window=8.0, seed=2).iloc[0]
-    stopped = at_clearance(scene, clearance)
+    stopped = at_clearances(scene, clearance)
     plan = plan_tabulated(model_of(stopped), 0.0, 8.0)
     paths, model = 256, model_of(stopped)
     blocks = []

@@ -18,12 +18,8 @@ from stochvi import (
     screen,
 )
 from stochvi.isolators import clearance_curve, size
-from stochvi.isolators.screening import (
-    clearance_notes,
-    predicted_curve,
-    predicted_rates,
-    with_clearance,
-)
+from stochvi.isolators.clearance import clearance_notes, predicted_curve, predicted_rates
+from stochvi.isolators.moved_stops import at_clearances
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.deadline import Deadline
 from support.known import oscillator
@@ -101,13 +97,14 @@ def test_clearance_is_measured_from_where_the_mass_hangs() -> None:
         update={"excitations": (*scene.excitations, ConstantLoad(acceleration=9.80665))}
     )
     sag = -9.80665 / hanging.structure.omega**2
-    pair = with_clearance(hanging, 1e-3).impact_pairs[0]
+    pair = at_clearances(hanging, 1e-3).impact_pairs[0]
     assert (pair.lower, pair.upper) == pytest.approx((sag - 1e-3, sag + 1e-3))
 
 
 def test_what_screening_does_not_cover_says_why() -> None:
-    with pytest.raises(NotApplicable, match="must be 'isolator'"):
-        screen(oscillator(-1.0, 1.0, 1.0))
+    undamped = oscillator(-1.0, 1.0, 1.0, damping=0.0)
+    with pytest.raises(NotApplicable, match="there is no damping at"):
+        screen(undamped)
     bare = Scene(
         structure=Isolator(frequency_hz=12.0, zeta=0.1),
         excitations=[TabulatedNoise(profile="navmat-p-9492")],
@@ -118,16 +115,40 @@ def test_what_screening_does_not_cover_says_why() -> None:
         clearance_curve(white_mount(10.0, 10.0, 0.01), [-1e-3])
 
 
+def test_a_mass_that_noise_pushes_is_screened_without_the_acceleration_of_a_base() -> None:
+    linear = screen(oscillator(-1.0, 3.0, 1.0))
+    # theta = 1: sigma = s_v = 1
+    assert (linear.displacement_std, linear.velocity_std) == pytest.approx((1.0, 1.0), rel=1e-12)
+    assert linear.acceleration_std is linear.miles is linear.input_acceleration_std is None
+    gap = linear.impact_pairs["stops"]
+    hits = (math.exp(-0.5) + math.exp(-4.5)) / (2.0 * math.pi)
+    assert gap.rice_rate == pytest.approx(hits, rel=1e-12)
+    assert "absolute acceleration" not in list(linear.to_frame()["quantity"])
+
+
+def test_a_mass_with_one_stop_is_hit_on_one_side() -> None:
+    """One elastic stop in white noise: Rice's rate over the probability of what lies before it."""
+    scene = oscillator(None, 5.0, 1.0)
+    curve = clearance_curve(scene, [1.0], rel_error=0.02, seed=3)
+    rice = math.exp(-0.5) / (2.0 * math.pi)
+    known = rice / (0.5 + 0.5 * math.erf(math.sqrt(0.5)))
+    (row,) = curve.to_dict("records")
+    assert row["rice"] == pytest.approx(rice, rel=1e-12)
+    half = 0.5 * (row["simulated_high"] - row["simulated_low"])
+    assert abs(row["simulated"] - known) < 4.5 / 1.96 * half
+    assert abs(row["simulated"] - 2.0 * known) > 4.5 / 1.96 * half
+
+
 def test_a_load_that_moves_the_mass_further_than_a_gap_is_noted() -> None:
     scene = white_mount(10.0, 10.0, 0.01)
     gravity = ConstantLoad(acceleration=-STANDARD_GRAVITY)  # of the base, downwards
     loaded = scene.model_copy(update={"excitations": (*scene.excitations, gravity)})
     sag = STANDARD_GRAVITY / (20.0 * math.pi) ** 2
     linear = screen(loaded)
-    (note,) = set(clearance_notes(loaded, linear, [0.9 * sag, 2.0 * sag])) - set(linear.notes)
+    (note,) = set(clearance_notes(linear, [0.9 * sag, 2.0 * sag])) - set(linear.notes)
     assert "+2.484 mm, more than the gap of 2.236 mm" in note
-    assert clearance_notes(loaded, linear, [1.1 * sag]) == linear.notes
-    assert clearance_notes(scene, screen(scene), [0.9 * sag]) == screen(scene).notes
+    assert clearance_notes(linear, [1.1 * sag]) == linear.notes
+    assert clearance_notes(screen(scene), [0.9 * sag]) == screen(scene).notes
 
 
 def test_numbers_of_a_screening_are_sums_over_frequency() -> None:

@@ -24,9 +24,9 @@ from stochvi import (
     screen,
     size,
 )
+from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing import pairs
 from stochvi.isolators.sizing.changes import Change, Tolerances
-from stochvi.isolators.sizing.hits_at_clearance import at_distances
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
 from stochvi.model.model import model_of
@@ -222,7 +222,7 @@ def test_places_of_stops_count_from_the_unloaded_springs(both: PairsSizing) -> N
     assert table["mean_gap"].tolist() == pytest.approx([0.3, 0.0])
     for name, found in both.clearances.items():
         assert found.value < both.tolerances[name].iloc[-1] <= made[name]
-    there = at_distances(loaded, np.array([made, made]))
+    there = at_clearances(loaded, np.array([made, made]))
     for name, each in zip(("x", "z"), there.impact_pairs, strict=True):
         assert table.loc[name, "lower"] == pytest.approx(each.lower)
         assert table.loc[name, "upper"] == pytest.approx(each.upper)
@@ -273,7 +273,7 @@ def sized_by_hits(scene: Scene, **asked: object) -> tuple[PairsSizing, Scene]:
     """The answer, and the scene with the stops that it asks for."""
     found = sized(scene, whole=True, **asked)
     places = [each.value for each in found.clearances.values()]
-    return found, at_distances(scene, np.array([places, places]))
+    return found, at_clearances(scene, np.array([places, places]))
 
 
 @pytest.mark.verify
@@ -284,7 +284,7 @@ def test_a_rate_of_hits_is_kept() -> None:
     again = bursts(there, rel_error=0.1, seed=5).hit_rate()
     both_known = replace(again, standard_error=math.hypot(again.standard_error, 0.2 * rate))
     assert_agrees(both_known, rate)
-    closer = at_distances(scene, np.full((2, 2), 3.6))
+    closer = at_clearances(scene, np.full((2, 2), 3.6))
     with pytest.raises(AssertionError):
         assert_agrees(bursts(closer, rel_error=0.1, seed=5).hit_rate(), rate)
     assert found.probability.value < 1.0 - math.exp(-rate * MISSION)

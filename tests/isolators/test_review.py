@@ -20,9 +20,9 @@ from stochvi import (
 )
 from stochvi.isolators.contact import contact_on_mount
 from stochvi.isolators.environment import frequencies, input_density, transmissibility
+from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.chance_at_stops import probability_at, probability_of_stops
-from stochvi.isolators.sizing.hits_at_clearance import at_clearance
 from stochvi.isolators.sizing.motion import PathSettings, motion_between_stops
 from stochvi.isolators.sizing.review import ReviewSettings, review
 from stochvi.isolators.sizing.sensitivity import variations
@@ -208,7 +208,7 @@ def test_a_long_path_between_elastic_stops_has_the_exact_law() -> None:
     motion = motion_between_stops(near, PathSettings(periods=20_000.0))
     x = np.linspace(-1.5, 1.5, 20_001)
     law = np.exp(-0.5 * x**2)
-    known = exact(at_clearance(scene, 1.5 * sigma)).impact_pairs["stops"]
+    known = exact(at_clearances(scene, 1.5 * sigma)).impact_pairs["stops"]
     rate = float(known.collision_rate or 0.0)
     hits = motion.hits / motion.duration
     # hits of a resonance come in groups of some ten

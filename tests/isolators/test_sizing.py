@@ -27,10 +27,11 @@ from stochvi import (
     screen,
     simulate,
 )
+from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing import method
 from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.isolators.sizing.exceedances import chance_in_windows
-from stochvi.isolators.sizing.method import Sizing, at_clearance, size
+from stochvi.isolators.sizing.method import Sizing, size
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.monte_carlo.kernels.rows import EXTREMES, FASTEST
@@ -163,7 +164,7 @@ def test_the_document_holds_plain_numbers(hourly: Sizing) -> None:
 def test_hits_are_counted_with_the_stop_law() -> None:
     scene = truck(HALF)
     found = size(scene, probability=0.01, seed=2)
-    stops = simulate(at_clearance(scene, 3.0 * found.sigma), rel_error=0.03, seed=9).impact_pairs[
+    stops = simulate(at_clearances(scene, 3.0 * found.sigma), rel_error=0.03, seed=9).impact_pairs[
         "stops"
     ]
     direct, speed = stops.collision_rate, found.three_sigma.impact_speed_mean
@@ -203,7 +204,7 @@ def test_the_clearance_for_a_rate_of_elastic_stops_is_the_exact_one() -> None:
 def test_a_frequent_rate_is_simulated_outright() -> None:
     found = size(truck(HALF), rate=0.3, seed=3)
     direct = simulate(
-        at_clearance(truck(HALF), found.clearance.value), rel_error=0.02, seed=8
+        at_clearances(truck(HALF), found.clearance.value), rel_error=0.02, seed=8
     ).impact_pairs["stops"]["collision_rate"]
     assert isinstance(direct, Estimate)
     half = 0.5 * (found.clearance.upper - found.clearance.lower)
@@ -216,7 +217,7 @@ def test_a_frequent_rate_is_simulated_outright() -> None:
 def test_a_largest_impact_speed_against_whole_missions() -> None:
     scene, mission, limit, exceedance = truck(HALF), 40.0, 0.3, 0.1
     found = size(scene, impact_speed=limit, mission=mission, exceedance=exceedance, seed=4)
-    plan = plan_tabulated(model_of(at_clearance(scene, found.clearance.value)), None, mission)
+    plan = plan_tabulated(model_of(at_clearances(scene, found.clearance.value)), None, mission)
     paths = 2048
     extremes = np.zeros((paths, EXTREMES))
     for first in range(0, paths, plan.block):
@@ -239,7 +240,7 @@ def test_static_sag_and_single_stops_are_kept() -> None:
         ],
     )  # fmt: skip
     sag = -9.80665 / scene.structure.omega**2
-    pair = at_clearance(scene, 5e-3).impact_pairs[0]
+    pair = at_clearances(scene, 5e-3).impact_pairs[0]
     assert pair.lower == pytest.approx(sag - 5e-3) and pair.upper is None
     one = size(scene, probability=0.01, rel_error=0.1, seed=1)
     two = size(ten_hertz(0.05), probability=0.01, rel_error=0.1, seed=1)
@@ -490,7 +491,7 @@ def test_a_soft_bumper_may_stand_closer_than_bursts_can_judge() -> None:
     assert found.clearance.value < 2.0 * found.sigma < 3.0 * found.sigma
     assert found.exceeding is not None and found.exceeding["clearance"].is_monotonic_increasing
     # whole missions, simulated by another engine: none exceeds the limit
-    several = at_clearance(soft_bumper(), found.clearance.value)
+    several = at_clearances(soft_bumper(), found.clearance.value)
     response = simulate(several, paths=64, duration=36.0, seed=3)
     force = response.impact_pairs[several.impact_pairs[0].name]["peak_force"]
     assert isinstance(force, Estimate) and force.value / 2.0 < limit
@@ -498,7 +499,7 @@ def test_a_soft_bumper_may_stand_closer_than_bursts_can_judge() -> None:
 
 def test_windows_and_bursts_agree_on_a_limit() -> None:
     clearance, limit, mission = 0.0075, 7.0 * STANDARD_GRAVITY, 600.0
-    scene = at_clearance(soft_bumper(), clearance)
+    scene = at_clearances(soft_bumper(), clearance)
     windows = chance_in_windows(
         scene, "peak_acceleration", limit, mission, accepted=0.5, seed=1, budget=None
     )

@@ -111,7 +111,6 @@ ANSWERS: dict[str, Callable[[], Result]] = {
         most_impacts=2,
     ),
     "History": lambda: stochvi.history(lossy(), duration=2.0),
-    "StructureScreening": lambda: stochvi.screen(uncoupled(pair("x", "x", 3.0))),
     "PairsSizing": lambda: stochvi.size(
         uncoupled(pair("x", "x", 3.0)), probability=0.1, mission=200.0, rel_error=0.5, threads=1
     ),
@@ -212,7 +211,7 @@ def test_a_page_shows_what_was_found_and_drops_no_warning(answer: Result) -> Non
 
 def test_a_document_drops_no_warning(answer: Result) -> None:
     # notes, hints or the documents of responses hold what a reader of these must know
-    elsewhere = {"Check", "Explanation", "Judgement", "Screening", "StructureScreening"}
+    elsewhere = {"Check", "Explanation", "Judgement", "Screening"}
     document = json.dumps(replace(answer, warnings=("the bias is not known",)).to_dict())
     assert ("the bias is not known" in document) == (type(answer).__name__ not in elsewhere)
 
@@ -221,7 +220,7 @@ def test_an_answer_says_where_it_comes_from(answer: Result) -> None:
     several = {"Checks", "Judgement"}  # of several scenes
     if type(answer).__name__ not in several:
         assert answer.provenance["scene"]["structure"]
-    by_hand = {"PairsSizing", "Sizing", "StructureScreening"}  # the tests here make them
+    by_hand = {"PairsSizing", "Sizing"}  # the tests here make them
     if type(answer).__name__ not in by_hand:
         assert answer.provenance["call"]["date"]
 

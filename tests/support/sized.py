@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from stochvi import ImpactPair, Isolator, Scene, TabulatedNoise, screen, simulate
-from stochvi.isolators.screening import with_clearance
+from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import Clearance, Sizing, Target, ThreeSigma
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.scenes.excitations import Excitation
@@ -50,7 +50,7 @@ def sizing_of(scene: Scene, mission: float = 3600.0, paths: int = 256) -> Sizing
     evidence, simulated = {}, []
     if scene.impact_pairs:
         for name, place in (("three_sigma", 3.0 * sigma), ("recommended", needed[1])):
-            answer = simulate(with_clearance(scene, place), paths=paths, duration=20.0, seed=1)
+            answer = simulate(at_clearances(scene, place), paths=paths, duration=20.0, seed=1)
             evidence[name] = answer
             rate = answer.impact_pairs["stops"]["collision_rate"]
             assert isinstance(rate, Estimate)

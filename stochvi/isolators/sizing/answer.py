@@ -218,7 +218,7 @@ class Sizing(Result):
     evidence
         Responses simulated with the stop law, by "three_sigma" and "recommended".
     screening
-        Linear screening; None where the scene is no isolator on a noisy base.
+        Linear screening.
     method
         How the clearance was found, in words.
     record
@@ -251,7 +251,7 @@ class Sizing(Result):
     required: pd.DataFrame
     simulated: pd.DataFrame
     evidence: Mapping[str, Response]
-    screening: Screening | None
+    screening: Screening
     method: str
     record: RecordVerdict | None = None
     kept_with: Estimate | None = None

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.isolators.sizing.hits_at_clearance import at_clearance
+from stochvi.isolators.moved_stops import at_clearances
 from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
@@ -136,7 +136,7 @@ def clatter(
     ]
     with crew_of(executor, threads) as crew:
         for ratio, stopped, clearance in wanted:
-            plan = plan_windows(at_clearance(stopped, clearance), window)
+            plan = plan_windows(at_clearances(stopped, clearance), window)
             windows = _Windows(plan, plan_windows(free, window), seed, crew)
             windows.run(rel_error, budget)
             if progress:

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.clatter import plan_windows
-from stochvi.isolators.sizing.hits_at_clearance import at_clearance
 from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.kernels.rows import Extremes
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
@@ -108,7 +108,7 @@ def exceedances(
     event, deadline = event or event_of(scene), Deadline.after(budget)
     seen: list[_Seen] = []
     for number, clearance in enumerate(clearances):
-        stopped = at_clearance(scene, clearance)
+        stopped = at_clearances(scene, clearance)
         share = deadline.part(1.0 / (len(clearances) - number))
         asked: dict[str, Any] = {"seed": seed, "threads": threads, "budget": share}
         seen.append(

@@ -6,9 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.kernels.rows import Extremes
@@ -18,42 +16,10 @@ from stochvi.results.deadline import as_far_as_it_got
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.response import Response
-from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.scene import Scene
 from stochvi.statistics.burst_flights import WINDOWS
 from stochvi.statistics.bursts import UNFINISHED, bursts
 from stochvi.statistics.first_crossings import crossing_plan, deviations
-
-
-def at_clearance(scene: Scene, clearance: float) -> Scene:
-    """The scene with its stops moved to a clearance (m), their laws kept."""
-    rest = model_of(scene).rest
-    pair = scene.impact_pairs[0]
-    kept = pair.model_dump(include={"name", "on", "law", "lower_law", "upper_law"})
-    moved = ImpactPair(
-        **kept,
-        lower=None if pair.lower is None else rest - clearance,
-        upper=None if pair.upper is None else rest + clearance,
-    )
-    return scene.model_copy(update={"impact_pairs": (moved,)})
-
-
-def at_distances(scene: Scene, distances: NDArray[np.float64]) -> Scene:
-    """The scene with the lower and the upper stops of its pairs moved to distances (2, pairs) from
-    the mean gaps (m), their laws kept; what is infinite there is no stop."""
-    model = model_of(scene)
-    rest = model.modal.gaps @ model.modal.rest
-    moved = [
-        pair.model_copy(
-            update={
-                "lower": None if pair.lower is None else mean - below,
-                "upper": None if pair.upper is None else mean + above,
-            }
-        )
-        for pair, mean, below, above in zip(
-            scene.impact_pairs, rest.tolist(), *distances.tolist(), strict=True
-        )
-    ]
-    return scene.model_copy(update={"impact_pairs": tuple(moved)})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +62,7 @@ class Hits:
         """The hits at a clearance: simulated unless they are known at least as accurately."""
         wanted = rel_error or self.rel_error
         if clearance not in self.tried or self.tried[clearance].rel_error > wanted:
-            scene = at_clearance(self.scene, clearance)
+            scene = at_clearances(self.scene, clearance)
             rare = self.curve.first_rate(clearance) * self.window < UNFINISHED
             by_bursts = self._by_bursts(scene, clearance, wanted) if rare else None
             found = by_bursts or self._by_simulation(scene, clearance, wanted)
@@ -166,6 +132,6 @@ def compile_kernels(scene: Scene) -> None:
     if not scene.impact_pairs or beyond_one_oscillator(model_of(scene)):
         return
     free = scene.model_copy(update={"impact_pairs": ()})
-    plan = crossing_plan(at_clearance(scene, 3.0 * deviations(free)[0])).shortest()
+    plan = crossing_plan(at_clearances(scene, 3.0 * deviations(free)[0])).shortest()
     plan.averages(0, 0, 2, None, Extremes.zeros(2).table)
     plan.averages(0, 0, 2)

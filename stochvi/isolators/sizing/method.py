@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stochvi.isolators.record_verdict import record_verdict
-from stochvi.isolators.screening import Screening, screen_isolator
+from stochvi.isolators.moved_stops import at_clearances
+from stochvi.isolators.screening import screened
 from stochvi.isolators.sizing.answer import (
     Clearance,
     Sizing,
@@ -27,7 +27,7 @@ from stochvi.isolators.sizing.answer import (
 )
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.exceedances import chance_in_windows
-from stochvi.isolators.sizing.hits_at_clearance import Hits, Tried, at_clearance, compile_kernels
+from stochvi.isolators.sizing.hits_at_clearance import Hits, Tried, compile_kernels
 from stochvi.isolators.sizing.pairs import size_pairs
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.risk_curve import RiskCurve
@@ -433,7 +433,7 @@ class _Job:
             self.report(0.9, "recommended clearance")
             self._hits_or_warning(clearance.value)
         self._warn(clearance.value)
-        crossings = self.curve.crossings
+        crossings, linear = self.curve.crossings, screened(self.scene)
         found = Sizing(
             scene=self.scene,
             target=self.target,
@@ -449,9 +449,9 @@ class _Job:
                 for name, at in (("three_sigma", three.clearance), ("recommended", clearance.value))
                 if at in self.hits.tried and (response := self.hits.tried[at].response)
             },
-            screening=_screening(self.scene),
+            screening=linear,
             method=method,
-            record=record_verdict(self.scene),
+            record=linear.record,
             kept_with=self.kept_with,
             exceeding=self._exceeding() if self.target.exceedance is not None else None,
             allowed=self.allowed,
@@ -668,7 +668,7 @@ class _Job:
         """The chance that the limit is exceeded at a clearance, by windows of the whole motion."""
         assert self.target.exceedance is not None
         found = chance_in_windows(
-            at_clearance(self.scene, place), self.target.name, self.target.value, self.mission,
+            at_clearances(self.scene, place), self.target.name, self.target.value, self.mission,
             accepted=self.target.exceedance, seed=self.seed, threads=self.threads,
             budget=SEARCH.share_of_windows * self.left,
         )  # fmt: skip
@@ -682,7 +682,7 @@ class _Job:
         limits = {self.target.name: self.target.value}
         try:
             found = reliability(
-                at_clearance(self.scene, place), mission=self.mission,
+                at_clearances(self.scene, place), mission=self.mission,
                 impact_speed=limits.get("impact_speed"),
                 peak_acceleration=limits.get("peak_acceleration"),
                 rel_error=SEARCH.rough_error, seed=self.seed, threads=self.threads,
@@ -714,7 +714,7 @@ class _Job:
     def _exceedance_rate(self, clearance: float, rel_error: float) -> Estimate:
         """Rate of bursts with a hit beyond the limit of the target."""
         name, limit = self.target.name, self.target.value
-        scene = at_clearance(self.scene, clearance)
+        scene = at_clearances(self.scene, clearance)
         assert self.target.exceedance is not None
         found = as_far_as_it_got(
             bursts,
@@ -829,7 +829,7 @@ class _Job:
         """Add the warnings that concern the scene and the hits at both clearances."""
         scene = self.scene
         if scene.impact_pairs:
-            scene = at_clearance(scene, clearance)
+            scene = at_clearances(scene, clearance)
         model = model_of(scene)
         if not beyond_one_oscillator(model):
             self.warnings += scene_notes(model)
@@ -863,10 +863,3 @@ def _excess(found: Estimate, wanted: float) -> tuple[float, float]:
 def _within(chance: Estimate, accepted: float) -> bool:
     """Whether a chance, or its upper limit where it has one, is at most the accepted one."""
     return (chance.value if chance.upper_95 is None else chance.upper_95) <= accepted
-
-
-def _screening(scene: Scene) -> Screening | None:
-    try:
-        return screen_isolator(scene)
-    except NotApplicable:
-        return None

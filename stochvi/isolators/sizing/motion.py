@@ -18,7 +18,7 @@ from stochvi.isolators.environment import (
     noise_on_base_alone,
     transmissibility,
 )
-from stochvi.isolators.sizing.hits_at_clearance import at_clearance
+from stochvi.isolators.moved_stops import at_clearances
 from stochvi.mathematics.rounding import ROUNDING
 from stochvi.mathematics.spectra import welch
 from stochvi.methods.monte_carlo import record_path
@@ -136,7 +136,7 @@ def motion_between_stops(
 ) -> MotionBetweenStops:
     """Simulate one long path of a sized isolator, with its stops at 3 sigma and their laws."""
     settings = settings or PathSettings()
-    scene = at_clearance(sizing.scene, sizing.three_sigma.clearance)
+    scene = at_clearances(sizing.scene, sizing.three_sigma.clearance)
     model = model_of(scene)
     period = 2.0 * math.pi / model.omega
     fine = bool(model.whites) and noise_on_base_alone(model)

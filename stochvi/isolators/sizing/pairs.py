@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
+from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import Clearance, Target
 from stochvi.isolators.sizing.box_overview import box_overview
 from stochvi.isolators.sizing.changes import Tolerances
-from stochvi.isolators.sizing.hits_at_clearance import at_distances
 from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
@@ -267,7 +267,7 @@ class _PairsJob:
             if self.deadline.passed():
                 raise NotConverged("the budget ended", None)
             return count_hits(
-                at_distances(self.scene, stops), overlap, **self._sampling(1.0, self.rel_error)
+                at_clearances(self.scene, stops), overlap, **self._sampling(1.0, self.rel_error)
             )
         except (NotApplicable, NotConverged, Interrupted) as reason:
             note = f"the hits at these clearances are not known: {reason}"
@@ -330,7 +330,7 @@ class _PairsJob:
 
     def _expected(self, risk: float, overlap: float, rel_error: float) -> Estimate:
         """Hits, or -ln(1 - P) of an exceedance, of a mission, at one risk per pair."""
-        scene = at_distances(self.scene, self._stops_of_risk(risk))
+        scene = at_clearances(self.scene, self._stops_of_risk(risk))
         sampling = self._sampling(SHARE_OF_LOOK, rel_error)
         if self.limit is None:
             return count_hits(scene, overlap, **sampling).rate * self.mission

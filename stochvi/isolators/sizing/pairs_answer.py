@@ -160,7 +160,7 @@ class PairsSizing(Result):
         import pandas as pd
 
         model = model_of(self.scene)
-        means = model.modal.gaps @ model.modal.rest
+        means = model.mean_gaps
         rows, known = [], self.made()
         for pair, mean in zip(self.scene.impact_pairs, means.tolist(), strict=True):
             if pair.name in known:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stochvi.isolators.clearance import predicted_rates
 from stochvi.isolators.environment import Environment, environment
-from stochvi.isolators.screening import Screening, predicted_rates
+from stochvi.isolators.screening import Screening
 from stochvi.isolators.sizing.answer import Rounded, Sizing
 from stochvi.isolators.sizing.chance_at_stops import probability_at, two_sided
 from stochvi.isolators.sizing.changes import Tolerances
@@ -223,7 +224,7 @@ class Review:
     environment, mount
         The excitation of the mount, and the mount itself.
     linear
-        None where the sizing has no screening.
+        Numbers of linear theory for the mission.
     closure
         Hit rates by the moment closure, as `predicted_rates`; None unless both stops are rigid.
     chances
@@ -257,7 +258,7 @@ class Review:
     sizing: Sizing
     environment: Environment
     mount: Mount
-    linear: LinearMotion | None
+    linear: LinearMotion
     closure: pd.DataFrame | None
     chances: Mapping[str, Chance]
     hits: Mapping[str, HitsAt | None]
@@ -469,11 +470,9 @@ def _mount(sizing: Sizing) -> Mount:
     )
 
 
-def _linear(sizing: Sizing) -> LinearMotion | None:
+def _linear(sizing: Sizing) -> LinearMotion:
     screening = sizing.screening
-    if screening is None:
-        return None
-    largest = largest_peak(2.0 * screening.zero_crossing_rate * sizing.mission)
+    largest = largest_peak(2.0 * (screening.zero_crossing_rate or 0.0) * sizing.mission)
     return LinearMotion(
         miles_error=_miles_error(screening),
         rice_rate_at_three_sigma=sizing.three_sigma.rice_hits / sizing.mission,
@@ -483,7 +482,8 @@ def _linear(sizing: Sizing) -> LinearMotion | None:
 
 
 def _miles_error(screening: Screening) -> float | None:
-    return None if screening.miles is None else screening.miles / screening.acceleration_std - 1.0
+    miles, integral = screening.miles, screening.acceleration_std
+    return None if miles is None or integral is None else miles / integral - 1.0
 
 
 def largest_peak(count: float) -> float:
@@ -507,7 +507,7 @@ def _closure(sizing: Sizing, points: int, deadline: Deadline) -> pd.DataFrame | 
     """Hit rates by the moment closure, where both stops are rigid and it applies."""
     scene, clearances = sizing.scene, sizing.curve["clearance"]
     pairs = scene.impact_pairs
-    if sizing.screening is None or not pairs or not two_sided(scene):
+    if not pairs or not two_sided(scene):
         return None
     if not all(law.rigid for _, law in pairs[0].stops()):
         return None
@@ -596,8 +596,7 @@ def _warnings(sizing: Sizing) -> tuple[str, ...]:
     record = sizing.record
     found = [record.sentence()] if record is not None and not record.agrees else []
     found += sizing.warnings
-    if sizing.screening is not None:
-        found += sizing.screening.notes
+    found += sizing.screening.notes
     return tuple(dict.fromkeys(found))
 
 

@@ -176,7 +176,7 @@ def unmet(scene: Scene, model: Model) -> list[str]:
     ):
         found.append("all records must have the same sampling rate, length and gaps")
     if len(model.coordinates) > 1:
-        rest = model.modal.gaps @ model.modal.rest
+        rest = model.mean_gaps
         found += [
             f"impact_pair {pair.name}: the position of rest must lie between the stops"
             for pair, place in zip(model.pairs, rest, strict=True)

@@ -333,8 +333,6 @@ def _chance(probability: float | None) -> str:
 
 def _screening(review: Review) -> Section:
     sizing, linear, more = review.sizing, review.sizing.screening, review.linear
-    if linear is None or more is None:
-        return Section(title="Linear screening")
     three = sizing.three_sigma
     sides = "both sides" if two_sided(sizing.scene) else "one side"
     facts = [
@@ -344,14 +342,18 @@ def _screening(review: Review) -> Section:
             "without stops",
         ),
         Fact("Relative velocity, s_v", f"{linear.velocity_std:.4g} m/s rms"),
-        Fact("Absolute acceleration", f"{G * linear.acceleration_std:.4g} g rms"),
+        *(
+            []
+            if linear.acceleration_std is None
+            else [Fact("Absolute acceleration", f"{G * linear.acceleration_std:.4g} g rms")]
+        ),
         Fact(
             "Zero up-crossings",
-            f"{linear.zero_crossing_rate:.4g} Hz",
+            f"{linear.zero_crossing_rate or 0.0:.4g} Hz",
             f"natural frequency {review.mount.natural_frequency_hz:.4g} Hz; far above it one hit "
             "starts a burst",
         ),
-        _miles(linear, more),
+        *_miles(linear, more),
         Fact("3 sigma", millimetres(three.clearance), "per side, three times s_x"),
         Fact(
             "Hits at 3 sigma by Rice",
@@ -383,19 +385,20 @@ def _screening(review: Review) -> Section:
     )
 
 
-def _miles(linear: Screening, more: LinearMotion) -> Fact:
+def _miles(linear: Screening, more: LinearMotion) -> list[Fact]:
+    """Miles' equation for the absolute acceleration; nothing where only the mass is shaken."""
     name = "Miles' equation for it"
+    if linear.acceleration_std is None:
+        return []
     if linear.miles is None or more.miles_error is None:
-        return Fact(
-            name, "not valid", "the input is 0 at the natural frequency; the response is not"
-        )
-    return Fact(
-        name,
-        f"{G * linear.miles:.4g} g rms",
+        why = "the input is 0 at the natural frequency; the response is not"
+        return [Fact(name, "not valid", why)]
+    agreement = (
         f"{100.0 * more.miles_error:+.2g} % off the integral: the input is not flat"
         if abs(more.miles_error) > NOTABLE_MILES_ERROR
-        else "agrees with the integral",
+        else "agrees with the integral"
     )
+    return [Fact(name, f"{G * linear.miles:.4g} g rms", agreement)]
 
 
 def _risk(review: Review) -> Section:

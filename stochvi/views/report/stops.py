@@ -105,7 +105,7 @@ def _pictures(review: Review, motion: MotionBetweenStops) -> list[Picture]:
             "stops; logarithmic.",
         )
     ]
-    if motion.faster_hits is not None and review.sizing.screening is not None:
+    if motion.faster_hits is not None:
         found.append(
             shown(
                 lambda: plot_impact_speeds(review),
