@@ -163,6 +163,47 @@ class Pair:
         return total
 
 
+ALIKE = 1e-9
+"""Relative difference of the directions of two pairs up to which their gaps are one motion, and of
+the distances of two stops up to which these are hit at once."""
+
+
+def sharing_of(directions: Matrix, lower: Vector, upper: Vector) -> Matrix | None:
+    """How the hits of pairs that are hit at once are shared: equally, as none of them is the first.
+
+    Parameters
+    ----------
+    directions
+        (pairs, n), see `Pair`.
+    lower, upper
+        (pairs,): distances of the stops, m; infinite for none.
+
+    Returns
+    -------
+    NDArray or None
+        (pairs, pairs), by which counts of hits by pair are multiplied; None where no two pairs have
+        one motion and equally distant stops.
+
+    Examples
+    --------
+    >>> directions, distances = np.array([[1.0], [1.0], [-1.0]]), np.full(3, 2.0)
+    >>> sharing_of(directions, distances, distances)
+    array([[0.5, 0.5, 0. ],
+           [0.5, 0.5, 0. ],
+           [0. , 0. , 1. ]])
+    """
+    if len(directions) < 2:
+        return None
+    size = np.linalg.norm(directions, axis=1)
+    apart = np.linalg.norm(directions[:, None] - directions, axis=2)
+    together = apart <= ALIKE * np.maximum.outer(size, size)
+    for distances in (lower, upper):
+        together &= np.isclose(distances[:, None], distances, rtol=ALIKE, atol=0.0)
+    if together.sum() == len(directions):
+        return None
+    return np.asarray(together / together.sum(axis=1, keepdims=True))
+
+
 @dataclass(frozen=True, eq=False)
 class Signal:
     """A force with a memory of its own, f'' + b f' + w^2 f = w^2 (white noise of `intensity`).
@@ -257,6 +298,16 @@ class Model:
     def mean_gaps(self) -> Vector:
         """Mean gaps (pairs,) under the constant loads where nothing is hit, m."""
         return self.modal.gaps @ self.modal.rest
+
+    @cached_property
+    def sharing(self) -> Matrix | None:
+        """(pairs, pairs): what each pair gets of the hits that are counted on each, see
+        `sharing_of`; None where no pairs are hit at once."""
+        places = np.full((2, len(self.pairs)), math.inf)
+        for number, pair in enumerate(self.pairs):
+            for stop in pair.stops:
+                places[int(stop.side > 0), number] = stop.distance
+        return sharing_of(np.array([pair.direction for pair in self.pairs]), *places)
 
     @cached_property
     def white(self) -> Matrix:

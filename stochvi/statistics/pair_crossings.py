@@ -26,7 +26,7 @@ from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
 from stochvi.methods.monte_carlo.tabulated import MOST_SAMPLES
 from stochvi.model.calculations import calculation
 from stochvi.model.free_motion import free_motion
-from stochvi.model.model import Model, model_of
+from stochvi.model.model import ALIKE, Model, model_of, sharing_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.progress import Progress
@@ -52,9 +52,6 @@ SIDES_WITH_ALL = 4
 """Number of stops up to which each stop has as many crossings in a record as fit into it; with more
 stops each has fewer, in proportion."""
 
-ALIKE = 1e-9
-"""Relative difference of the directions of two pairs up to which their gaps are one motion."""
-
 ROUNDING = 1e-12
 """Share of its own variance that is added to each gap, so that rounding error leaves the covariance
 of gaps that are one motion without negative eigenvalues."""
@@ -75,6 +72,8 @@ class PairCrossings(CrossingAges):
         (pairs,): standard deviations of the gaps and of their rates, m and m/s.
     crossing
         (sides,): number of the pair to which each row of `rice_rates` belongs.
+    directions
+        (pairs, n): the gaps as combinations of coordinates.
     outside_error
         (levels,): standard error of `outside`.
     """
@@ -85,6 +84,7 @@ class PairCrossings(CrossingAges):
     displacement_std: Vector
     velocity_std: Vector
     crossing: NDArray[np.int64]
+    directions: Matrix
     outside_error: Vector
 
     def probability(self, mission: float) -> list[Estimate]:
@@ -98,11 +98,15 @@ class PairCrossings(CrossingAges):
         ]
 
     def shares(self, mission: float) -> Matrix:
-        """(levels, pairs): share of the first hits of a mission that falls to each pair; a hit of
-        two pairs at once counts for the earlier one."""
+        """(levels, pairs): share of the first hits of a mission that falls to each pair; pairs that
+        are hit at once share their hits."""
         known = np.minimum(self.ages[0].astype(float), mission).mean(axis=(-2, -1))
         found = np.zeros_like(self.lower)
         np.add.at(found.T, self.crossing, self.rice_rates * known)
+        for level, rows in enumerate(zip(self.lower, self.upper, strict=True)):
+            sharing = sharing_of(self.directions, *rows)
+            if sharing is not None:
+                found[level] = sharing @ found[level]
         total = found.sum(axis=1, keepdims=True)
         return np.asarray(np.divide(found, total, out=np.zeros_like(found), where=total > 0.0))
 
@@ -284,7 +288,7 @@ def same_gaps(model: Model) -> list[str]:
             if np.linalg.norm(pair.direction - earlier.direction) <= ALIKE * size:
                 found.append(
                     f"{earlier.name} and {pair.name} have the same gap: where their stops are "
-                    f"equally far, hits of both at once are counted on {earlier.name}"
+                    "equally far, both are hit at once, and share the hits"
                 )
                 break
     return found
@@ -410,6 +414,7 @@ class GapRecords:
             displacement_std=self.motion.displacement_std,
             velocity_std=self.motion.velocity_std,
             crossing=np.array([self.pairs[gap] for gap, _, _ in self.sides]),
+            directions=self.motion.directions,
             horizon=self.horizon,
             interval=self.plan.step,
             rice_rates=self.rice_rates,

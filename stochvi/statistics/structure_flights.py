@@ -217,4 +217,6 @@ class StructureFlights:
         hits, speeds = (
             sums[:, of[f"{what}_lower"]] + sums[:, of[f"{what}_upper"]] for what in ("n", "f1")
         )
+        if self.model.sharing is not None:
+            hits, speeds = self.model.sharing @ hits, self.model.sharing @ speeds
         return np.vstack([early, hits, speeds, fastest, accelerations.T])

@@ -24,12 +24,15 @@ from stochvi import (
     WhiteNoise,
     exact,
     reliability,
+    simulate,
 )
+from stochvi.isolators.moved_stops import at_clearances
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.pair_crossings import PairMotion, pair_crossings
+from stochvi.statistics.structure_hits import count_hits
 from stochvi.testing import assert_agrees
 from support.pairs import LAW, diagonal, pair, uncoupled
 
@@ -49,6 +52,31 @@ def both(first: Estimate, second: float, error: float) -> Estimate:
     return Estimate(
         value=first.value, standard_error=math.hypot(first.standard_error, error), bias=first.bias
     )
+
+
+def test_pairs_that_are_hit_at_once_share_their_hits() -> None:
+    """Two equal snubbers at one place: the numbers of each are half of those of one alone."""
+    twins = uncoupled(pair("left", "x", 2.0), pair("z", "z", 3.0), pair("right", "x", 2.0))
+    alone = uncoupled(pair("left", "x", 2.0), pair("z", "z", 3.0))
+    found, one = (simulate(each, paths=64, duration=200.0, seed=1) for each in (twins, alone))
+    left, right, whole = (
+        answer.impact_pairs[name]
+        for answer, name in ((found, "left"), (found, "right"), (one, "left"))
+    )
+    for name in ("collision_rate", "collision_rate_lower", "impact_speed_rate"):
+        assert float(getattr(left, name)) == float(getattr(right, name)) > 0.0
+        assert_agrees(2.0 * getattr(left, name), float(getattr(whole, name)))
+    assert float(left.impact_speed_mean) == pytest.approx(float(whole.impact_speed_mean), rel=0.1)
+    shares = pair_crossings(twins, mission=MISSION, rel_error=0.2).shares(MISSION)[0]
+    assert shares.sum() == pytest.approx(1.0)
+    assert shares[0] == pytest.approx(shares[2], rel=1e-9)
+    counts = count_hits(at_clearances(twins, [4.0, 4.5, 4.0]), 0.0, rel_error=0.2, seed=2)
+    assert counts.way == "bursts"
+    assert counts.rates["left"].value == counts.rates["right"].value > 0.0
+    # stops that are not equally far are not hit at once: the farther ones are never hit
+    farther = uncoupled(pair("left", "x", 2.0), pair("right", "x", 2.1))
+    crossings = pair_crossings(farther, mission=MISSION, rel_error=0.2)
+    assert crossings.shares(MISSION)[0] == pytest.approx([1.0, 0.0])
 
 
 def test_one_pair_is_one_oscillator() -> None:

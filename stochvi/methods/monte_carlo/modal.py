@@ -319,7 +319,11 @@ class ModalPlan(SteppedPlan):
         """Averages over the samples of moments, per second of what pairs add up, and over the steps
         of products of noise."""
         found = sums / samples
-        found[self._rows_of_pairs] = sums[self._rows_of_pairs] / (steps * self.step)
+        of_pairs = sums[self._rows_of_pairs]
+        if self.model.sharing is not None:
+            shared = np.tensordot(self.model.sharing, self._of_pairs(sums), axes=1)
+            of_pairs = shared.reshape(of_pairs.shape)
+        found[self._rows_of_pairs] = of_pairs / (steps * self.step)
         found[self._rows_of_noise] = sums[self._rows_of_noise] / steps
         return found
 
