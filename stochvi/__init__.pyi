@@ -12,6 +12,7 @@ from .methods.replay import replay
 from .results.errors import NotApplicable, NotConverged, SceneError, StochviError
 from .results.estimates import Estimate
 from .results.response import Response
+from .saved_answers import load_answer, save_answer
 from .scenes.absorbers import Absorber
 from .scenes.excitations import (
     ConstantLoad,
@@ -81,11 +82,13 @@ __all__ = [
     "impacts",
     "isolators",
     "linearise",
+    "load_answer",
     "load_scene",
     "methods",
     "reliability",
     "replay",
     "results",
+    "save_answer",
     "scenes",
     "screen",
     "simulate",

@@ -12,9 +12,11 @@ from numbers import Real
 from typing import Any, ClassVar
 
 from stochvi.results.intervals import (
+    CONFIDENCE,
     GAUSSIAN_95,
     events_suffice,
     most_events,
+    normal_quantile,
     reach,
     student_factor,
 )
@@ -54,13 +56,13 @@ class Estimate:
 
     Notes
     -----
-    All errors together make one 95 % interval, `interval_95()`,
+    All errors together make one interval, `interval(confidence)`,
 
-        value -+ (1.96 sqrt(standard_error^2 + bias_error^2) + bias):
+        value -+ (z sqrt(standard_error^2 + bias_error^2) + bias),
 
-    the two standard errors are independent, and the bias is added whole, as its sign is not known.
-    `check`, `assert_agrees` and all intervals of pages and pictures follow this rule, with the
-    quantile of their own confidence. A bias of None is none of these: no interval is known.
+    with the normal quantile z of the confidence, 1.96 of 95 %. The two standard errors are
+    independent. The bias is added whole, as its sign is not known. `check`, `assert_agrees` and all
+    intervals of tables, pages and pictures follow this rule. A bias of None leaves no interval.
 
     `float(estimate)` is its value. An estimate may be multiplied or divided by a plain number, or
     have a plain number added; its errors change accordingly. Two estimates cannot be combined by an
@@ -77,8 +79,10 @@ class Estimate:
     0.2828
     >>> Estimate(value=0.28, standard_error=0.003, bias=0.002, bias_error=0.004, how="64 paths")
     0.2800(30), bias up to 0.002 [64 paths]
-    >>> [round(end, 4) for end in rate.interval_95()]
+    >>> [round(end, 4) for end in rate.interval()]
     [0.282, 0.2836]
+    >>> [round(end, 4) for end in rate.interval(0.99)]
+    [0.2818, 0.2838]
     """
 
     value: float
@@ -177,20 +181,33 @@ class Estimate:
         """Half the width of the 95 % interval, with all errors that are known."""
         return self.reach(GAUSSIAN_95)
 
-    def interval_95(self) -> tuple[float, float]:
-        """The 95 % interval with all errors (see the notes); of an event that was never seen, from
-        0 to its upper limit.
+    def interval(self, confidence: float = CONFIDENCE) -> tuple[float, float]:
+        """The confidence interval with all errors (see the notes); of an event that was never seen,
+        from 0 to its upper limit.
+
+        Parameters
+        ----------
+        confidence
+            The chance with which such intervals hold the truth.
 
         Raises
         ------
         ValueError
-            If the bias is not known.
+            If the bias is not known; of an event that was never seen, unless confidence is 0.95.
         """
+        if not 0.0 < confidence < 1.0:
+            raise ValueError(f"confidence must be in (0, 1), got {confidence:g}; 95 % is 0.95")
         if self.upper_95 is not None:
+            if confidence != CONFIDENCE:
+                raise ValueError(
+                    f"confidence must be {CONFIDENCE:g} for an event that was never seen, or "
+                    f"hardly, got {confidence:g}: its upper limit is known for that alone"
+                )
             return 0.0, self.upper_95
         if self.bias is None:
             raise ValueError(f"{self} has no interval; compare with a method that states its bias")
-        return self.value - self.half_width_95(), self.value + self.half_width_95()
+        half = self.reach(normal_quantile(1.0 - confidence))
+        return self.value - half, self.value + half
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON form; `upper_95` and `bias_error` appear only where they mean something."""

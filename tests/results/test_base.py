@@ -216,6 +216,37 @@ def test_a_document_drops_no_warning(answer: Result) -> None:
     assert ("the bias is not known" in document) == (type(answer).__name__ not in elsewhere)
 
 
+def test_an_answer_is_saved_and_read_again(answer: Result, tmp_path: Path) -> None:
+    again = stochvi.load_answer(stochvi.save_answer(answer, tmp_path / "answer.json"))
+    assert again == answer
+    assert again.cost == answer.cost
+    assert again.provenance == answer.provenance
+    pd.testing.assert_frame_equal(again.to_frame(), answer.to_frame())
+    again.plot()
+    plt.close("all")
+    document = json.loads((tmp_path / "answer.json").read_text(encoding="utf-8"))["document"]
+    assert document == answer.to_dict()
+
+
+def test_a_file_that_holds_no_answer_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "answer.json"
+    wrong = {
+        "{}": "'stochvi'",
+        "no JSON": "Expecting value",
+        '{"stochvi": "0.1", "answer": {"$kind": "os:system", "parts": {}}}': "no part of this",
+        '{"stochvi": "0.1", "answer": {"$kind": "stochvi.sweeps:sweep", "parts": {}}}': "no kind",
+        '{"stochvi": "0.1", "answer": {"$kind": "stochvi.results.estimates:Cost", "parts":'
+        ' {"no_such_part": 1}}}': "no_such_part",
+        '{"stochvi": "0.1", "answer": 3}': "must hold an answer, got int",
+    }
+    for text, words in wrong.items():
+        file.write_text(text, encoding="utf-8")
+        with pytest.raises(ValueError, match=words):
+            stochvi.load_answer(file)
+    with pytest.raises(TypeError, match="what a calculation returned"):
+        stochvi.save_answer({"rate": 1.0}, file)  # type: ignore[arg-type]
+
+
 def test_an_answer_says_where_it_comes_from(answer: Result) -> None:
     several = {"Checks", "Judgement"}  # of several scenes
     if type(answer).__name__ not in several:

@@ -158,11 +158,19 @@ def test_all_errors_make_one_interval():
     """The two standard errors are independent; the bias is added whole."""
     known = Estimate(value=2.0, standard_error=0.3, bias=0.1, bias_error=0.4)
     half = GAUSSIAN_95 * 0.5 + 0.1
-    assert known.interval_95() == pytest.approx((2.0 - half, 2.0 + half), rel=1e-12)
+    assert known.interval() == pytest.approx((2.0 - half, 2.0 + half), rel=1e-12)
     assert known.half_width_95() == pytest.approx(half, rel=1e-12)
-    assert Estimate(value=0.0, upper_95=0.3).interval_95() == (0.0, 0.3)
+    assert Estimate(value=0.0, upper_95=0.3).interval() == (0.0, 0.3)
     with pytest.raises(ValueError, match=r"bias not known .* has no interval"):
-        Estimate(value=2.0, standard_error=0.3, bias=None).interval_95()
+        Estimate(value=2.0, standard_error=0.3, bias=None).interval()
+    # 2.5758 is the quantile of 99 %
+    half = 2.575829303549 * math.hypot(known.standard_error, known.bias_error) + known.bias
+    assert known.interval(0.99) == pytest.approx((2.0 - half, 2.0 + half), rel=1e-10)
+    for wrong in (0.0, 1.0, 95.0):
+        with pytest.raises(ValueError, match=r"confidence must be in \(0, 1\)"):
+            known.interval(wrong)
+    with pytest.raises(ValueError, match=r"confidence must be 0\.95"):
+        Estimate(value=0.0, upper_95=0.3).interval(0.99)
 
 
 def test_a_truth_is_judged_by_the_interval_of_all_errors():
