@@ -6,7 +6,7 @@ disk counts for a budget, as any other time does. Ctrl-C ends compiling at the n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from functools import cache
 from threading import Timer
@@ -14,7 +14,6 @@ from typing import Any
 
 from numba.core.event import Event, Listener, register
 
-from stochvi.methods.kernel_cache import around_waiting
 from stochvi.results.deadline import ctrl_c_was_heard, start_clock, stop_clock
 from stochvi.results.errors import Interrupted
 from stochvi.results.progress import announce
@@ -24,17 +23,14 @@ ANNOUNCED_SECONDS = 1.0
 
 
 @contextmanager
-def outside_budgets() -> Iterator[Callable[[], None]]:
-    """Stop the clock of all deadlines within the `with` block, and announce it if it takes long.
-
-    Yields a function to call now and then, which raises `Interrupted` after Ctrl-C.
-    """
+def outside_budgets() -> Iterator[None]:
+    """Stop the clock of all deadlines within the `with` block, and announce it if it takes long."""
     speaker = Timer(ANNOUNCED_SECONDS, announce, ["compiling, once on each machine"])
     speaker.daemon = True
     speaker.start()
     stop_clock()
     try:
-        yield check_ctrl_c
+        yield
     finally:
         start_clock()
         speaker.cancel()
@@ -48,7 +44,7 @@ def check_ctrl_c() -> None:
 
 class _Compiling(Listener):  # type: ignore[misc]
     """Listener that numba calls before and after it compiles a function and the functions that this
-    one calls."""
+    one calls, and that a kernel calls before and after it waits for another process."""
 
     def __init__(self) -> None:
         self.under_way: list[AbstractContextManager[Any]] = []
@@ -62,7 +58,8 @@ class _Compiling(Listener):  # type: ignore[misc]
 
 
 class _Passing(Listener):  # type: ignore[misc]
-    """Listener that numba calls before each of the some forty passes of compiling a function."""
+    """Listener that is called before each of the some forty passes of compiling a function, and
+    before each look whether another process has compiled it."""
 
     def on_start(self, event: Event) -> None:
         check_ctrl_c()
@@ -74,6 +71,8 @@ class _Passing(Listener):  # type: ignore[misc]
 @cache
 def leave_out_of_budgets() -> None:
     """Let no deadline of this process count the time in which numba compiles from now on."""
-    register("numba:compile", _Compiling())
-    register("numba:run_pass", _Passing())
-    around_waiting[:] = [outside_budgets]
+    compiling, passing = _Compiling(), _Passing()
+    for kind in ("numba:compile", "stochvi:wait"):
+        register(kind, compiling)
+    for kind in ("numba:run_pass", "stochvi:look"):
+        register(kind, passing)

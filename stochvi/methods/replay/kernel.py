@@ -22,8 +22,9 @@ Symbols: n modes, m stops, c coordinates.
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
+
+from stochvi.engine.compiling import kernel
 
 ROUNDING = 2.0**-52
 """Relative spacing of floating-point numbers at 1."""
@@ -165,7 +166,7 @@ class Scratch(NamedTuple):
 # p[0, k] t^k for k <= last, rows 1 to 3 those of its derivatives.
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def value_of(p, order, last, t):
     """A derivative (order 0: the value) of a series at t."""
     total = 0.0
@@ -174,7 +175,7 @@ def value_of(p, order, last, t):
     return total
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def differentiate(p, last):
     """Write the coefficients of the derivatives below those of the series."""
     for order in range(1, 4):
@@ -182,7 +183,7 @@ def differentiate(p, last):
             p[order, k] = (k + 1) * p[order - 1, k + 1]
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def reach_of(p, first, last, span):
     """A bound of |p(t) / t^first - p[0, first]| for t in [0, span]."""
     reach, power = 0.0, 1.0
@@ -192,7 +193,7 @@ def reach_of(p, first, last, span):
     return reach
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def root_between(p, order, last, low, high):
     """Time in (low, high) at which a derivative changes its sign, by Newton within a bracket.
 
@@ -217,7 +218,7 @@ def root_between(p, order, last, low, high):
     return t
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def turning_times(p, last, span, found):
     """Write the zeros of p' in (0, span), and then `span`, into `found`; returns how many.
 
@@ -237,7 +238,7 @@ def turning_times(p, last, span, found):
     return count + 1
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def first_rise(p, first, last, span, found):
     """First time in [0, span] at which the series rises through 0; -1 where it does not.
 
@@ -263,7 +264,7 @@ def first_rise(p, first, last, span, found):
     return -1.0
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def widened(p, last, span, found, low, high):
     """The interval [low, high], widened by the values of the series over [0, span]."""
     reach = reach_of(p, 0, last, span)
@@ -277,7 +278,7 @@ def widened(p, last, span, found, low, high):
     return low, high
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def terms_for(angle):
     """Highest power that a series of exp(angle) needs for its last digit, 5 at least."""
     term, k = 1.0, 0
@@ -287,7 +288,7 @@ def terms_for(angle):
     return k
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def three_halves(d, p, k):
     """Coefficient k of p = d^(3/2), from d[0..k] and p[0..k-1]; d[0] > 0."""
     if k == 0:
@@ -301,7 +302,7 @@ def three_halves(d, p, k):
 # The motion.
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def dot(a, b):
     """Sum of the products of two rows."""
     total = 0.0
@@ -310,7 +311,7 @@ def dot(a, b):
     return total
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def longest_step(left, slowest, stops, touch, d):
     """Length of the next step, at most `left`, and the highest power that its series need."""
     stiff, loss, hertz = 0.0, 0.0, False
@@ -333,7 +334,7 @@ def longest_step(left, slowest, stops, touch, d):
     return span, (MOST_TERMS if hertz else terms_for(span * rate))
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def hold(power, state, stops, series):
     """Take from the accelerations what the rigid stops do not let pass on which the mass rests."""
     held = np.empty(len(state), np.int64)
@@ -365,7 +366,7 @@ def hold(power, state, stops, series):
         series.f[s, power] = stops.sides[s] * found[row] * stops.levers[s]
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def expand(last, force, slope, structure, stops, state, series):
     """Coefficients up to `last` (accelerations) from q, q', d and d' in those of powers 0 and 1."""
     n, m = series.x.shape[1], len(state)
@@ -410,7 +411,7 @@ def expand(last, force, slope, structure, stops, state, series):
             series.d[s, power + 2] = stops.sides[s] * d
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def next_change(span, last, stops, touch, series, scratch):
     """Time, stop and way (0: back, towards free; 1: on, further in) of the first change of state
     within a step; a time of -1 where there is none."""
@@ -454,7 +455,7 @@ def next_change(span, last, stops, touch, series, scratch):
     return when, which, way
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def strike(s, structure, stops, touch, force, tick, moving):
     """An impact on rigid stop s, and on those at which it throws a mass that rested on them."""
     q, v = moving
@@ -495,7 +496,7 @@ def strike(s, structure, stops, touch, force, tick, moving):
         moved = False
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def add_coordinates(last, span, base, rate, structure, series, extremes, scratch):
     """Add a step to the extremes of the coordinates; `base` (c,) is what is added to their
     accelerations at its begin, and `rate` how fast that grows."""
@@ -515,7 +516,7 @@ def add_coordinates(last, span, base, rate, structure, series, extremes, scratch
         )
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def add_contacts(last, span, stops, touch, series, log, scratch):
     """Add a step to the times in contact and to the peak forces of contacts."""
     p, found = scratch
@@ -533,7 +534,7 @@ def add_contacts(last, span, stops, touch, series, log, scratch):
             log[entry, PEAK] = widened(p, last, span, found, 0.0, log[entry, PEAK])[1]
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def march(samples, structure, stops, start, limits, keep):
     """March from rest through the samples.
 

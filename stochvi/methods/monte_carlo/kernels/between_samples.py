@@ -8,10 +8,10 @@ Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in 
 
 import math
 
-import numba
+from stochvi.engine.compiling import kernel
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def decay(t, damping_rate, omega):
     """Second column of A(t): displacement and velocity after a unit velocity at t = 0."""
     half = 0.5 * damping_rate
@@ -32,7 +32,7 @@ def decay(t, damping_rate, omega):
     return envelope * shape, envelope * (slope - half * shape)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def first_upward_root(c0, c1, c2, c3):
     """First s in (0, 1] where c0 + c1 s + c2 s^2 + c3 s^3 crosses 0 upwards, or 2 for none.
 
@@ -73,7 +73,7 @@ def first_upward_root(c0, c1, c2, c3):
     return 2.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def time_to_stop(x0, v0, x1, v1, span, stop):
     """Fraction of the interval until x crosses `stop` upwards, 2 for never, and the speed there."""
     top = max(max(x0 + v0 * span / 3.0, x1 - v1 * span / 3.0), max(x0, x1))

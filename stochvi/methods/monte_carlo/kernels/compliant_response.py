@@ -24,8 +24,7 @@ cubic, z - stop = q_0 + q_1 t + q_2 t^2 + q_3 t^3; r = d'. Forces and their sums
 import math
 from typing import NamedTuple
 
-import numba
-
+from stochvi.engine.compiling import kernel
 from stochvi.methods.monte_carlo.kernels.between_samples import decay, time_to_stop
 from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.contact import DAMPED, HERTZ, RIGID
@@ -84,7 +83,7 @@ class IntervalEnds(NamedTuple):
     v1: float
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def stop_force(y, v, kind, data):
     """Force of a stop in contact, and its derivatives by y and by v.
 
@@ -104,7 +103,7 @@ def stop_force(y, v, kind, data):
     return data[piece, 1] + data[piece, 2] * (y - data[piece, 0]), data[piece, 2], 0.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def contact_rate(y, v, push, structure, kind, data):
     """Largest rate in a contact, that of its oscillation or of its damping, 1/s.
 
@@ -126,7 +125,7 @@ def contact_rate(y, v, push, structure, kind, data):
     return max(math.sqrt(omega * omega + slope), damping_rate)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def cubic_at(q, t):
     """Value, slope and curvature of a cubic at the time t."""
     q0, q1, q2, q3 = q
@@ -137,14 +136,14 @@ def cubic_at(q, t):
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def cubic_between(x0, v0, x1, v1, span):
     """Coefficients of the cubic with these values and slopes at 0 and `span`."""
     mean = (x1 - x0) / span
     return x0, v0, (3.0 * mean - 2.0 * v0 - v1) / span, (v0 + v1 - 2.0 * mean) / (span * span)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def cubic_maximum(f0, r0, f1, r1, span):
     """Largest value of the cubic with these values and slopes at the ends."""
     highest = max(f0, f1)
@@ -156,7 +155,7 @@ def cubic_maximum(f0, r0, f1, r1, span):
     return highest
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def motion_at(t, d, r, q, structure, kind, data):
     """r' and, at the same time, the force on the stop with its rate of change, y and y'."""
     omega, damping_rate = structure
@@ -167,7 +166,7 @@ def motion_at(t, d, r, q, structure, kind, data):
     return a, force, stiffness * v + damping * (z_curvature + a), y, v
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def sub_step(t, d, r, h, q, structure, kind, data):
     """d and r after a step h of the Runge-Kutta method of order 4.
 
@@ -193,7 +192,7 @@ def sub_step(t, d, r, h, q, structure, kind, data):
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def integrate_contact(x0, v0, x1, v1, span, structure, position, kind, data, tally):
     """Contact with a stop from y = x0 until it ends or the interval is over.
 
@@ -251,7 +250,7 @@ def integrate_contact(x0, v0, x1, v1, span, structure, position, kind, data, tal
     return y, v, 0.0, d, r
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def next_stop(x0, v0, x1, v1, span, lower, upper):
     """Fraction of the interval until the first stop is touched, the speed there, and its side.
 
@@ -271,7 +270,7 @@ def next_stop(x0, v0, x1, v1, span, lower, upper):
     return s, w, side
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def impact_or_contact(ends, span, sampling, stop, which, tally, peaks, extremes, sums):
     """An impact on a rigid stop, or a contact until it ends or the interval is over.
 
@@ -316,7 +315,7 @@ def impact_or_contact(ends, span, sampling, stop, which, tally, peaks, extremes,
     return position, v, x1, v1, left
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def interval_with_contacts(ends, sampling, lower, upper, tally, peaks, extremes, sums, page):
     """One sampling interval with any number of contacts and impacts; returns the end (x, v).
 

@@ -23,9 +23,9 @@ at the stop, W^2 = w0^2 + slope. J is the impulse of the stop's force, all per u
 
 import math
 
-import numba
 import numpy as np
 
+from stochvi.engine.compiling import kernel
 from stochvi.methods.monte_carlo.kernels.between_samples import decay
 from stochvi.methods.monte_carlo.kernels.bounces import RESTING
 from stochvi.methods.monte_carlo.kernels.flight import add_moments, add_noise, normals_of_step
@@ -76,7 +76,7 @@ XI, LAMBDA, CHI = 0.1786178958448091, -0.2123418310626054, -0.06626458266981849
 """Coefficients of PEFRL, from the paper named above."""
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def travel_time(distance, v0, v1, turn, omega):
     """Time of an undamped motion from velocity v0 to v1, less than a period.
 
@@ -95,7 +95,7 @@ def travel_time(distance, v0, v1, turn, omega):
     return 0.0 if rise == 0.0 else math.inf
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def undamped_motion(y, v, acceleration, t, omega):
     """Displacement and velocity after t of an undamped motion from y, v and this acceleration."""
     half = 0.5 * omega * t
@@ -109,7 +109,7 @@ def undamped_motion(y, v, acceleration, t, omega):
     return y + t * (v + 0.5 * t * acceleration), v + t * acceleration
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def contact_piecewise(y, v, left, data, pressing, stiff, tally):
     """Contact with a piecewise linear force; returns y, v and the time left when it ends."""
     last = data.shape[0] - 1
@@ -174,7 +174,7 @@ def contact_piecewise(y, v, left, data, pressing, stiff, tally):
     return y, v, 0.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def damped_motion(y, v, t, stiffness, damping, pressing, stiff):
     """Deflection and rate after t under spring and viscoelastic stop, also where the stop pulls."""
     square = stiff + stiffness
@@ -186,7 +186,7 @@ def damped_motion(y, v, t, stiffness, damping, pressing, stiff):
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def zeros_of_rate(rate, curvature, damping, square):
     """Times of the first two zeros of r, r'' + c r' + W^2 r = 0, r(0) = rate, r'(0) = curvature.
 
@@ -210,7 +210,7 @@ def zeros_of_rate(rate, curvature, damping, square):
     return math.atanh(root * sine / cosine) / root, math.inf
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def time_to_zero_force(y, v, left, stiffness, damping, pressing, stiff):
     """Time until the force of a viscoelastic stop is zero, at most `left`, whether it becomes so,
     and its largest value.
@@ -260,7 +260,7 @@ def time_to_zero_force(y, v, left, stiffness, damping, pressing, stiff):
     return t, True, peak
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def contact_viscoelastic(y, v, left, data, pressing, stiff, tally):
     """Contact with a viscoelastic stop; returns y, v and the time left when it ends.
 
@@ -315,7 +315,7 @@ def contact_viscoelastic(y, v, left, data, pressing, stiff, tally):
     return y, v, 0.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def symplectic_step(y, v, h, k, pressing, stiff):
     """Deflection, rate and impulse of the contact force after a step of PEFRL, Hertz stop."""
     push = 0.0
@@ -334,7 +334,7 @@ def symplectic_step(y, v, h, k, pressing, stiff):
     return y, v, push
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def contact_hertz(y, v, left, data, pressing, stiff, tally):
     """Contact with a Hertz stop; returns y, v and the time left when it ends."""
     k = data[0, 0]
@@ -378,7 +378,7 @@ def contact_hertz(y, v, left, data, pressing, stiff, tally):
     return y, v, 0.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def impact_or_contact(y, v, left, stop, side, stiff, tally, peaks, sums):
     """An impact on a rigid stop, or a contact until it ends or the time `left` is over.
 
@@ -418,7 +418,7 @@ def impact_or_contact(y, v, left, stop, side, stiff, tally, peaks, sums):
     return y, v, left
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def time_to_touch(x, v, stop, stiff, omega):
     """Time until a free mass crosses `stop` upwards, infinite for never, and its speed there.
 
@@ -433,7 +433,7 @@ def time_to_touch(x, v, stop, stiff, omega):
     return travel_time(stop - x, v, w, -stiff * (x + stop), omega), w
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def flow_with_contacts(x, v, left, stiff, lower, upper, threshold, tally, peaks, sums, page=None):
     """Flow of one path with any number of contacts, which are added to `sums`; returns (x, v).
 
@@ -493,7 +493,7 @@ def flow_with_contacts(x, v, left, stiff, lower, upper, threshold, tally, peaks,
     return x, v
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def step_clear_paths(x, v, z, near, kick, flow, lower, upper):
     """Advance every path that touches no stop by one step; kick and mark the others.
 
@@ -524,7 +524,7 @@ def step_clear_paths(x, v, z, near, kick, flow, lower, upper):
     return count
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def run_contacts(paths, kick, flow, lower, upper, counting, record, log, flag):
     """Advance every path by some steps, and add up those that are counted.
 

@@ -14,16 +14,16 @@ process with the opposite sign, which has the same law: its stops change sides.
 Symbols: shape holds rho, rho', eta, eta' at 0, -span, -2 span, ...
 """
 
-import numba
 import numpy as np
 
+from stochvi.engine.compiling import kernel
 from stochvi.methods.monte_carlo.kernels.compliant_response import cubic_maximum
 
 TIE = 1e-9
 """Relative distance from a stop up to which two gaps reach their stops at the same time."""
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def exceeds(x0, v0, x1, v1, span, near, far, newest):
     """Whether the cubic reaches `near` above or -`far` below.
 
@@ -38,7 +38,7 @@ def exceeds(x0, v0, x1, v1, span, near, far, newest):
     return False
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def is_outside(x, near, far, before):
     """Whether another gap is beyond a stop at the moment of the crossing.
 
@@ -49,7 +49,7 @@ def is_outside(x, near, far, before):
     return x >= near * (1.0 + shift) or x <= -far * (1.0 + shift)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def last_exceedance(x, v, shape, u, span, stride, near, far, crosses, most):
     """Number of the newest interval before the crossing in which one gap reaches a stop; `most`
     where it does not in the intervals before that.
@@ -67,7 +67,7 @@ def last_exceedance(x, v, shape, u, span, stride, near, far, crosses, most):
     return most
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def outcrossing_ages(
     records, starts, slopes, shape, crossing, span, stride, near, far, ages
 ):  # fmt: skip

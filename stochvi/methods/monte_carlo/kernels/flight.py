@@ -19,9 +19,9 @@ the end by -(1 + R) w (Sr, Cr).
 
 import math
 
-import numba
 import numpy as np
 
+from stochvi.engine.compiling import kernel
 from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_after, page_of
 from stochvi.methods.monte_carlo.kernels.lanes import LANES, aligned_rows, row_of
@@ -48,7 +48,7 @@ AGAIN = np.inf
 """Entry of the array of impact speeds for a path that may have several impacts in the step."""
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel(inline="always")
 def find_crossing(x, v, x1, v1, stiff, stop):
     """Whether the free orbit from (x, v) to (x1, v1) crosses `stop` upwards; w, E2 Sr and E2 Cr."""
     # differences of squares keep their digits close to the stop
@@ -60,7 +60,7 @@ def find_crossing(x, v, x1, v1, stiff, stop):
     return passed, w, sr, v1 * w + stiff * x1 * stop
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def step_without_stops(x, v, z, kick, flow):
     """Advance every path by one step where there is no stop."""
     e, s, _ = kick
@@ -72,7 +72,7 @@ def step_without_stops(x, v, z, kick, flow):
         v[i] = cosine * p - stiff * sine * q
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def step_with_stops(x, v, z, hit, kick, flow, lower, upper):
     """Advance every path by one step.
 
@@ -126,7 +126,7 @@ def step_with_stops(x, v, z, hit, kick, flow, lower, upper):
     return again
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel(inline="always")
 def step_between_stops(x, v, z, hit, kick, flow, lower, upper):
     """`step_with_stops` for stops on either side of the rest position and omega h <= pi / 2.
 
@@ -166,7 +166,7 @@ def step_between_stops(x, v, z, hit, kick, flow, lower, upper):
     return again
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def time_since(s_r, c_r, stiff):
     """Time r in s since a crossing, from its (Sr, Cr)."""
     if stiff > 0.0:
@@ -175,7 +175,7 @@ def time_since(s_r, c_r, stiff):
     return s_r / c_r
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def time_of_hit(x, v, hit, kick, z, flow, lower, upper):
     """Time in s from the start of a step to the impact on the stop that the sign of `hit` names.
 
@@ -196,7 +196,7 @@ def time_of_hit(x, v, hit, kick, z, flow, lower, upper):
     return min(max(h - time_since(sr / energy, cr / energy, stiff), 0.0), h)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def flow_with_impacts(x, v, flow, lower, upper, threshold, sums, page):
     """Flow of one path with any number of impacts, which are added to `sums`; returns (x, v).
 
@@ -252,7 +252,7 @@ def flow_with_impacts(x, v, flow, lower, upper, threshold, sums, page):
     return x1, v1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def find_near_stop(x, v, owed, usual, corner, lower, upper, found):
     """Mark the paths that are slow and near a stop, and those that were so a step before.
 
@@ -273,7 +273,7 @@ def find_near_stop(x, v, owed, usual, corner, lower, upper, found):
     return count
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def step_near_stop(x, v, owed, s0, s1, corner, lower, upper, threshold, sums, page):
     """Advance one path near a stop by one step in sub-steps that suit the state they start from.
 
@@ -323,7 +323,7 @@ def step_near_stop(x, v, owed, s0, s1, corner, lower, upper, threshold, sums, pa
     return x, v, owed, s0, s1
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel(inline="always")
 def count_side(hit, side, threshold, number, speed_sum, square_sum):
     """Add the impacts of one step on the stop of a side, 1 or -1, to N, F1 and F2 of every path."""
     for i in range(hit.shape[0]):
@@ -334,7 +334,7 @@ def count_side(hit, side, threshold, number, speed_sum, square_sum):
         square_sum[i] += w * w
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel(inline="always")
 def add_moments(x, v, origin, mean, square, speed):
     """Add x - origin, its square, and v^2 to their sums."""
     for i in range(x.shape[0]):
@@ -344,7 +344,7 @@ def add_moments(x, v, origin, mean, square, speed):
         speed[i] += v[i] * v[i]
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel(inline="always")
 def add_noise(x, v, z, place, power):
     """Add x z and v z to their sums, of states before the kick with the normal z."""
     for i in range(x.shape[0]):
@@ -352,7 +352,7 @@ def add_noise(x, v, z, place, power):
         power[i] += v[i] * z[i]
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel(inline="always")
 def merge_pairs(first, second, earlier):
     """Put into `first` the normal of one kick in the place of two: both with their weights."""
     later = math.sqrt(1.0 - earlier * earlier)
@@ -360,7 +360,7 @@ def merge_pairs(first, second, earlier):
         first[i] = earlier * first[i] + later * second[i]
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel(inline="always")
 def normals_of_step(odd, earlier, state0, state1, first, second):
     """Put the normals of a step into `first`: of a pair that two successive steps use, the second
     ones in `odd` steps, or of one drawn for it.
@@ -377,7 +377,7 @@ def normals_of_step(odd, earlier, state0, state1, first, second):
         normal_pairs(state0, state1, first, second)
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel(inline="always")
 def first_marked(hit):
     """Number of the first path that is marked AGAIN, by a loop that fills vectors."""
     n = hit.shape[0]
@@ -387,7 +387,7 @@ def first_marked(hit):
     return first
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_impacts(several, counted, local, record, sample, first_path, i):
     """Add the sums of a step with several impacts to those of path i; a record takes their speed.
 
@@ -400,7 +400,7 @@ def add_impacts(several, counted, local, record, sample, first_path, i):
         record[sample, first_path + i, 2] = several[F1_UPPER] - several[F1_LOWER]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def run_white(paths, kick, flow, lower, upper, between, corner, counting, record, log, flag):
     """Advance every path by some steps, and add up those that are counted.
 

@@ -7,9 +7,10 @@ instead, and are compiled once more without the code for a log, which saves 5 to
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from stochvi.engine.compiling import kernel
 
 COLUMNS = 4
 """Number of columns of a log, one row an impact: path, pair, time, speed."""
@@ -51,7 +52,7 @@ NO_RECORD = np.empty((0, 0, 0))
 """The record of a kernel whose states are not recorded."""
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def page_of(log, path, number, step):
     """Part of a log for a path in the counted step `number`; None without a log.
 
@@ -63,13 +64,13 @@ def page_of(log, path, number, step):
     return Page(log.events, log.count, opened, path, log.start + number * step)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def page_after(page, elapsed):
     """Part of a log for what is left of a step after `elapsed` s."""
     return Page(page.events, page.count, page.open, page.path, page.start + elapsed)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def log_impact(page, pair, elapsed, speed):
     """Count an impact, and write it into the next row of an open page if there is one left.
 

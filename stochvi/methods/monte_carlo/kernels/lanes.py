@@ -9,10 +9,11 @@ distances that the compiler knows: loops over the lanes then need no test of whe
 which takes as long as the loop over 20 lanes.
 """
 
-import numba
 import numpy as np
 from numba.core import types
 from numba.extending import lower_builtin, type_callable
+
+from stochvi.engine.compiling import kernel
 
 LANES = 256
 """Number of paths that are advanced together: their dozen arrays of 2 kB each stay in the
@@ -26,7 +27,7 @@ ROW = LANES + CACHE_LINE
 places of the cache."""
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def aligned_rows(rows):
     """Zeros (rows, ROW) whose rows begin at lines of the cache: a vector then never lies in two
     lines."""
@@ -62,3 +63,6 @@ def write_row(context, builder, signature, arguments):
         itemsize=stride, meminfo=None, parent=None,
     )  # fmt: skip
     return view._getvalue()
+
+
+row_of.made_of = {object: (type_of_row, write_row)}

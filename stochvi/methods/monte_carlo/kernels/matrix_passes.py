@@ -3,12 +3,11 @@
 A matrix is a table (starts, columns, weights) of its nonzero elements, row after row.
 """
 
-import numba
-
+from stochvi.engine.compiling import kernel
 from stochvi.methods.monte_carlo.kernels.fused import fma
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def matrix_pass(out, keep, sources, table, width):
     """out = keep out + matrix . sources in the first `width` lanes; `table` holds the matrix.
 
@@ -36,14 +35,14 @@ def matrix_pass(out, keep, sources, table, width):
             kept = 1.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_one(out, row, keep, x, column, weight, width):
     """out[row] = keep out[row] + weight x[column]."""
     for i in range(width):
         out[row, i] = fma(weight, x[column, i], keep * out[row, i])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_two(out, row, keep, x, columns, weights, width):
     """out[row] = keep out[row] + the products of two weights with their rows of x."""
     j, k = columns
@@ -52,7 +51,7 @@ def add_two(out, row, keep, x, columns, weights, width):
         out[row, i] = fma(b, x[k, i], fma(a, x[j, i], keep * out[row, i]))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_four(out, row, keep, x, columns, weights, width):
     """out[row] = keep out[row] + the products of four weights with their rows of x."""
     j, k, m, n = columns

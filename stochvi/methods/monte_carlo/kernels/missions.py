@@ -11,9 +11,9 @@ energy per unit mass, without that stored in a stop.
 
 import math
 
-import numba
 import numpy as np
 
+from stochvi.engine.compiling import kernel
 from stochvi.methods.monte_carlo.kernels.contact import flow_with_contacts, step_clear_paths
 from stochvi.methods.monte_carlo.kernels.lanes import LANES
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
@@ -35,7 +35,7 @@ PASSAGE, IMPACT, FORCE, NOTHING = range(4)
 exceeds its limit; there is no event."""
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def exceeds_force_limit(peaks, sums, limit):
     """Whether the force of a stop exceeded its limit in a step, in contacts that last or ended.
 
@@ -51,7 +51,7 @@ def exceeds_force_limit(peaks, sums, limit):
     return False
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def count_down(x, v, left, top, near, stiff, level, mark):
     """Take one step off the steps left, and mark the paths to be handled one by one.
 
@@ -71,7 +71,7 @@ def count_down(x, v, left, top, near, stiff, level, mark):
     return count
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def run_missions(
     fleet, kick, flow, lower, upper, event, limit, threshold, counted, level, flag
 ):  # fmt: skip

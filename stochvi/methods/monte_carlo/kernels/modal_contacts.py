@@ -24,10 +24,10 @@ coefficients of z by powers of t; r = d'. Forces and their sums per unit of the 
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.engine.compiling import kernel
 from stochvi.methods.monte_carlo.kernels.between_samples import time_to_stop
 from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
@@ -155,7 +155,7 @@ class Accelerations(NamedTuple):
     largest: NDArray[np.float64]
 
 
-@numba.njit(cache=True)
+@kernel
 def make_workspace(pairs, modes):
     """Arrays of zeros for these numbers of pairs and modes."""
     return Workspace(
@@ -164,7 +164,7 @@ def make_workspace(pairs, modes):
     )  # fmt: skip
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def is_rigid(contacts, pair, which):
     """Whether a stop is rigid; all stops are rigid where `contacts` is None."""
     if contacts is None:
@@ -172,7 +172,7 @@ def is_rigid(contacts, pair, which):
     return contacts.kinds[pair, which] == RIGID
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def find_contacts(gaps, stops, contacts, work):
     """Mark the stops that are in contact when a step begins; returns whether there is any."""
     touching = False
@@ -185,7 +185,7 @@ def find_contacts(gaps, stops, contacts, work):
     return touching
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def quintic_coefficients(gaps, j, span, q):
     """Write the coefficients by powers of time of the quintic of gap j into q[j]."""
     g0, v0, a0 = gaps[j, 0], gaps[j, 1], gaps[j, 2]
@@ -199,7 +199,7 @@ def quintic_coefficients(gaps, j, span, q):
     q[j, 5] = (6.0 * rise - 3.0 * slope + 0.5 * bend) / (cube * span * span)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def quintic_at(q, j, t):
     """Value, slope and curvature at t of the quintic of gap j."""
     return (
@@ -210,7 +210,7 @@ def quintic_at(q, j, t):
     )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def gap_of(rows, j, modal, row):
     """phi_j . modal[row]: the change of gap j by a modal vector."""
     total = 0.0
@@ -219,7 +219,7 @@ def gap_of(rows, j, modal, row):
     return total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def structural_acceleration(modal, d, r, a, squares, damping):
     """modal[a] = -omega^2 d - B r, the acceleration by springs and dampers of the structure."""
     for k in range(squares.shape[0]):
@@ -229,7 +229,7 @@ def structural_acceleration(modal, d, r, a, squares, damping):
         modal[a, k] = total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def contact_acceleration(
     t, d, r, a, weight, modal, at_stop, q, inside, stops, kinds, data, squares, damping, rows,
     shares,
@@ -255,7 +255,7 @@ def contact_acceleration(
                 modal[a, k] -= side * force * shares[j, k]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def evaluate_gaps(t, d, r, a, gap_row, stop_row, work, stops, contacts):
     """Values, slopes and curvatures of all gaps at t, and forces of the stops with their rates."""
     modal, gap, at_stop, q = work.modal, work.gap, work.at_stop, work.quintics
@@ -281,7 +281,7 @@ def evaluate_gaps(t, d, r, a, gap_row, stop_row, work, stops, contacts):
                 at_stop[stop_row + 1, j, which] = stiffness * v + damping * side * gap[curve, j]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def sub_step(t, h, work, stops, contacts):
     """d and r after a step h of the Runge-Kutta method, and all gaps and forces there."""
     modal, at_stop, q = work.modal, work.at_stop, work.quintics
@@ -325,7 +325,7 @@ def sub_step(t, h, work, stops, contacts):
     evaluate_gaps(t + h, D_END, R_END, A_4, Y_END, FORCE_END, work, stops, contacts)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def first_event(h, gap, inside, resting, stops):
     """Fraction of a sub-step until the first touch or end of a contact, its pair and its stop.
 
@@ -350,7 +350,7 @@ def first_event(h, gap, inside, resting, stops):
     return first, pair, upper
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def longest_sub_step(gaps, gap, inside, stops, contacts):
     """Longest sub-step, s: a fixed part of the shortest time scale.
 
@@ -371,7 +371,7 @@ def longest_sub_step(gaps, gap, inside, stops, contacts):
     return CONTACT_ANGLE / math.sqrt(square)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def shorter_for_hertz(h, gap, inside, stops, contacts):
     """Length of a sub-step, s; with a Hertz stop it doubles after the touch, and halves to its end.
 
@@ -390,7 +390,7 @@ def shorter_for_hertz(h, gap, inside, stops, contacts):
     return h
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_contacts(h, work, stops, contacts, tally):
     """Add impulse, dissipated energy, duration and peak force of a sub-step of all contacts."""
     gap, at_stop, inside = work.gap, work.at_stop, work.inside
@@ -423,7 +423,7 @@ def add_contacts(h, work, stops, contacts, tally):
             peaks[j, which] = max(peaks[j, which], highest)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def update_accelerations(found, share, modal, a):
     """Raise the largest accelerations to those where contacts add modal[a], at a share of what is
     left of the step."""
@@ -436,14 +436,14 @@ def update_accelerations(found, share, modal, a):
         largest[output] = max(largest[output], abs(total))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def move_forces(found, share):
     """Let what is left of the step begin at a share of it."""
     for k in range(found.before.shape[0]):
         found.before[k] += share * (found.after[k] - found.before[k])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def apply_event(work, elapsed, step, pair, upper, stops, contacts, tally, page):
     """Begin or end a contact, or apply an impact on a rigid stop, `elapsed` s into the step."""
     peaks, sums = tally
@@ -482,7 +482,7 @@ def apply_event(work, elapsed, step, pair, upper, stops, contacts, tally, page):
         work.resting[pair, upper] = 1.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def start_next_sub_step(modal, gap, at_stop):
     """Copy the end of a sub-step to the start of the next; loops are quicker than slices here."""
     for k in range(modal.shape[1]):
@@ -494,7 +494,7 @@ def start_next_sub_step(modal, gap, at_stop):
             at_stop[RATE, j, which] = at_stop[RATE_END, j, which]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def integrate_contacts(
     gaps, span, start, step, work, stops, contacts, accelerations, tally, page
 ):  # fmt: skip
@@ -556,7 +556,7 @@ def integrate_contacts(
     return min(t, span)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def decay_freely(end, t, span, work, terms, contacts, accelerations):
     """Start the gaps at t, where contacts ended; add the free decay of d and r to all ends."""
     state, lane, gaps = end

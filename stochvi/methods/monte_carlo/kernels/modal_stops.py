@@ -14,10 +14,10 @@ impact speed and R the restitution.
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.engine.compiling import kernel
 from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_of
 from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass
@@ -105,7 +105,7 @@ class LaneArrays(NamedTuple):
     response: NDArray[np.float64]
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel(inline="always")
 def quintic(c0, c1, c2, c3, c4, c5, t):
     """Value and derivative at t of the polynomial with these Bernstein coefficients."""
     u = 1.0 - t
@@ -119,14 +119,14 @@ def quintic(c0, c1, c2, c3, c4, c5, t):
     return u * c0 + t * c1, 5.0 * (c1 - c0)
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel(inline="always")
 def rises_once(c1, c2, c3, c4, c5):
     """Whether Bernstein coefficients after a first one <= 0 change sign once, to positive."""
     early = ((c1 <= 0.0) | (c2 > 0.0)) & ((c2 <= 0.0) | (c3 > 0.0))
     return early & ((c3 <= 0.0) | (c4 > 0.0)) & (c5 > 0.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def bracketed_root(c0, c1, c2, c3, c4, c5):
     """The upward root in (0, 1] of a polynomial that has one, c0 <= 0 < c5, and its slope there."""
     low, high = 0.0, 1.0
@@ -146,7 +146,7 @@ def bracketed_root(c0, c1, c2, c3, c4, c5):
     return t, slope
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def first_root(c0, c1, c2, c3, c4, c5, stack):
     """First upward root in (0, 1] of a polynomial with c0 <= 0 and its slope there; 2 for no root.
 
@@ -193,7 +193,7 @@ def first_root(c0, c1, c2, c3, c4, c5, stack):
         start, end = row[6], row[7]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def find_crossing(gaps, j, span, stop, side, stack):
     """Fraction of the span until side (y - stop) crosses 0 upwards, 2 for never, and the speed."""
     start, end = side * (gaps[j, 0] - stop), side * (gaps[j, 3] - stop)
@@ -218,7 +218,7 @@ def find_crossing(gaps, j, span, stop, side, stack):
     return t, max(slope / span, 0.0)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def move_start(gaps, j, t, span):
     """Replace the start of gap j by value, slope and curvature at the fraction t of the span."""
     g0, v0, a0 = gaps[j, 0], gaps[j, 1], gaps[j, 2]
@@ -235,7 +235,7 @@ def move_start(gaps, j, t, span):
     gaps[j, 2] = a0 + t * (6.0 * k3 + t * (12.0 * k4 + t * 20.0 * k5)) / (span * span)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def apply_reset(end, pair, change, span, resets):
     """Change the speed of a pair by `change`, m/s, `span` seconds before the end of the step."""
     state, lane, gaps = end
@@ -256,7 +256,7 @@ def apply_reset(end, pair, change, span, resets):
             gaps[other, 3 + what] += change * total
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def put_on_stop(end, pair, stop, side, resets):
     """Move a gap that ends beyond a stop onto it; returns the speed taken away, m/s, or 0.
 
@@ -283,7 +283,7 @@ def put_on_stop(end, pair, stop, side, resets):
     return taken
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def step_with_stops(end, step, stops, resets, contacts, accelerations, work, tally, page=None):
     """One step of one path with any number of contacts and impacts on any pair.
 
@@ -360,7 +360,7 @@ def step_with_stops(end, step, stops, resets, contacts, accelerations, work, tal
     keep_between_stops(end, stops, resets, contacts, sums)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def keep_between_stops(end, stops, resets, contacts, sums):
     """Move the gaps that end beyond rigid stops onto them.
 
@@ -381,7 +381,7 @@ def keep_between_stops(end, stops, resets, contacts, sums):
             return
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def newton_roots(c0, c1, c2, c3, c4, c5, t, count):
     """Root t in each lane of a polynomial that is <= 0 at 0 and rises through 0 once."""
     for i in range(count):
@@ -392,7 +392,7 @@ def newton_roots(c0, c1, c2, c3, c4, c5, t, count):
         t[i] = s if s >= 0.0 else 0.0  # a NaN would stay in the lanes of `response`
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def root_slopes(c0, c1, c2, c3, c4, c5, t, slope, count):
     """Slope of the polynomial of each lane at t, or -1 where t is no root."""
     for i in range(count):
@@ -400,7 +400,7 @@ def root_slopes(c0, c1, c2, c3, c4, c5, t, slope, count):
         slope[i] = rise if abs(value) <= ROOT_ERROR * rise else -1.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def root_curvatures(c0, c1, c2, c3, c4, c5, t, bend, count):
     """Second derivative of the polynomial of each lane at t."""
     for i in range(count):
@@ -412,7 +412,7 @@ def root_curvatures(c0, c1, c2, c3, c4, c5, t, bend, count):
         bend[i] = 20.0 * (u * d0 + s * d1)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def remaining_powers(t, step, powers, count):
     """Powers 0, 1, ... of the time left after the root, one row each."""
     for i in range(count):
@@ -422,7 +422,7 @@ def remaining_powers(t, step, powers, count):
             powers[k, i] = powers[k - 1, i] * ((1.0 - t[i]) * step)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def single_impacts(pair, ends, new, index, count, sums, arrays, log, first_path, number):
     """Impacts of a `SinglePair` that are alone in their step, many lanes at once.
 

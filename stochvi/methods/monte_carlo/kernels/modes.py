@@ -25,10 +25,10 @@ s0, r0, s1, r1 the contributions of Y to values and slopes; z are standard norma
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.engine.compiling import kernel
 from stochvi.methods.monte_carlo.kernels.compliant_response import stop_force
 from stochvi.methods.monte_carlo.kernels.contact import RIGID
 from stochvi.methods.monte_carlo.kernels.fused import fma
@@ -204,7 +204,7 @@ class Outputs(NamedTuple):
     largest: Largest | None = None
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def fill_modal_spectrum(streams, real, imaginary, relative, spectrum):
     """Gaussian spectra of Y + i Y' / w0 of all modes, from the same random coefficients.
 
@@ -237,7 +237,7 @@ def fill_modal_spectrum(streams, real, imaginary, relative, spectrum):
                     down[2 * i + 1] -= below * second
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def read_sample(sample, scale, start, lanes, smooth):
     """Rows of values, then rows of slopes of Y, from a sample (modes, 2 paths) of both in turn."""
     modes = sample.shape[0]
@@ -247,7 +247,7 @@ def read_sample(sample, scale, start, lanes, smooth):
             smooth[modes + m, i] = scale * sample[m, 2 * (start + i) + 1]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_to(total, part):
     """total += part, row by row."""
     for j in range(part.shape[0]):
@@ -255,7 +255,7 @@ def add_to(total, part):
             total[j, i] += part[j, i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_up(total, one, other):
     """total = one + other, over the rows of `total`."""
     for j in range(total.shape[0]):
@@ -263,7 +263,7 @@ def add_up(total, one, other):
             total[j, i] = one[j, i] + other[j, i]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_curvatures(a0, a1, s0, r0, s1, r1, step):
     """Add the curvatures at both ends of the cubic through values s and slopes r."""
     for j in range(a0.shape[0]):
@@ -273,7 +273,7 @@ def add_curvatures(a0, a1, s0, r0, s1, r1, step):
             a1[j, i] -= rise - (2.0 * r0[j, i] + 4.0 * r1[j, i]) / step
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def mark_near_stops(y0, v0, y1, v1, j, third, lower, upper, marks):
     """Mark the lanes where the hull of the cubic of gap j reaches a stop by a positive number."""
     for i in range(marks.shape[0]):
@@ -284,7 +284,7 @@ def mark_near_stops(y0, v0, y1, v1, j, third, lower, upper, marks):
         marks[i] = max(marks[i], max(high, low))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def gather_marked(marks, lanes, index):
     """Write the numbers of the marked lanes into `index`; returns how many there are."""
     count = 0
@@ -294,21 +294,21 @@ def gather_marked(marks, lanes, index):
     return count
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_product(total, row, x, j, origin_j, k, origin_k):
     """total[row] += (x[j] - origin_j) (x[k] - origin_k)."""
     for i in range(total.shape[1]):
         total[row, i] += (x[j, i] - origin_j) * (x[k, i] - origin_k)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_row(total, row, x, j, origin):
     """total[row] += x[j] - origin."""
     for i in range(total.shape[1]):
         total[row, i] += x[j, i] - origin
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_moments(local, modes, state, origins):
     """Add q, then the upper triangles of q q' and of p p', to their sums."""
     row = modes
@@ -323,7 +323,7 @@ def add_moments(local, modes, state, origins):
             row += 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_noise(local, first, modes, state, kicks, crossed):
     """Add q_k f_j, p_k f_j and f_k f_j of each crossing (k, j) from row `first` on.
 
@@ -337,7 +337,7 @@ def add_noise(local, first, modes, state, kicks, crossed):
             local[row + 2, i] = fma(kicks[k, i], kicks[j, i], local[row + 2, i])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_passages(local, first, stops, before, after):
     """Add up the passages of gaps beyond their stops between two samples (pairs, lanes).
 
@@ -357,7 +357,7 @@ def add_passages(local, first, stops, before, after):
                 local[row + 2, i] += rise * rise
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_pulls(local, first, pulled):
     """Add the rows of `pulled`, then the upper triangle of their products, from row `first` on."""
     row = first + pulled.shape[0]
@@ -368,7 +368,7 @@ def add_pulls(local, first, pulled):
             row += 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def add_contact_pulls(pulled, y, v, stops, contacts):
     """Add the modal forces of the stops that give way, at gaps y and rates v (pairs, lanes)."""
     for j in range(y.shape[0]):
@@ -386,7 +386,7 @@ def add_contact_pulls(pulled, y, v, stops, contacts):
                         pulled[k, i] += side * force * contacts.shares[j, k]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def number_of(largest):
     """Number of accelerations of which the largest is wanted."""
     if largest is None:
@@ -394,7 +394,7 @@ def number_of(largest):
     return largest.rows.shape[0]
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def accelerations_of(largest, path, counted, spare, ends, before, after, lane):
     """The part of `largest` for one path in one step; `spare` gets those that are not counted.
 
@@ -409,7 +409,7 @@ def accelerations_of(largest, path, counted, spare, ends, before, after, lane):
     return Accelerations(largest.rows, ends[0], ends[1], own)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
     """Advance every path, and add up the counted steps.
 

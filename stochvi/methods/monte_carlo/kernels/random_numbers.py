@@ -12,9 +12,9 @@ so that the largest normal is sqrt(2 * 52 ln 2) = 8.49.
 
 import math
 
-import numba
 import numpy as np
 
+from stochvi.engine.compiling import kernel
 from stochvi.methods.monte_carlo.kernels.fused import fma
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
@@ -29,7 +29,7 @@ SQRT2 = math.sqrt(2.0)
 QUARTER_TURN = math.pi / 2.0
 
 
-@numba.njit(cache=True, inline="always")
+@kernel(inline="always")
 def split_mix(z):
     """One output of SplitMix64 for the counter z."""
     z = (z ^ (z >> S30)) * MIX_1
@@ -37,7 +37,7 @@ def split_mix(z):
     return z ^ (z >> S31)
 
 
-@numba.njit(cache=True)
+@kernel
 def seed_streams(seed, first_path, state):
     """Fill `state` (2, paths) for the paths first_path, first_path + 1, ..."""
     key = split_mix(np.uint64(seed) + GOLDEN)
@@ -48,7 +48,7 @@ def seed_streams(seed, first_path, state):
             state[word, i] = split_mix(z)
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel(inline="always")
 def log_unit(u):
     """Natural logarithm of 2^-52 <= u <= 1, relative error below 1e-15."""
     bits = np.float64(u).view(np.uint64)
@@ -74,7 +74,7 @@ def log_unit(u):
     return fma(e, LN2, 2.0 * t * s)
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel(inline="always")
 def normal_pair(s0, s1):
     """Two independent standard normals from two draws: the new state, and the normals."""
     t = s0 + s1
@@ -117,14 +117,14 @@ def normal_pair(s0, s1):
     return s0, s1, x * sign, y * sign
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy")
+@kernel(inline="always")
 def normal_pairs(state0, state1, first, second):
     """Two independent standard normals per path; advances every stream by two draws."""
     for i in range(first.shape[0]):
         state0[i], state1[i], first[i], second[i] = normal_pair(state0[i], state1[i])
 
 
-@numba.njit(cache=True, nogil=True)
+@kernel
 def normal_rows(state0, state1, first, second):
     """Fill (rows, paths) arrays with pairs of normals, row after row."""
     for row in range(first.shape[0]):

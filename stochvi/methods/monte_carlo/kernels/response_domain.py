@@ -17,9 +17,9 @@ end a row holds one sample (or one bin) of all paths, (y, y' / w0) or (real, ima
 Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in the interval.
 """
 
-import numba
 import numpy as np
 
+from stochvi.engine.compiling import kernel
 from stochvi.methods.monte_carlo.kernels.between_samples import decay, time_to_stop
 from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
@@ -42,7 +42,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
 )
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def interval_with_impacts(x0, v0, x1, v1, sampling, lower, upper, extremes, sums, page):
     """One sampling interval with any number of impacts on rigid stops; returns the end (x, v)."""
     span, omega, damping_rate, threshold, scale, _, _ = sampling
@@ -77,7 +77,7 @@ def interval_with_impacts(x0, v0, x1, v1, sampling, lower, upper, extremes, sums
     return x1, v1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def fill_bin(cosine, sine, above, below, up, down):
     """Fill the rows of the spectrum at +w and at -w with one bin of every path."""
     for i in range(cosine.shape[0]):
@@ -87,7 +87,7 @@ def fill_bin(cosine, sine, above, below, up, down):
         down[2 * i + 1] = below * sine[i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def fill_spectrum(streams, amplitudes, relative, spectrum):
     """Gaussian spectrum of y + i y' / w0 for y = sum a cos wt + b sin wt = Re sum (a - i b) e^iwt.
 
@@ -112,7 +112,7 @@ def fill_spectrum(streams, amplitudes, relative, spectrum):
         fill_bin(cosine, sine, above, below, spectrum[k + 1], spectrum[samples - 1 - k])
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def advance_clear_paths(y, x, v, e, rate, near, sampling, column, lower, upper):
     """Advance every path that stays clear of the stops by one interval; mark the others `near`.
 
@@ -145,7 +145,7 @@ def advance_clear_paths(y, x, v, e, rate, near, sampling, column, lower, upper):
     return count
 
 
-@numba.njit(cache=True, error_model="numpy")
+@kernel
 def update_peak_acceleration(x, v, sampling, extremes):
     """Update the largest absolute acceleration of each path with that by spring and damper."""
     omega, damping_rate = sampling.omega, sampling.damping_rate
@@ -154,7 +154,7 @@ def update_peak_acceleration(x, v, sampling, extremes):
         extremes[i, SHARPEST] = max(extremes[i, SHARPEST], acceleration)
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def run_response(free, sampling, lower, upper, state, peaks, sums, record, extremes, log, flag):
     """Add impacts to `free` responses, which are periodic in time, and add up the counted samples.
 
@@ -219,7 +219,7 @@ def run_response(free, sampling, lower, upper, state, peaks, sums, record, extre
                     record[step, i, 1] = v[i]
 
 
-@numba.njit(cache=True, nogil=True, error_model="numpy")
+@kernel
 def add_free_motion(free, begin, end, stops, sums):
     """Add up what the motion without stops does in the samples from `begin` to before `end`.
 

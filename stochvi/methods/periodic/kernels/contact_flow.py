@@ -13,9 +13,9 @@ Symbols as in `solver`.
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from stochvi.engine.compiling import kernel
 from stochvi.methods.periodic.kernels.hertz_flow import (
     FAINT,
     Contacts,
@@ -95,7 +95,7 @@ class Record(NamedTuple):
     factors: np.ndarray
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def linear_motion(motion, laws, states):
     """The linear motion between two events, for the states of the stops: the motion with the
     springs and dampers of the stops that press, its longest step, its matrix over that step, and
@@ -107,7 +107,7 @@ def linear_motion(motion, laws, states):
     return now, part, transition(now.generator, part), pull, times_generator(pull, now.generator)
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def pressed(motion, laws, states):
     """The motion with the springs and dampers of the stops that press."""
     n, size = motion.rows.shape[1], len(motion.generator)
@@ -132,7 +132,7 @@ def pressed(motion, laws, states):
     )  # fmt: skip
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def step_between(now):
     """The longest step in which no distance turns twice and the series converge: speeds are taken
     in units of the fastest frequency, which a stiff stop raises."""
@@ -149,7 +149,7 @@ def step_between(now):
     return min(ANGLE / fastest, NORM / (fastest + damping))
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def first_states(motion, laws, contacts, z):
     """Set the contacts at the state of a motion."""
     states, roots = contacts
@@ -167,7 +167,7 @@ def first_states(motion, laws, contacts, z):
             roots[s] = math.sqrt(deep)
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def first_rise_after(series, length, own):
     """The first time in [0, length] at which a series is above 0, after one at which it is 0 if
     the last event was its own; -1 where none."""
@@ -180,7 +180,7 @@ def first_rise_after(series, length, own):
     return first_rise(series, length)
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def next_event(motion, laws, states, curves, length, touched):
     """Time of the next event, -1 where there is none, its stop, and the state that follows."""
     terms, n = curves.terms, motion.rows.shape[1]
@@ -227,7 +227,7 @@ def next_event(motion, laws, states, curves, length, touched):
     return at, stop, following
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def put_line(series, factor, constant, out):
     """out = factor * series + constant."""
     for t in range(TERMS):
@@ -235,14 +235,14 @@ def put_line(series, factor, constant, out):
     out[0] += constant
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def rates_of(now, hertz, contacts, z, out):
     """(q', q'') of a state, with the forces of all stops."""
     rate(now, z, out)
     add_forces(now, hertz, contacts, out)
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def acceleration_of(now, hertz, contacts, z, pull, slope):
     """Absolute acceleration of the output, and its rate by time."""
     value, change = dot(pull, z), dot(slope, z)
@@ -250,7 +250,7 @@ def acceleration_of(now, hertz, contacts, z, pull, slope):
     return value + more, change + faster
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def pace_of(roots):
     """dt / dtau: 1 where no stop of Hertz's law presses."""
     pace = 1.0
@@ -259,7 +259,7 @@ def pace_of(roots):
     return pace
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def flow(motion, laws, start, phase, record):
     """Follow a motion over whole periods of the force from a phase of it.
 

@@ -8,9 +8,9 @@ within a step, the flight goes on from impact to impact by Taylor series.
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from stochvi.engine.compiling import kernel
 from stochvi.methods.periodic.kernels.solver import (
     FREE,
     MOST_IMPACTS,
@@ -92,7 +92,7 @@ class Course(NamedTuple):
     resting: np.ndarray
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def course_of(motion, phase, angle):
     """The course over an angle of phases (rad) from one on."""
     n = motion.rows.shape[1]
@@ -115,7 +115,7 @@ def course_of(motion, phase, angle):
     return Course(motion, part, matrix, forced, waves, phase, held(motion))
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def turn(generator, time, disturbances, column, out):
     """Take a small disturbance of a state, (2 n, number), over a time."""
     two = len(disturbances)
@@ -132,7 +132,7 @@ def turn(generator, time, disturbances, column, out):
             disturbances[i, column] += fresh[i]
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def turn_at_impact(motion, stop, z, disturbances):
     """Take small disturbances over an impact, before it turns the state z: a disturbed flight is
     struck at another moment, before which the old rates act and after which the new ones."""
@@ -152,7 +152,7 @@ def turn_at_impact(motion, stop, z, disturbances):
             disturbances[i, column] += (after[i] - before[i]) * distance / speed
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def fly(course, y, touch, disturbances, log, hits):
     """Fly over a course from the state y (2 n,), in its place; returns the number of impacts so
     far, of which there were `hits`, or -1 where they came too fast to be followed.
@@ -237,14 +237,14 @@ def fly(course, y, touch, disturbances, log, hits):
     return hits
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def settle_on(motion, stop, disturbance):
     """What is left of a small disturbance where the motion comes to rest on a stop."""
     remove_part(motion.rows[stop], disturbance[: motion.rows.shape[1]])
     rest_on(motion, stop, disturbance)
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def reached(y, targets):
     """The number of the target around which a state lies within the limit of its quadratic form;
     WANDERS where there is none."""
@@ -262,7 +262,7 @@ def reached(y, targets):
     return WANDERS
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def settle_flights(lead, course, states, most, targets, found):
     """Fly states (number, 2 n), in their place, until each reaches a target, over `most` periods.
 
@@ -287,7 +287,7 @@ def settle_flights(lead, course, states, most, targets, found):
             found[number] = LOST
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def watch_flight(course, y, skipped, watched, disturbance):
     """Fly a state y (2 n,), in its place, first over `skipped` periods, and then over those that
     are watched, with a small disturbance (2 n, 1). Returns the number of logged impacts, or -1."""

@@ -13,9 +13,9 @@ Symbols as in `contact_flow`; k is the order of a coefficient.
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
+from stochvi.engine.compiling import kernel
 from stochvi.methods.periodic.kernels.solver import (
     TERMS,
     put,
@@ -58,13 +58,13 @@ class Curves(NamedTuple):
     clock: np.ndarray
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def presses(hertz, states, stop):
     """Whether a stop is one of Hertz's law, and presses."""
     return hertz[stop] > 0.0 and states[stop] >= 0
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def any_presses(hertz, states):
     """Whether any stop of Hertz's law presses."""
     found = False
@@ -73,7 +73,7 @@ def any_presses(hertz, states):
     return found
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def product(a, b, k):
     """Coefficient k of the product of two series."""
     total = 0.0
@@ -82,7 +82,7 @@ def product(a, b, k):
     return total
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def curve(now, hertz, contacts, z, curves):
     """Write the coefficients in tau of the motion from a state."""
     states, roots = contacts
@@ -126,7 +126,7 @@ def curve(now, hertz, contacts, z, curves):
             terms[k + 1, i] = product(pace, rates[i], k) / (k + 1)
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def curved_step(curves, left):
     """The longest step of tau in which the series converge, at most to the end of the time left."""
     terms, bends, clock = curves.terms, curves.bends, curves.clock
@@ -146,7 +146,7 @@ def curved_step(curves, left):
     return root_between(ahead, 0.0, step, False)
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def turn_curved(now, hertz, contacts, curves, step, disturbances):
     """Take small disturbances (2 n, number) of the state at one time, in their place, over a step
     of tau."""
@@ -176,7 +176,7 @@ def turn_curved(now, hertz, contacts, curves, step, disturbances):
             disturbances[i, column] = out[i]
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def add_forces(now, hertz, contacts, rates):
     """Add what stops of Hertz's law press to the rates (2 n,) of a state."""
     states, roots = contacts
@@ -187,7 +187,7 @@ def add_forces(now, hertz, contacts, rates):
                 rates[n + i] -= hertz[s] * roots[s] ** 3 * now.rows[s, i]
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def added_acceleration(now, hertz, contacts, z, pull):
     """What stops of Hertz's law add to the acceleration of the output, and to its rate by time."""
     states, roots = contacts

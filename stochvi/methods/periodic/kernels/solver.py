@@ -16,8 +16,9 @@ parameter of a branch over its range.
 import math
 from typing import NamedTuple
 
-import numba
 import numpy as np
+
+from stochvi.engine.compiling import kernel
 
 TERMS = 15
 """Number of terms of a Taylor series over a step; the last is 0.5^15 / 15! = 2e-17 of the first."""
@@ -110,7 +111,7 @@ class Touch(NamedTuple):
     fastest: np.ndarray
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def motion_at(expansion, sigma):
     """The motion at a parameter."""
     series, n, m, h = expansion
@@ -152,7 +153,7 @@ def motion_at(expansion, sigma):
     return Motion(g, rows, positions, restitutions, omega, output, base)
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def norm_of(g):
     """1-norm of a matrix."""
     largest = 0.0
@@ -164,7 +165,7 @@ def norm_of(g):
     return largest
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def multiply(a, b, out):
     """out = a b."""
     for i in range(a.shape[0]):
@@ -177,7 +178,7 @@ def multiply(a, b, out):
                     out[i, j] += value * b[k, j]
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def put(values, out):
     """Copy a vector. The loop compiles within a hundredth of the time of `out[:] = values`, for
     which numba compiles broadcasting and the text of its error messages."""
@@ -185,14 +186,14 @@ def put(values, out):
         out[i] = values[i]
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def set_all(out, value):
     """Give all elements of a vector one value."""
     for i in range(len(out)):
         out[i] = value
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def identity(size):
     """The identity matrix."""
     found = np.zeros((size, size))
@@ -201,7 +202,7 @@ def identity(size):
     return found
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def transition(g, time):
     """exp(G time) by a Taylor series of a part of the time, squared."""
     size = len(g)
@@ -242,7 +243,7 @@ def transition(g, time):
     return found
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def solve(a, b):
     """a^-1 b in the place of b; False where a is singular. Changes a."""
     size = len(a)
@@ -273,7 +274,7 @@ def solve(a, b):
     return True
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def force_state(motion, phase, out):
     """w at a phase of the force."""
     h = (len(out) - 1) // 2
@@ -283,7 +284,7 @@ def force_state(motion, phase, out):
     out[2 * h] = 1.0
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def rate(motion, z, out):
     """(q', q'') of a state z."""
     for i in range(2 * motion.rows.shape[1]):
@@ -293,7 +294,7 @@ def rate(motion, z, out):
         out[i] = total
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def strike(motion, stop, y):
     """Take the velocities of y = (q, q') before an impact to those after it; its incident speed."""
     n = motion.rows.shape[1]
@@ -307,7 +308,7 @@ def strike(motion, stop, y):
     return speed
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def residual(motion, pattern, theta, states, left, jacobian):
     """How far each impact of a regime is from its stop, and what its phases change.
 
@@ -449,7 +450,7 @@ def residual(motion, pattern, theta, states, left, jacobian):
     return True
 
 
-@numba.njit(cache=True, inline="always", error_model="numpy", nogil=True)
+@kernel(inline="always")
 def bordered(expansion, pattern, u, states, left, matrix):
     """Residual at u = (theta, WEIGHT sigma) and its derivatives, without the last row."""
     count = len(pattern.stops)
@@ -474,7 +475,7 @@ def bordered(expansion, pattern, u, states, left, matrix):
     return True
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def largest_of(values):
     """The largest modulus; infinite where one is NaN."""
     largest = 0.0
@@ -483,13 +484,13 @@ def largest_of(values):
     return largest
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def has_converged(change, before, phase):
     """Whether the last change of Newton's iteration, after the one before, is rounding."""
     return change < CONVERGED * (1.0 + abs(phase)) or SHRINKING * before <= change < ROUNDED
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def settle(motion, pattern, theta, states):
     """Newton's iteration to a regime of one motion, in the place of theta; False where it fails."""
     count = len(pattern.stops)
@@ -518,7 +519,7 @@ def settle(motion, pattern, theta, states):
     return False
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def slowest(motion, pattern, theta, states):
     """The smallest impact speed, or the shortest flight, whichever is less: both are above 0."""
     stops, periods = pattern
@@ -533,7 +534,7 @@ def slowest(motion, pattern, theta, states):
     return least
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def expand(g, z, out):
     """Taylor coefficients (TERMS, N) of exp(G tau) z."""
     size = len(g)
@@ -546,7 +547,7 @@ def expand(g, z, out):
             out[k, i] = total / k
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def value_at(c, time):
     """A polynomial."""
     total = 0.0
@@ -555,7 +556,7 @@ def value_at(c, time):
     return total
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def slope_at(c, time):
     """Derivative of a polynomial."""
     total = 0.0
@@ -564,7 +565,7 @@ def slope_at(c, time):
     return total
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def root_between(c, low, high, derivative):
     """A root of a polynomial, or of its derivative, between two times at which signs differ."""
     rising = (slope_at(c, high) if derivative else value_at(c, high)) > 0.0
@@ -590,7 +591,7 @@ def root_between(c, low, high, derivative):
     return time
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def first_rise(c, length):
     """The first time in [0, length] at which a polynomial is above 0; -1 where none."""
     if c[0] > 0.0:
@@ -608,7 +609,7 @@ def first_rise(c, length):
     return -1.0
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def step_of(motion):
     """The longest step in which no distance turns twice and the series converge."""
     n = motion.rows.shape[1]
@@ -624,7 +625,7 @@ def step_of(motion):
     return min(ANGLE / fastest, NORM / norm_of(motion.generator))
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def correct(expansion, pattern, u, normal):
     """Newton's iteration from u to a regime on the plane through u with a normal, in the place of
     u; the tangent of the branch there is written to `normal`. The smallest impact speed there, or
@@ -669,7 +670,7 @@ def correct(expansion, pattern, u, normal):
     return slowest(motion, pattern, u[:count], states)
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def survey(motion, pattern, theta, states):
     """Margin to further impacts, largest displacement and acceleration of the output, and the
     factors by which disturbances grow, over a regime; without impacts, theta holds the phase at
@@ -761,7 +762,7 @@ def survey(motion, pattern, theta, states):
     return margin, displacement, acceleration, factors
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def acceleration_row(motion, generator):
     """The row (N,) whose product with a state is the absolute acceleration of the output, by the
     generator of the motion, free or at rest on a stop."""
@@ -775,7 +776,7 @@ def acceleration_row(motion, generator):
     return found
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def times_generator(row, generator):
     """The row whose product with a state is the rate of the product with another row."""
     found = np.zeros(len(row))
@@ -785,7 +786,7 @@ def times_generator(row, generator):
     return found
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def dot(a, b):
     """Scalar product."""
     total = 0.0
@@ -794,7 +795,7 @@ def dot(a, b):
     return total
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def apply(matrix, z, out):
     """out = matrix z."""
     for i in range(len(matrix)):
@@ -804,7 +805,7 @@ def apply(matrix, z, out):
         out[i] = total
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def swing(ends, rates, time):
     """Largest size within a step of a quantity whose values and rates at its ends are known, by a
     cubic."""
@@ -821,7 +822,7 @@ def swing(ends, rates, time):
     return largest
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def held(motion):
     """Generators (m, N, N) of the motion at rest on each stop."""
     n, m, size = motion.rows.shape[1], len(motion.positions), len(motion.generator)
@@ -842,7 +843,7 @@ def held(motion):
     return found
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def sum_terms(terms, time, out):
     """The state whose Taylor coefficients are known, after a time."""
     for i in range(terms.shape[1]):
@@ -852,7 +853,7 @@ def sum_terms(terms, time, out):
         out[i] = total
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def distance_of(motion, stop, z):
     """The distance d of a state to a stop, below 0 where it is clear of it, and its rate."""
     n = motion.rows.shape[1]
@@ -863,7 +864,7 @@ def distance_of(motion, stop, z):
     return distance, speed
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def output_of(motion, z):
     """The displacement of the output, and its rate."""
     n = motion.rows.shape[1]
@@ -874,7 +875,7 @@ def output_of(motion, z):
     return place, moving
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def push_of(motion, stop, z):
     """Acceleration towards a stop that the forces of a state give."""
     n = motion.rows.shape[1]
@@ -885,13 +886,13 @@ def push_of(motion, stop, z):
     return total
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def rest_on(motion, stop, z):
     """Take the rest of the speed towards a stop from a state."""
     remove_part(motion.rows[stop], z[motion.rows.shape[1] :])
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def remove_part(direction, vector):
     """Take from a vector, in its place, its part along a direction."""
     square, part = 0.0, 0.0
@@ -902,13 +903,13 @@ def remove_part(direction, vector):
         vector[i] -= part / square * direction[i]
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def free_touch():
     """A flight that rests on no stop and has struck none."""
     return Touch(np.full(3, FREE), np.zeros(1))
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def may_meet(motion, stop, z, later, time):
     """Whether a stop may be met between two states of a flight, a time apart."""
     start, speed = distance_of(motion, stop, z)
@@ -916,7 +917,7 @@ def may_meet(motion, stop, z, later, time):
     return not max(start, end) + 0.5 * time * (abs(speed) + abs(end_speed)) < 0.0
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def next_event(motion, touch, z, later, left, terms):
     """Time and stop of the next event of a flight from the state z to the one `later`, the time
     left after it: an impact, or the release from the stop that is rested on. Without an event the
@@ -948,7 +949,7 @@ def next_event(motion, touch, z, later, left, terms):
     return sooner, event
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def strike_or_rest(motion, stop, touch, z):
     """An impact of a flight, in the place of z, after which it may rest on the stop; its speed."""
     speed = strike(motion, stop, z[: 2 * motion.rows.shape[1]])
@@ -963,7 +964,7 @@ def strike_or_rest(motion, stop, touch, z):
     return speed
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@kernel
 def march(motion, start, periods, phase, ends, log):
     """Simulate from impact to impact: `start` (2 n,) at a phase of the force, over whole periods.
 

@@ -1,0 +1,292 @@
+"""How kernels are compiled, and kept on the disk.
+
+`@kernel` stands before every compiled function of the package, and before the helper functions of
+users' own parts:
+
+    @kernel
+    def energy(mass, speed):
+        return 0.5 * mass * speed**2
+
+It is `numba.njit` with the error model of numpy and without the global lock of Python, and with
+another rule for the machine code on the disk.
+
+**What a kernel on the disk is known by.** numba looks at the file of a function alone, although the
+functions that it calls and the values of its globals are compiled into it. A kernel is therefore
+kept under the digest of everything that it is made of (`ingredients`), in whichever files that
+lies. After a change of any of it the kernel is compiled again. Nothing has to be declared for what
+a kernel names: compiled functions, also from a closure, numbers, tuples, arrays, and classes of
+named tuples.
+
+**How a kernel composed of parts declares what it is made of.** A generic function of `parts` holds
+its bodies by class, in its dictionary `made_of`. The digest takes the bodies for the classes of the
+arguments of a kernel, for the classes that these name, and for `object`, and no others: a law that
+is not in a kernel does not have it compiled again. A function that numba compiles by other means
+(`overload`, `type_callable` with `lower_builtin`) declares the same by hand:
+
+    fma.made_of = {object: (type_of_fma, write_fma)}
+
+**What is not kept.** A kernel is compiled anew in each process where the digest would not determine
+it, for instance where a part is defined in `__main__`. `Kernel.obstacles` says why, so that an
+answer can say so.
+
+**Where.** The places are numba's own: the folder NUMBA_CACHE_DIR where that is set, else
+`__pycache__` beside the kernel, else, where that cannot be written, a folder of the user. A file
+holds one kernel for one signature. A file that cannot be read is removed, and the kernel is
+compiled again.
+
+**Which process.** Processes that start together need the same kernels. One of them compiles a
+kernel while the others wait, and then they load it. While a process waits, it sends numba's events
+"stochvi:wait" and, before each attempt, "stochvi:look"; a listener may end the waiting by an
+exception.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import re
+import sys
+import time
+import uuid
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache, cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import config, event, sigutils, typing
+from numba.core.caching import CompileResultCacheImpl, NullCache
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.registry import CPUDispatcher
+from numba.core.serialize import dumps
+
+from stochvi.engine.ingredients import Ingredients
+
+try:
+    import fcntl
+except ImportError:  # Windows has no such locks: there every process compiles what it needs
+    fcntl = None  # type: ignore[assignment]
+
+PATIENCE = 120.0
+"""Longest wait, s, for another process that compiles the same kernel: several times what the
+largest kernel takes. A process that has waited so long compiles the kernel itself, because the
+other one may have been suspended."""
+
+BETWEEN_ATTEMPTS = 0.02
+"""Time, s, between two attempts to get a lock that another process has."""
+
+KEPT = 8
+"""Number of files that are kept of a kernel for one signature: those of the last versions of its
+parts, so that nobody compiles again who goes to and fro between two of them."""
+
+
+class Kernel(CPUDispatcher):  # type: ignore[misc]
+    """A compiled function; see the description of this module.
+
+    Parameters
+    ----------
+    obstacles : reasons, as clauses, for which compiled versions of this process are not kept.
+    """
+
+    def __init__(self, py_func: Any, *arguments: Any, **options: Any) -> None:
+        super().__init__(py_func, *arguments, **options)
+        self.obstacles: list[str] = []
+        self._cache = KernelCache(self)
+
+    def compile(self, sig: Any) -> Any:
+        """Compile the kernel for a signature or load it, while other processes wait for it."""
+        arguments = tuple(sigutils.normalize_signature(sig)[0])
+        # the lock of this process comes first: a thread that waits for it holds up no other process
+        with global_compiler_lock:
+            if arguments in self.overloads or not self._can_compile:
+                return super().compile(sig)
+            file = self._cache.find(sig, arguments)
+            with in_turn(file), self._named_by(file):
+                return super().compile(sig)
+
+    def enable_caching(self) -> None:
+        """Kernels are always kept."""
+
+    @contextmanager
+    def _named_by(self, file: Path | None) -> Iterator[None]:
+        """Compile a closure under a name that its contents determine.
+
+        Machine code is linked by names, and numba numbers the functions of each process from 1. Two
+        closures of different contents, compiled by two processes and loaded by a third, could have
+        one name; both would then be the one that was loaded first.
+        """
+        function = self.py_func
+        name = function.__qualname__
+        if function.__closure__ and file:
+            function.__qualname__ = f"{name}_{file.stem[-16:]}"
+        try:
+            yield
+        finally:
+            function.__qualname__ = name
+
+    def __reduce__(self) -> Any:
+        """Let a kernel travel to another process by its name, where it has one."""
+        if "<locals>" in self.__qualname__ or self.__module__ == "__main__":
+            return super().__reduce__()
+        return _kernel_of, (self.__module__, self.__qualname__)
+
+
+def _kernel_of(module: str, name: str) -> Any:
+    return getattr(import_module(module), name)
+
+
+def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
+    """Compile a function as a `Kernel`; `options` are those of `numba.njit`."""
+    if function is None:
+        return lambda given: kernel(given, **options)
+    if config.DISABLE_JIT:
+        return function
+    usual = {"nopython": True, "boundscheck": None, "error_model": "numpy", "nogil": True}
+    return Kernel(function, targetoptions=usual | options)
+
+
+class KernelCache(NullCache):  # type: ignore[misc]
+    """The files of a kernel on the disk: what `Kernel` asks before it compiles, and tells after."""
+
+    def __init__(self, owner: Kernel) -> None:
+        self._owner = owner
+        self._files: dict[Any, Path | None] = {}
+
+    @cached_property
+    def _means(self) -> CompileResultCacheImpl | None:
+        """numba's means to find a folder and to take machine code apart; None without a folder."""
+        try:
+            return CompileResultCacheImpl(self._owner.py_func)
+        except (RuntimeError, OSError):
+            return None
+
+    @property
+    def cache_path(self) -> str | None:
+        """The folder of the files."""
+        return self._means and self._means.locator.get_cache_path()
+
+    def find(self, sig: Any, arguments: tuple[Any, ...]) -> Path | None:
+        """Return the file for a signature, which need not exist; None where it is not kept."""
+        made_of = Ingredients()
+        made_of.add(self._owner)
+        made_of.signature(arguments)
+        target = self._owner.targetctx
+        target.refresh()
+        of_machine = (
+            numba.__version__, sys.implementation.cache_tag, target.codegen().magic_tuple(),
+            config.OPT, config.BOUNDSCHECK, config.LOOP_VECTORIZE, config.SLP_VECTORIZE,
+        )  # fmt: skip
+        digest = hashlib.sha256(f"{made_of.digest()} {of_machine}".encode()).hexdigest()
+        obstacles = made_of.obstacles
+        if not obstacles and self._means is None:
+            obstacles = [f"{self._owner.__name__} has no folder that can be written"]
+        self._owner.obstacles += [each for each in obstacles if each not in self._owner.obstacles]
+        if obstacles:
+            self._files[sig] = None
+        else:
+            types = re.sub(" at 0x[0-9a-f]+", "", str(arguments))
+            types = hashlib.sha256(types.encode()).hexdigest()[:8]
+            function = self._owner.py_func
+            name = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
+            name = "".join(letter for letter in name if letter not in "<>")
+            self._files[sig] = Path(self.cache_path or "", f"{name}-{types}-{digest[:32]}.nbc")
+        return self._files[sig]
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the compiled version of a signature, or None where no file holds it."""
+        file = self._files.get(sig)
+        if file is None or self._means is None:
+            return None
+        try:
+            data = file.read_bytes()
+        except OSError:
+            return None
+        try:
+            if hashlib.sha256(data[32:]).digest() != data[:32]:
+                raise ValueError("the file is damaged")
+            found = self._means.rebuild(target_context, pickle.loads(data[32:]))
+        except Exception:  # written by another version, perhaps: anything may be raised
+            with suppress(OSError):
+                file.unlink()
+            return None
+        # types of functions are equal only to those of this process
+        arguments, _ = sigutils.normalize_signature(sig)
+        return found._replace(signature=typing.signature(found.signature.return_type, *arguments))
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep a compiled version; where the folder cannot be written, do without."""
+        file = self._files.get(sig)
+        if file is None or self._means is None or not self._means.check_cachable(data):
+            return
+        content = dumps(self._means.reduce(data))
+        part = file.with_name(f"{file.name}.tmp.{uuid.uuid4().hex[:16]}")
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            part.write_bytes(hashlib.sha256(content).digest() + content)
+            os.replace(part, file)
+            self._forget(file.name.rpartition("-")[0], file.parent)
+        except OSError:
+            with suppress(OSError):
+                part.unlink()
+
+    def flush(self) -> None:
+        """Remove the files of the signatures that this process has asked for."""
+        for file in filter(None, self._files.values()):
+            file.unlink(missing_ok=True)
+
+    @staticmethod
+    def _forget(kernel: str, folder: Path) -> None:
+        """Remove all but the newest files of a kernel for one signature."""
+        files = [each for each in folder.iterdir() if each.name.rpartition("-")[0] == kernel]
+        for old in sorted(files, key=lambda each: each.stat().st_mtime)[:-KEPT]:
+            old.unlink(missing_ok=True)
+
+
+@cache
+def _lock_file(folder: Path) -> int | None:
+    """Descriptor of the file of locks of a folder, or None where there are no locks.
+
+    The locks lie on bytes beyond its end. The system takes them back when a process ends, however
+    it ends, and a process never waits for itself.
+    """
+    if fcntl is None:
+        return None
+    with suppress(OSError):
+        return os.open(folder / "kernels.lock", os.O_RDWR | os.O_CREAT, 0o666)
+    return None
+
+
+def _locked(file: int, byte: int) -> bool | None:
+    """Whether this process has the lock now; None in a file system without locks."""
+    try:
+        fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, byte)
+    except (BlockingIOError, PermissionError):
+        return False
+    except OSError:
+        return None
+    return True
+
+
+@contextmanager
+def in_turn(kept: Path | None) -> Iterator[None]:
+    """Let other processes wait that need the same file, unless it is there already."""
+    lock = None if kept is None or kept.exists() else _lock_file(kept.parent)
+    if kept is None or lock is None:
+        yield
+        return
+    byte = zlib.crc32(kept.name.encode())
+    if _locked(lock, byte) is False:  # another process has it
+        end = time.monotonic() + PATIENCE
+        with event.trigger_event("stochvi:wait"):
+            while _locked(lock, byte) is False and time.monotonic() < end:
+                event.broadcast(event.Event("stochvi:look", event.EventStatus.START))
+                time.sleep(BETWEEN_ATTEMPTS)
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            fcntl.lockf(lock, fcntl.LOCK_UN, 1, byte)
