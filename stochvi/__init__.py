@@ -13,21 +13,17 @@ agree. What most users need is here; the rest is in the packages of each subject
 Names are imported when they are first used, so that importing the package costs next to nothing.
 """
 
+from collections.abc import Iterator
 from importlib import import_module
 from importlib.util import find_spec
+from types import ModuleType
 from typing import Any
 
 import lazy_loader
 
-_lazy_getattr, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+from stochvi.results.plots import register
 
-_ROOMS = (
-    "scenes", "results", "statistics", "isolators", "absorbers", "verification",
-    "methods.periodic", "methods.closed_form", "methods.linearisation", "methods.fokker_planck",
-    "methods.monte_carlo", "mathematics.kelvin_voigt",
-)  # fmt: skip
-"""Packages whose public names `stochvi.NAME` finds too, because programs use them so; those that
-take long to import stand last."""
+_lazy_getattr, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
@@ -36,8 +32,27 @@ def __getattr__(name: str) -> Any:
 
         return version("stochvi")
     if not (name in __all__ or name.startswith("_") or find_spec(f"stochvi.{name}")):
-        for room in _ROOMS:
-            package = import_module(f"stochvi.{room}")
-            if name in package.__all__:
-                return getattr(package, name)
+        # programs use `stochvi.NAME` for public names of the rooms, too
+        for room in _rooms(__name__, __all__):
+            if name in room.__all__:
+                return getattr(room, name)
     return _lazy_getattr(name)
+
+
+def _rooms(package: str, names: list[str]) -> Iterator[ModuleType]:
+    """The rooms among the public names of a package, then the rooms in these."""
+    found = [import_module(f"{package}.{each}") for each in names if find_spec(f"{package}.{each}")]
+    rooms = [each for each in found if hasattr(each, "__all__")]
+    yield from rooms
+    for room in rooms:
+        if hasattr(room, "__path__"):
+            yield from _rooms(room.__name__, room.__all__)
+
+
+def _draw(answer: Any, ax: Any) -> Any:
+    from stochvi.views.pictures import plot
+
+    return plot(answer, ax)
+
+
+register(_draw)

@@ -1,4 +1,14 @@
-from . import absorbers, isolators, methods, results, scenes, statistics, testing, verification
+from . import (
+    absorbers,
+    isolators,
+    mathematics,
+    methods,
+    results,
+    scenes,
+    statistics,
+    testing,
+    verification,
+)
 from .absorbers.performance import absorber
 from .isolators.screening import screen
 from .isolators.sizing.method import size
@@ -84,6 +94,7 @@ __all__ = [
     "linearise",
     "load_answer",
     "load_scene",
+    "mathematics",
     "methods",
     "reliability",
     "replay",

@@ -7,7 +7,7 @@ from typing import Any
 from rich.console import Console
 from rich.text import Text
 
-from stochvi.cli.output import visible
+from stochvi.cli.control_characters import visible
 from stochvi.views.files import silence
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
+from stochvi.cli.control_characters import visible
 from stochvi.results.progress import Pace, Progress
 
 if TYPE_CHECKING:
@@ -25,13 +26,6 @@ LINE_SECONDS = 2.0
 PLAIN_WIDTH, NARROWEST, WIDEST = 100, 80, 10_000
 """Width, in characters, of a table that does not go to a terminal, if the variable COLUMNS does not
 state another, and the smallest and largest value of that variable."""
-
-CONTROLS = {
-    number: f"\\x{number:02x}"
-    for number in (*range(0x20), *range(0x7F, 0xA0))
-    if chr(number) not in "\n\t"
-}
-"""Control characters by their numbers, and how they are shown."""
 
 
 def console_for(json_file: str | None) -> Console:
@@ -57,15 +51,6 @@ def _columns() -> int | None:
     if not (text.isascii() and text.isdigit()):
         return None
     return max(NARROWEST, min(int(text[:9]), WIDEST))
-
-
-def visible(text: str) -> str:
-    """The text with control characters as escapes, which do nothing to a terminal.
-
-    >>> visible("red \\x1b[31m")
-    'red \\\\x1b[31m'
-    """
-    return text.translate(CONTROLS)
 
 
 @contextlib.contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy
@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 from stochvi.mathematics.frequency_response import Tables
 from stochvi.mathematics.frequency_response import covariance as tabulated_covariance
 from stochvi.mathematics.state_space import stationary_covariance
-
-if TYPE_CHECKING:
-    from stochvi.model.model import Model
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
@@ -125,7 +122,35 @@ class ModalForm(NamedTuple):
         return intensity
 
 
-def modal_form(model: Model) -> ModalForm:
+class LinearStructure(Protocol):
+    """What a modal form is made from: a `Model`, without its stops."""
+
+    @property
+    def mass(self) -> Matrix: ...
+
+    @property
+    def damping(self) -> Matrix: ...
+
+    @property
+    def stiffness(self) -> Matrix: ...
+
+    @property
+    def white(self) -> Matrix: ...
+
+    @property
+    def constant_force(self) -> Vector: ...
+
+    @property
+    def pairs(self) -> Any: ...
+
+    @property
+    def signals(self) -> Any: ...
+
+    @property
+    def tables(self) -> Any: ...
+
+
+def modal_form(model: LinearStructure) -> ModalForm:
     """A model in modal coordinates, with its signals as states."""
     squares, shapes = scipy.linalg.eigh(model.stiffness, model.mass)
     squares = np.where(squares > RIGID_BODY * max(float(squares[-1]), 0.0), squares, 0.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import tempfile
 import time
+import uuid
 from pathlib import Path
 
 REPLACE_ATTEMPTS = 5
@@ -40,14 +40,13 @@ def write_whole(data: bytes, path: Path, *, durable: bool = False, follow: bool 
 
 
 def _write_then_replace(data: bytes, path: Path, durable: bool) -> None:
-    handle, part = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    part = path.with_name(f".{path.name}.{uuid.uuid4().hex[:16]}")
     try:
-        with open(handle, "wb") as file:
+        with open(part, "xb") as file:  # with the permissions that the user gives new files
             file.write(data)
             file.flush()
             if durable:
                 os.fsync(file.fileno())
-        os.chmod(part, 0o666 & ~_umask())
         _replace(part, path)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -55,7 +54,7 @@ def _write_then_replace(data: bytes, path: Path, durable: bool) -> None:
         raise
 
 
-def _replace(part: str, path: Path) -> None:
+def _replace(part: Path, path: Path) -> None:
     """Put the file `part` in the place of `path`.
 
     Windows refuses this while any other program, such as a virus scanner, has `path` open, which
@@ -67,9 +66,3 @@ def _replace(part: str, path: Path) -> None:
         except PermissionError:
             time.sleep(REPLACE_PAUSE)
     os.replace(part, path)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -6,12 +6,12 @@ import html
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from stochvi.results.estimates import Cost
+from stochvi.results.plots import drawn
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,9 +86,7 @@ class Result:
         matplotlib.axes.Axes
             The Axes that were drawn in, the first of several.
         """
-        # this package may not import views at its top: the picture is looked for when needed
-        found: Axes = import_module("stochvi.views.pictures").plot(self, ax)
-        return found
+        return drawn(self, ax)
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON document: only plain types, never NaN or infinity."""
