@@ -41,12 +41,16 @@ def __getattr__(name: str) -> Any:
 
 def _rooms(package: str, names: list[str]) -> Iterator[ModuleType]:
     """The rooms among the public names of a package, then the rooms in these."""
-    found = [import_module(f"{package}.{each}") for each in names if find_spec(f"{package}.{each}")]
-    rooms = [each for each in found if hasattr(each, "__all__")]
-    yield from rooms
-    for room in rooms:
-        if hasattr(room, "__path__"):
-            yield from _rooms(room.__name__, room.__all__)
+    inner = []
+    for each in names:
+        if find_spec(f"{package}.{each}"):
+            room = import_module(f"{package}.{each}")
+            if hasattr(room, "__all__"):
+                yield room
+                if hasattr(room, "__path__"):
+                    inner.append(room)
+    for room in inner:
+        yield from _rooms(room.__name__, room.__all__)
 
 
 def _draw(answer: Any, ax: Any) -> Any:
