@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.polynomial.chebyshev import chebvander
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from stochvi.absorbers.performance import linear_rms, without_absorber
 from stochvi.absorbers.tuned_damper import TunedDamper, tuned_damper
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.simulate import compile_kernels
 from stochvi.model.calculations import calculation
@@ -29,8 +29,6 @@ from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
-
-Vector = NDArray[np.float64]
 
 PLAYS = tuple(float(play) for play in np.geomspace(0.75, 14.0, 10))
 """Total plays of the first search, in rms displacements of the structure alone."""

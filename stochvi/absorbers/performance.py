@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from stochvi.absorbers.tuned_damper import TunedDamper, tuned_damper
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo import record_paths, simulate
 from stochvi.methods.monte_carlo.simulate import compile_kernels
 from stochvi.model.calculations import calculation
@@ -29,8 +29,6 @@ from stochvi.scenes.excitations import BASE, ConstantLoad, Excitation
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Matrices
-
-Vector = NDArray[np.float64]
 
 PEAK_PERIODS = 100
 """Length of a window whose largest displacement is a peak, periods of the structure."""

@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from stochvi.absorbers.performance import own_name, without_absorber
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.periodic import HarmonicResponse, harmonic_response
 from stochvi.methods.periodic.family import Family, forced, parts_of
 from stochvi.model.calculations import calculation
@@ -27,7 +28,6 @@ from stochvi.scenes.key_units import KEY_UNITS
 from stochvi.scenes.keys import changed_scene
 from stochvi.scenes.scene import Scene
 
-Vector = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 FREQUENCY = "frequency_hz"

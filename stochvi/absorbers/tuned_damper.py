@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.model.calculations import calculation
 from stochvi.model.modal import linear_law
 from stochvi.model.model import model_of
@@ -16,8 +16,6 @@ from stochvi.results.errors import NotApplicable
 from stochvi.scenes.excitations import BASE, Sine
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Matrices
-
-Vector = NDArray[np.float64]
 
 NAME = "tuned damper"
 """Name of the coordinate of the damper's mass."""

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.screening import Screening, screened
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.simulate import check_arguments
@@ -22,9 +23,6 @@ from stochvi.results.estimates import Estimate
 from stochvi.results.progress import Progress
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 SMOOTH_POINTS = 31
 """Number of clearances of a smooth curve of hit rates."""

@@ -9,14 +9,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.spectra import Table, squared_gain
 from stochvi.mathematics.units import density_from_intensity
 from stochvi.model.model import Model, model_of
 from stochvi.scenes.scene import Scene
-
-Vector = NDArray[np.float64]
 
 POINTS = 801
 """Number of frequencies of a curve over the whole input; those around the resonance are extra."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dtbtrs
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.spectra import Table, squared_gain
 from stochvi.mathematics.state_space import transition
 from stochvi.methods.replay.method import shaking_of, unmet
@@ -19,8 +19,6 @@ from stochvi.model.model import model_of
 from stochvi.results.base import plain
 from stochvi.scenes.excitations import RecordedNoise
 from stochvi.scenes.scene import Scene
-
-Vector = NDArray[np.float64]
 
 FALSE_ALARMS = 0.005
 """Chance that the tests together, by Bonferroni's rule, contradict a Gaussian record: half of the

@@ -14,14 +14,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector, Waves
 from stochvi.mathematics.quadrature import gauss_legendre, gauss_panels
 from stochvi.mathematics.spectra import Table
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-Waves = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,8 @@ from typing import NamedTuple, overload
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from stochvi.mathematics.arrays import Vector
 
 COLLAPSE_RESTITUTION = math.exp(-math.pi / math.sqrt(3.0))
 """At and below this restitution the rate of impacts under white noise is infinite (S. J. Cornell,

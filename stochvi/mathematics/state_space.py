@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
-Matrix = NDArray[np.float64]
+from stochvi.mathematics.arrays import Matrix
 
 DOUBLINGS_FROM = 0.5
 """Largest norm of A h for which a step is computed directly; longer ones are found by doubling."""

@@ -18,15 +18,12 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.impact_rates import NO_STOP, StopStatistics
 from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.model.gap import Gap
 from stochvi.results.errors import NotApplicable
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 CONTINUOUS, FINITE_JUMPS, UNFOLDED = "continuous", "finite jumps", "unfolded"
 VARIANTS = (CONTINUOUS, FINITE_JUMPS, UNFOLDED)

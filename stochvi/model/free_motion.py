@@ -6,15 +6,12 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.model.coverage import functions, without_noise
 from stochvi.model.modal import LinearLaw, ModalForm, linear_law
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 AT_REST = 1e-20
 """Ratio of the velocity variance of a gap to the largest that it could have (the square of its row

@@ -17,15 +17,14 @@ from typing import NamedTuple, Self
 
 import numpy as np
 import scipy
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.cut_normal import CUT, NODES, WEIGHTS
 from stochvi.mathematics.impact_rates import ContactStatistics
 from stochvi.model.gap import Gap
 from stochvi.model.model import Stop
 from stochvi.scenes.impact_laws import CompliantLaw
-
-Vector = NDArray[np.float64]
 
 MOST_DOUBLINGS = 2000
 """Largest number of doublings of a bracket: enough to reach any length in double precision from any

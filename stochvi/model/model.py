@@ -11,8 +11,9 @@ from functools import cached_property
 from typing import assert_never
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.frequency_response import Force, Steering
 from stochvi.mathematics.spectra import Filter, Table
 from stochvi.model.modal import ModalForm, modal_form
@@ -37,9 +38,6 @@ from stochvi.scenes.impact_laws import (
 from stochvi.scenes.rigid_body import AXES, RigidBody, rows_at
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, NonlinearOscillator, Oscillator, Structure
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 PerUnitMass = Callable[[ArrayLike], Vector]
 """A force per unit mass (m/s^2), or an energy (m^2/s^2), as a function of x (m) or v (m/s)."""

@@ -15,10 +15,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochvi.mathematics.arrays import Booleans, Vector
 from stochvi.model.model import UPPER, Model
-
-Vector = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 
 class OscillatorArrays(NamedTuple):

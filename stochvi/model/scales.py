@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import gaussian_stop
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
-from stochvi.model.modal import LinearLaw, ModalForm, Substitute, Vector, linear_law
+from stochvi.model.modal import LinearLaw, ModalForm, Substitute, linear_law
 from stochvi.model.model import Model, Pair
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw

@@ -13,10 +13,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betaincinv, gammaincinv, ndtri, stdtr, stdtrit
 
-Array = NDArray[np.float64]
+from stochvi.mathematics.arrays import Array
 
 CONFIDENCE = 0.95
 """Confidence level of the intervals that the package reports, unless the user names another."""

@@ -8,17 +8,15 @@ from functools import partial
 from typing import Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import model_validator
 
+from stochvi.mathematics.arrays import Vector, Waves
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import power_ratio, unit
 from stochvi.results.errors import SceneError
 from stochvi.scenes.excitations.base import DensityUnit, unit_name
 from stochvi.scenes.validation import Checked, Column, Numbers
-
-Vector = NDArray[np.float64]
-Waves = NDArray[np.complex128]
 
 Axis = Literal["x", "y", "z"]
 

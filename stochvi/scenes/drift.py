@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import null_space
 
-Matrix = NDArray[np.float64]
+from stochvi.mathematics.arrays import Matrix
 
 UNFELT = 1e-10
 """Relative size up to which a force of springs, dampers or stops counts as a rounding error."""

@@ -22,12 +22,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.results.errors import SceneError
 from stochvi.scenes import foreign_reader
 from stochvi.scenes.foreign_reader import MOST_NUMBERS, MOST_SECONDS, REAL
 from stochvi.scenes.text_tables import check_file
-
-Vector = NDArray[np.float64]
 
 LARGEST_DATA_FILE = 200_000_000
 """Largest size of a record file, bytes: an hour at 1 kHz takes about 70 million bytes as text."""

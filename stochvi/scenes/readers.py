@@ -10,15 +10,13 @@ from itertools import islice
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.units import UNITS, Unit, listed_units, unit
 from stochvi.results.errors import SceneError
 from stochvi.scenes.foreign_files import LARGEST_DATA_FILE, Foreign, read_foreign, read_numpy
 from stochvi.scenes.text_headings import unit_in
 from stochvi.scenes.text_tables import VALUES, TextTable, read_text_table
-
-Vector = NDArray[np.float64]
 
 UFF_SUFFIXES = (".uff", ".unv", ".ufb", ".uf")
 ARRAY_SUFFIXES = (".mat", ".npy", ".npz")

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics import rounding
 from stochvi.mathematics.arguments import checked
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain, welch
 from stochvi.results.errors import SceneError
 from stochvi.results.intervals import jackknife_error
 from stochvi.scenes.readers import TIME_RESPONSE, Columns, read_columns
-
-Vector = NDArray[np.float64]
 
 FEWEST_SAMPLES = 256
 """Smallest number of samples of a record: the segments of a shorter one would resolve nothing."""

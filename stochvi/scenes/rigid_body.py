@@ -13,9 +13,9 @@ import math
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.errors import SceneError
 from stochvi.scenes.validation import (
@@ -26,9 +26,6 @@ from stochvi.scenes.validation import (
     Tolerance,
     given,
 )
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 """Axes of the base, along which it moves, and of the box, which turns by small angles only."""

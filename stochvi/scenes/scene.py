@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Annotated, Any, Self, assert_never
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from stochvi.mathematics.arguments import checked
+from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.spectra import Table
 from stochvi.results.errors import SceneError, toml_remedy
 from stochvi.scenes.absorbers import Absorber, absorbers_of, on_oscillator
@@ -36,8 +36,6 @@ from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, O
 from stochvi.scenes.text_tables import read_text
 from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, given
 from stochvi.scenes.vehicles import QuarterCar
-
-Array = NDArray[np.float64]
 
 
 class ImpactPair(Checked):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, field_validator, model_validator
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.scenes.rigid_body import RigidBody
@@ -25,8 +26,6 @@ from stochvi.scenes.validation import (
     evaluated,
     given,
 )
-
-Vector = NDArray[np.float64]
 
 
 class Oscillator(Checked):

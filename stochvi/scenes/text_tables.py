@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.units import DENSITIES, Unit
 from stochvi.results.errors import SceneError, reason_of
 from stochvi.scenes.text_cells import (
@@ -31,8 +32,6 @@ from stochvi.scenes.text_cells import (
     split_cells,
 )
 from stochvi.scenes.text_headings import Heading, headings_above, stated_density
-
-Vector = NDArray[np.float64]
 
 LARGEST_TEXT_FILE = 10_000_000
 """Largest size of a table or scene file, bytes: such files have some kilobytes."""

@@ -17,11 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.scenes.validation import Checked, NonNegative, Positive, given
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 TABLE_ERROR = 1e-6
 """Largest relative error of a filtered density between the breakpoints of its table, and so of

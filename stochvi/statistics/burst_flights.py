@@ -12,13 +12,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import CrossingAges
 from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS, Records, crossing_plan
-
-Vector = NDArray[np.float64]
 
 TOUCH = 1e-9
 """Share of the clearance by which a crossing is put beyond the stop, so that the engine finds a

@@ -20,6 +20,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
@@ -31,9 +32,6 @@ from stochvi.scenes.scene import Scene
 from stochvi.statistics.burst_flights import WINDOWS, Flights, OscillatorFlights, Part
 from stochvi.statistics.crossing_ages import FEWEST_PATHS, LEAST_PATHS
 from stochvi.statistics.structure_flights import StructureFlights
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 UNFINISHED = 0.05
 """Share of the hits in the second half of the window from which bursts do not seem to end, and

@@ -28,13 +28,12 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_error
 from stochvi.results.progress import Progress
-
-Vector = NDArray[np.float64]
 
 FEWEST_PATHS = 64
 """Smallest number of paths from which a standard error can be trusted; each path holds some 20

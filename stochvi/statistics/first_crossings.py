@@ -30,6 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.fft import irfft
 from scipy.special import ndtr
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
 from stochvi.methods.monte_carlo.tabulated import (
@@ -45,8 +46,6 @@ from stochvi.results.errors import NotApplicable
 from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import STRIDES, CrossingAges, until_accurate
-
-Vector = NDArray[np.float64]
 
 SAMPLES_PER_PERIOD = 40.0
 """Number of samples in a natural period. White noise leaves the path rough between samples: with

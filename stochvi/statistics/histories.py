@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
@@ -38,8 +38,6 @@ from stochvi.scenes.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 COLUMNS = 4.0
 """Numbers that the table of a history and its making take for each number of the record."""

@@ -7,15 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from stochvi.methods.closed_form import displacement_density, exact, unmet
 from stochvi.methods.monte_carlo import record_path
 from stochvi.model.model import model_of
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.histograms import SampledDensity
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.monte_carlo.gap_response import GapResponse, plan_gaps
 from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
@@ -39,9 +40,6 @@ from stochvi.statistics.first_crossings import (
     SLOPES,
     FirstCrossings,
 )
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 STARTS = 4096
 """Number of samples beyond each stop that are drawn for the chance to be beyond any stop at the

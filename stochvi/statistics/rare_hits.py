@@ -32,6 +32,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
@@ -58,8 +59,6 @@ from stochvi.statistics.burst_flights import (
 )
 from stochvi.statistics.bursts import UNFINISHED
 from stochvi.statistics.first_crossings import Records, crossing_plan
-
-Vector = NDArray[np.float64]
 
 TRIALS, TRIALS_PER_SECOND, TRIALS_FOR_ERROR = 512, 16.0, 2.56
 """Largest number of trials in one repetition of the splitting; largest number per second of budget,

@@ -20,6 +20,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.gap_response import GapResponse, with_tables
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
@@ -29,8 +30,6 @@ from stochvi.statistics.burst_flights import TOUCH, WINDOWS, Part, widened
 from stochvi.statistics.crossing_ages import STRIDES
 from stochvi.statistics.pair_crossings import GapRecords, PairCrossings, PairMotion, own_distances
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 Records = NDArray[np.float64]
 
 LEAST_SHARE = 0.1

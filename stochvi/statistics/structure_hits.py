@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.gap_response import with_tables
@@ -40,8 +41,6 @@ from stochvi.statistics.burst_flights import WINDOW_RELAXATIONS, WINDOWS
 from stochvi.statistics.bursts import UNFINISHED, Bursts, bursts, chance_of
 from stochvi.statistics.pair_crossings import PairCrossings, PairMotion
 from stochvi.statistics.rare_hits import risk_of_windows
-
-Vector = NDArray[np.float64]
 
 TYPICAL_SPEED = 1.25
 """Speed of a usual first hit in rms velocities: about half of the first hits are faster."""

@@ -10,8 +10,8 @@ from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.views.colours import COLOURS, GRID_COLOUR
 
 if TYPE_CHECKING:
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
     from stochvi.scenes.scene import ImpactPair, Scene
 
-Vector = NDArray[np.float64]
 
 LENGTH_UNITS = ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm"))
 """Units of length that axes may have: length of the unit in metres, and its name."""

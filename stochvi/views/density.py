@@ -13,8 +13,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.impact_rates import corner_exponent
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
@@ -25,7 +26,6 @@ from stochvi.views.colours import COLOURS
 if TYPE_CHECKING:
     from stochvi.scenes.scene import Scene
 
-Vector = NDArray[np.float64]
 
 REACH = 3.5
 """Standard deviations of x and v that a picture shows, where no stop ends it before."""

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.response import ROTATIONS
 from stochvi.views.axes import add_grid, as_written, draw_walls, length_unit, thinned
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from stochvi.scenes.scene import ImpactPair, Scene
     from stochvi.statistics.histories import History
 
-Vector = NDArray[np.float64]
 
 MOST_MARKS = 1000
 """Largest number of impacts of a pair that are marked; of more, the fastest in each of so many

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stochvi.views.axes import (
     add_grid,
@@ -18,8 +17,6 @@ from stochvi.views.axes import (
 from stochvi.views.colours import COLOURS, OWNERS
 from stochvi.views.tables import new_table, print_frame, print_line, print_table
 from stochvi.views.words import MM, UNKNOWN, G, four_digits
-
-Vector = NDArray[np.float64]
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

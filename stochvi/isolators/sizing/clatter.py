@@ -14,9 +14,9 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stochvi.isolators.moved_stops import at_clearances
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
@@ -34,7 +34,6 @@ from stochvi.scenes.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-Vector = NDArray[np.float64]
 
 SAMPLES_PER_PERIOD = 40.0
 """Samples per natural period: a free crest between two of them is missed by at most 0.3 %."""

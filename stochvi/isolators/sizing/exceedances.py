@@ -14,10 +14,10 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.clatter import plan_windows
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.kernels.rows import Extremes
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
@@ -32,7 +32,6 @@ from stochvi.statistics.bursts import Bursts, bursts
 if TYPE_CHECKING:
     import pandas as pd
 
-Vector = NDArray[np.float64]
 
 LIMITS = 16
 """Number of limits on a curve of chances; each is the same multiple of the one before."""

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from stochvi.isolators.contact import contact_on_mount
 from stochvi.isolators.environment import (
@@ -19,6 +18,7 @@ from stochvi.isolators.environment import (
     transmissibility,
 )
 from stochvi.isolators.moved_stops import at_clearances
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.rounding import ROUNDING
 from stochvi.mathematics.spectra import welch
 from stochvi.methods.monte_carlo import record_path
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import Sizing
     from stochvi.model.model import Model
     from stochvi.scenes.scene import Scene
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
@@ -28,6 +27,7 @@ from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline, as_far_as_it_got
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
@@ -55,8 +55,6 @@ from stochvi.statistics.structure_hits import (
 if TYPE_CHECKING:
     import pandas as pd
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 REQUIRED = (0.1, 0.01, 0.001)
 """Chances of any hit in the mission whose clearances every answer lists."""

@@ -13,13 +13,13 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
 from stochvi.isolators.sizing.answer import Clearance
+from stochvi.mathematics.arrays import Vector
 from stochvi.results.estimates import Estimate
 from stochvi.statistics.first_crossings import FirstCrossings
 
 if TYPE_CHECKING:
     import pandas as pd
 
-Vector = NDArray[np.float64]
 
 CERTAIN = 0.999
 """Largest chance of a hit that a target may have."""

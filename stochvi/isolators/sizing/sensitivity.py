@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import gammaln, roots_genlaguerre
 
@@ -16,6 +15,7 @@ from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.changes import Tolerances, changed_stops, ends_of
 from stochvi.isolators.sizing.method import risk_curve, size
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
@@ -28,7 +28,6 @@ from stochvi.scenes.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-Vector = NDArray[np.float64]
 
 RESTITUTION_STEP, STIFFNESS_FACTOR = 0.1, 2.0
 """Change of the restitution, and factor on the stiffness, by which the stops of a scene are

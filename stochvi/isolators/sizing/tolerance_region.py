@@ -17,7 +17,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from stochvi.isolators.sizing.changes import (
@@ -29,6 +28,7 @@ from stochvi.isolators.sizing.changes import (
     moved_centre,
     worded,
 )
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.units import power_ratio
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model, model_of
@@ -39,8 +39,6 @@ from stochvi.scenes.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 Changes = tuple[Change, ...]
 

@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import zeta
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.closed_form.method import unmet
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NoExactSolution
 from stochvi.scenes.scene import Scene
-
-Vector = NDArray[np.float64]
 
 MOST_TERMS = 2000
 """Number of terms of the series for a box. The rest is bounded, and at most 1e-11 of the

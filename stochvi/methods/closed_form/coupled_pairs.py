@@ -14,15 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.cut_normal import CUT
 from stochvi.mathematics.impact_rates import ContactStatistics
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.model.model import LOWER, UPPER, Pair, Stop
 from stochvi.results.sizes import MOST_NUMBERS
 from stochvi.scenes.impact_laws import CompliantLaw
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 MOST_PAIRS = 3
 """Largest number of coupled pairs that are integrated together: a fourth would cost another factor

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.closed_form import one_coordinate
 from stochvi.methods.closed_form.method import exact, one_oscillator, unmet
 from stochvi.model.calculations import calculation
@@ -17,8 +18,6 @@ from stochvi.results.errors import NoExactSolution
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import null_space
 from scipy.sparse.csgraph import connected_components
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics, gaussian_stop
 from stochvi.methods.closed_form.coupled_pairs import MOST_PAIRS, CoupledLaw, Intractable
 from stochvi.methods.closed_form.one_coordinate import lossy
@@ -32,9 +33,6 @@ from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 ROUNDING = 1e-12
 """Relative size up to which an entry of a matrix, or an eigenvalue, counts as a rounding error."""

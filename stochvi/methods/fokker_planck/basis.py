@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.quadrature import gauss_legendre, gauss_panels
 
-Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Law = Callable[[Array], Array]
 

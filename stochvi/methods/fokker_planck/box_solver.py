@@ -22,13 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.fokker_planck.basis import (
-    Array,
-    DisplacementElement,
-    Mesh,
-    VelocityBasis,
-    legendre,
-)
+from stochvi.mathematics.arrays import Array
+from stochvi.methods.fokker_planck.basis import DisplacementElement, Mesh, VelocityBasis, legendre
 from stochvi.methods.fokker_planck.linear_boxes import Boxes
 
 

@@ -11,8 +11,8 @@ import math
 
 import numpy as np
 
+from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.state_space import step_covariance, transition
-from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.initial_states import Point, Start
 from stochvi.model.model import Model
 

@@ -9,11 +9,12 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Array, Vector
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.mathematics.quadrature import gauss_panels
-from stochvi.methods.fokker_planck.basis import EXTRA_NODES, Array, Indices, VelocityCells, legendre
+from stochvi.methods.fokker_planck.basis import EXTRA_NODES, Indices, VelocityCells, legendre
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion
 from stochvi.methods.fokker_planck.strip_solver import Solved, Strip
@@ -364,8 +365,6 @@ def _mass_of(cells: VelocityCells) -> Array:
     """Integrals of g N_k, one for each function."""
     return cells.functional(np.ones_like(cells.u))
 
-
-Vector = NDArray[np.float64]
 
 RESOLVED = 10.0
 """Multiple of the slowest impact speed that a mesh resolves, above which the density of impact

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.sparse import csc_array
 
-from stochvi.methods.fokker_planck.basis import Array
+from stochvi.mathematics.arrays import Array
 from stochvi.methods.fokker_planck.operators import Factors, Operator
 
 SIZES = (16, 24, 34, 46, 62, 84, 112, 150, 200, 260)

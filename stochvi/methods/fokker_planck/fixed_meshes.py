@@ -7,11 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.fokker_planck.basis import Array, Mesh
+from stochvi.mathematics.arrays import Array, Booleans
+from stochvi.methods.fokker_planck.basis import Mesh
 from stochvi.methods.fokker_planck.box_solver import BoxMoments, box_moments
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.linear_boxes import FARTHEST_STOP, Boxes, boxes_of
-from stochvi.model.oscillator_arrays import Booleans, OscillatorArrays
+from stochvi.model.oscillator_arrays import OscillatorArrays
 
 CHUNK = 64
 """Number of boxes that are solved together: so many that the cost of a call does not matter, so few

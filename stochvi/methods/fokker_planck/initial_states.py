@@ -9,7 +9,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from stochvi.methods.fokker_planck.basis import Array
+from stochvi.mathematics.arrays import Array
 from stochvi.model.model import Model
 
 TAIL = 8.5

@@ -9,10 +9,10 @@ from typing import Any, Generic, Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Array, Booleans
 from stochvi.mathematics.quadrature import gauss_panels
-from stochvi.methods.fokker_planck.basis import Array
 from stochvi.model.model import Model
-from stochvi.model.oscillator_arrays import Booleans, OscillatorArrays
+from stochvi.model.oscillator_arrays import OscillatorArrays
 
 Number = TypeVar("Number", float, Array)
 

@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, ContactStatistics, StopStatistics
-from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.conditions import check_rtol, unmet
 from stochvi.methods.fokker_planck.density import Averages, StationaryDensity
 from stochvi.methods.fokker_planck.fixed_meshes import (

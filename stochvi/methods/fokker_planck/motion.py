@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
+from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.quadrature import gauss_panels
-from stochvi.methods.fokker_planck.basis import Array
 from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.scenes.impact_laws import CompliantLaw

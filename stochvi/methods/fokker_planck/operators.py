@@ -22,8 +22,9 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
+from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.quadrature import gauss_panels
-from stochvi.methods.fokker_planck.basis import Array, Mesh, legendre
+from stochvi.methods.fokker_planck.basis import Mesh, legendre
 from stochvi.methods.fokker_planck.linear_boxes import LinearBox
 
 Density = Callable[[Array, Array], Array]

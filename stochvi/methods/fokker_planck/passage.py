@@ -26,8 +26,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.impact_rates import rice_rate
-from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.conditions import barriers, check_rtol, unmet_by_first_passage
 from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.fokker_planck.basis import Array
+from stochvi.mathematics.arrays import Array
 from stochvi.methods.fokker_planck.linear_boxes import FARTHEST_STOP
 from stochvi.methods.fokker_planck.motion import PIECES, SPEEDS, Motion
 from stochvi.model.model import UPPER, Stop

@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.methods.fokker_planck.basis import Array, VelocityCells
+from stochvi.mathematics.arrays import Array
+from stochvi.methods.fokker_planck.basis import VelocityCells
 from stochvi.methods.fokker_planck.scaled_motion import Corner, ScaledMotion
 from stochvi.methods.fokker_planck.strip_solver import Solved, Strip
 from stochvi.results.errors import NotConverged

@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import lapack
 
+from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.quadrature import gauss_legendre, gauss_panels
 from stochvi.methods.fokker_planck.basis import (
     EXTRA_NODES,
-    Array,
     VelocityCells,
     legendre,
     returned_flux,

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.state_space import step_covariance, transition
-from stochvi.methods.fokker_planck.basis import Array
 from stochvi.methods.fokker_planck.conditions import check_rtol, unmet_by_transient
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.evolution import projections, time_groups

@@ -21,13 +21,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stochvi.methods.linearisation.cut_normal_arrays import (
-    ROUGH,
-    Booleans,
-    CutLaws,
-    Vector,
-    cut_laws,
-)
+from stochvi.mathematics.arrays import Booleans, Vector
+from stochvi.methods.linearisation.cut_normal_arrays import ROUGH, CutLaws, cut_laws
 from stochvi.model.calculations import calculation
 from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.results.errors import NotApplicable

@@ -9,13 +9,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Booleans, Vector
 from stochvi.mathematics.cut_normal import CUT
 from stochvi.mathematics.quadrature import gauss_legendre
-
-Vector = NDArray[np.float64]
-Booleans = NDArray[np.bool_]
 
 
 class Rule(NamedTuple):

@@ -21,10 +21,11 @@ import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics, rice_rate
 from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate, Form, Unknowns
-from stochvi.methods.linearisation.layers import Vector, layer
+from stochvi.methods.linearisation.layers import layer
 from stochvi.methods.linearisation.motion_form import book_speeds
 from stochvi.model.gap import Gap
 from stochvi.scenes.impact_laws import CompliantLaw

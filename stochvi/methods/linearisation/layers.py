@@ -12,12 +12,10 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.cut_normal import CUT, NODES, WEIGHTS
 from stochvi.scenes.impact_laws import CompliantLaw
-
-Vector = NDArray[np.float64]
 
 DISTANCES = 2.0 ** np.arange(-100.0, 101.0)
 """Deflections at which the density within a stop is evaluated first, in units in which the motion

@@ -6,17 +6,16 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import minimize_scalar
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.spectra import squared_gain
 from stochvi.methods.linearisation.candidate import Candidate
 from stochvi.methods.linearisation.method import linear_oscillators
 from stochvi.model.calculations import calculation
 from stochvi.scenes.excitations.base import BASE, Density
 from stochvi.scenes.scene import Scene
-
-Vector = NDArray[np.float64]
 
 PLACES = 2001
 """Number of frequencies at which a spectrum is evaluated in the search for its peak, before

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.frequency_response import Force, gains
 from stochvi.mathematics.spectra import Filter
 from stochvi.methods.linearisation.structure_closure import solutions
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions
-from stochvi.model.modal import Matrix, Substitute, Vector
+from stochvi.model.modal import Substitute
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene

@@ -22,10 +22,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid, trapezoid
 from scipy.interpolate import RegularGridInterpolator
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.model.balances import residuals
 from stochvi.model.build_response import build_response
 from stochvi.model.model import Model, Pair
@@ -33,8 +33,6 @@ from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.scene import Scene
-
-Vector = NDArray[np.float64]
 
 TABLE = "shaken_box.csv"
 ATLAS = "atlas.csv"

@@ -37,6 +37,7 @@ from functools import cached_property
 
 import numpy as np
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import (
     ContactStatistics,
@@ -45,7 +46,7 @@ from stochvi.mathematics.impact_rates import (
 )
 from stochvi.mathematics.kelvin_voigt import half_contact
 from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
-from stochvi.methods.linearisation.layers import Layer, Vector, layer
+from stochvi.methods.linearisation.layers import Layer, layer
 from stochvi.methods.linearisation.rigid_closure import curvature_floor
 from stochvi.model.gap import Gap
 from stochvi.model.model import Stop

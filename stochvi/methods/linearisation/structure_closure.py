@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.linearisation import loose_mass
 from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
 from stochvi.methods.linearisation.forms import form_of
@@ -29,13 +30,7 @@ from stochvi.model.balances import residuals
 from stochvi.model.build_response import BETWEEN_IMPACTS, StationaryMoments, build_response
 from stochvi.model.coverage import unknown_dampers, without_noise
 from stochvi.model.gap import Gap
-from stochvi.model.modal import (
-    LinearLaw,
-    ModalForm,
-    Substitute,
-    Vector,
-    linear_law,
-)
+from stochvi.model.modal import LinearLaw, ModalForm, Substitute, linear_law
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.model.scales import UNSHAKEN, PairScale, scales_of
 from stochvi.results.errors import NotApplicable, NotConverged

@@ -14,13 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import ifft
 
-from stochvi.mathematics.frequency_response import (
-    Tables,
-    Waves,
-    beyond,
-    bin_amplitudes,
-    eigenvalues,
-)
+from stochvi.mathematics.arrays import Matrix, Vector, Waves
+from stochvi.mathematics.frequency_response import Tables, beyond, bin_amplitudes, eigenvalues
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import density_from_intensity
 from stochvi.methods.monte_carlo.kernels.modes import fill_modal_spectrum
@@ -42,9 +37,6 @@ from stochvi.model.free_motion import free_motion
 from stochvi.model.modal import ModalForm
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 CARRIES = 0.01
 """Share of the velocity variance of a gap from which a mode counts among those that move it."""

@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.history_plans import histories_of
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
@@ -18,8 +19,6 @@ from stochvi.model.model import model_of
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
-
-Vector = NDArray[np.float64]
 
 Made = TypeVar("Made")
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.compliant_white import kernel_stops, plan_compliant
 from stochvi.methods.monte_carlo.kernels.contact import RIGID
 from stochvi.methods.monte_carlo.kernels.missions import (
@@ -35,7 +36,6 @@ from stochvi.model.model import LOWER, UPPER, Model
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
 
-Vector = NDArray[np.float64]
 Start = Literal["rest", "stationary"]
 """How a mission begins: at rest, or in the stationary motion."""
 

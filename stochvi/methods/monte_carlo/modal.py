@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.state_space import square_root, step_covariance, transition
 from stochvi.methods.monte_carlo.kernels.impact_log import NO_RECORD, Log
 from stochvi.methods.monte_carlo.kernels.modal_contacts import Contacts
@@ -53,9 +54,6 @@ from stochvi.model.model import UPPER, Model, Pair
 from stochvi.model.no_stationary_state import not_stationary
 from stochvi.model.scales import PairScale, scales_of
 from stochvi.results.errors import NotApplicable
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 LARGEST_ANGLE = 0.4
 """Largest omega h of a step (rad) for the fastest mode or signal, if any step is free of bias: the

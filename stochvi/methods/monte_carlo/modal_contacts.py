@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.methods.monte_carlo.compliant_white import SUMS_OF_A_STOP, kernel_stop
@@ -18,8 +17,6 @@ from stochvi.methods.monte_carlo.tabulated import MOST_SUB_STEPS
 from stochvi.model.model import UPPER, Model
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
-
-Matrix = NDArray[np.float64]
 
 SUMS_OF_CONTACT_PAIR = (
     *SUMS_OF_PAIR,

@@ -19,13 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import ifft, irfft, next_fast_len, rfft
 
-from stochvi.mathematics.frequency_response import (
-    Waves,
-    beyond,
-    bin_amplitudes,
-    covariance,
-    eigenvalues,
-)
+from stochvi.mathematics.arrays import Matrix, Vector, Waves
+from stochvi.mathematics.frequency_response import beyond, bin_amplitudes, covariance, eigenvalues
 from stochvi.methods.monte_carlo.kernels.impact_log import NO_RECORD, Log
 from stochvi.methods.monte_carlo.kernels.modes import (
     Largest,
@@ -37,9 +32,7 @@ from stochvi.methods.monte_carlo.kernels.modes import (
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import (
     Flight,
-    Matrix,
     ModalPlan,
-    Vector,
     _second_moments,
     _squares,
     _table,

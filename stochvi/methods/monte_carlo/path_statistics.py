@@ -9,10 +9,9 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.quantities import Key, Means, Quantity
 from stochvi.results.intervals import PathMoments, neighbours
-
-Vector = NDArray[np.float64]
 
 Quantities = Callable[[Means], Sequence[float]]
 """Several quantities of a response that are computed together."""

@@ -16,6 +16,7 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.path_statistics import Layout
 from stochvi.methods.monte_carlo.stop_flag import check_flag
@@ -25,7 +26,6 @@ RELAXATIONS = 12.0
 """Length of the burn-in in units of the slowest time constant: the error of the start, which is
 small already, decays to e^-12 of itself."""
 
-Vector = NDArray[np.float64]
 Records = NDArray[np.float64]
 
 

@@ -26,6 +26,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.blocks import LANES
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.missions import NO_EVENT, Fleet, MissionPlan
@@ -34,8 +35,6 @@ from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotConverged
 from stochvi.results.intervals import binomial_interval, logarithmic_interval, mean_and_error
 from stochvi.results.machine import thread_seconds
-
-Vector = NDArray[np.float64]
 
 SHARE = 0.2
 """Share p of the paths that should reach the next level. The work at a given error is proportional

@@ -12,13 +12,11 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 from scipy.spatial import cKDTree
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.branches import Finder
 from stochvi.methods.periodic.kernels import flights, solver
 from stochvi.methods.periodic.simulations import SETTLING, simulate
 from stochvi.methods.periodic.tracks import Track
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 PERIODIC, REGULAR, CHAOTIC = "periodic", "other regular", "chaotic"
 """Kinds of motion: a stable regime of the exact solver; another motion whose disturbances do not

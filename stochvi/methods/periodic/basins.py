@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector, Whole
 from stochvi.methods.periodic.attractors import (
     FRUITLESS,
     LAST,
@@ -40,9 +41,6 @@ from stochvi.scenes.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 UNDECIDED, BEYOND = -1, -2
 """Numbers in a map of basins: of a start whose motion has not been recognised, and of one that lies

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.periodic.attractors import (
     BATCHES,
     SIGNIFICANT,
@@ -42,7 +43,6 @@ from stochvi.scenes.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-Vector = NDArray[np.float64]
 
 LEAP = 64
 """Number of periods over which disturbances are followed at once before a motion between stops that

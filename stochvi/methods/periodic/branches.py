@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.compile_time import leave_out_of_budgets
 from stochvi.methods.periodic import continuation
 from stochvi.methods.periodic.continuation import (
@@ -36,9 +37,6 @@ from stochvi.results.deadline import NEVER, Deadline
 
 leave_out_of_budgets()
 
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-Whole = NDArray[np.int64]
 
 SLOWEST = 1e-7
 """Impact speed and following flight, in the units of the kernels, up to which impacts are taken for

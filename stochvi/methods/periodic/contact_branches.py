@@ -14,8 +14,8 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic import continuation
 from stochvi.methods.periodic.branches import LOOKED_AT, SUBHARMONICS, Finder
 from stochvi.methods.periodic.continuation import GRAZING, Problem
@@ -25,9 +25,6 @@ from stochvi.methods.periodic.regimes import unstruck
 from stochvi.methods.periodic.simulations import MOST_KEPT, REPEATS, SETTLING, Settled
 from stochvi.methods.periodic.tracks import SAME, OnBranch, Track
 from stochvi.results.deadline import NEVER, Deadline
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 CHANGE = 1e-6
 """Step of sigma over which the flow is differenced."""

@@ -13,12 +13,9 @@ from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.kernels.solver import WEIGHT
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 POINT, NODE, FOLD, GRAZING, DOUBLING, BREAKING, TORUS, STICKING = (
     "", "node", "fold", "grazing", "period doubling", "symmetry breaking", "torus", "sticking",

@@ -9,12 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.family import Numbers, amplitudes
 from stochvi.methods.periodic.kernels import solver
 from stochvi.methods.periodic.regimes import pattern_of
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 NEAR_CIRCLE = 1e-3
 """Distance from the unit circle up to which a root counts as a phase; at a grazing two roots meet

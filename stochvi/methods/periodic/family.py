@@ -10,14 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector, Waves
 from stochvi.methods.periodic.kernels import contact_flow, solver
 from stochvi.model.coverage import functions
 from stochvi.model.model import Model, Pair, Stop
 from stochvi.results.errors import NotApplicable
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
-Waves = NDArray[np.complex128]
 
 MOST_HARMONICS = 32
 """Highest multiple of the lowest common frequency that a sum of sines may hold."""

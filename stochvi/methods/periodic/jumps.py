@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.periodic.branches import LOOKS, Finder
 from stochvi.methods.periodic.simulations import REPEATS, SETTLING, Settled
-from stochvi.methods.periodic.tracks import OnBranch, Track, Vector
+from stochvi.methods.periodic.tracks import OnBranch, Track
 
 SMALLEST = 0.02
 """Relative change of displacement or impact speed from which on a change is a jump if it does not

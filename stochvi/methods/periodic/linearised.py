@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.periodic.answer import Branch
 from stochvi.methods.periodic.family import unmet
 from stochvi.model.model import Model
-
-Vector = NDArray[np.float64]
 
 SMALLEST, LARGEST = 1e-9, 1e4
 """Smallest and largest excess of the amplitude of a harmonic regime over the gap, in units of the

@@ -6,8 +6,9 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.periodic.answer import (
     Branch,
     HarmonicResponse,
@@ -33,8 +34,6 @@ from stochvi.results.estimates import Cost, provenance
 from stochvi.scenes.excitations import Sine
 from stochvi.scenes.keys import changed_scene
 from stochvi.scenes.scene import Scene
-
-Vector = NDArray[np.float64]
 
 FREQUENCY = "frequency_hz"
 """Name of the varied number where it is the frequency of the sine itself."""

@@ -6,12 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.kernels import solver
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 
 def pattern_of(stops: Sequence[int], periods: int) -> solver.Pattern:

@@ -13,15 +13,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.methods.periodic.even import even_regimes, widest
 from stochvi.methods.periodic.family import Numbers
 from stochvi.methods.periodic.linearised import Harmonic
-
-Vector = NDArray[np.float64]
 
 BOTH = (0, 1)
 """Impacts of a regime between two stops, in their order: on the upper one and on the lower one."""

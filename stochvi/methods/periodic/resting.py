@@ -13,16 +13,13 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.continuation import GRAZING, NODE, POINT, STICKING
 from stochvi.methods.periodic.kernels import flights, solver
 from stochvi.methods.periodic.simulations import Settled, simulate
 from stochvi.methods.periodic.tracks import OnBranch, Track
 from stochvi.results.deadline import Deadline
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 EXACT, COARSE = 1e-7, 1e-4
 """Difference of states a period apart, relative to the motion, at which it repeats itself (bounces

@@ -6,12 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.kernels import solver
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 SETTLING = 300
 """Number of periods that a simulation runs before its motion counts as settled."""

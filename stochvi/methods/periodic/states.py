@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Matrix
 from stochvi.methods.periodic.family import Family
 from stochvi.model.model import Model
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 
 class States:

@@ -11,11 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.even import TOLERANCE
 from stochvi.methods.periodic.kernels import solver
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 SAME = 1e-6
 """Difference of phases, rad, or of states up to which two regimes are one."""

@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from stochvi.mathematics.arrays import Vector
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Quantities
@@ -16,9 +14,6 @@ from stochvi.scenes.rigid_body import AXES
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,15 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.replay import kernel
 from stochvi.model.model import Model, Pair, Stop
 from stochvi.results.errors import NotConverged
 from stochvi.scenes.impact_laws import CompliantLaw
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 KINDS = {
     "rigid": kernel.RIGID,

@@ -11,6 +11,7 @@ from dataclasses import replace as changed
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.replay.answer import CoordinateReplay, Histories, PairReplay, Replay, ReplayAt
 from stochvi.methods.replay.march import Motion, Shaking, march, rest_of
 from stochvi.model.calculations import calculation
@@ -21,8 +22,6 @@ from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.sizes import MOST_NUMBERS
 from stochvi.scenes.excitations import BASE, ConstantLoad, RecordedNoise
 from stochvi.scenes.scene import Scene
-
-Vector = NDArray[np.float64]
 
 EXACT = "the record itself, exact steps"
 """Words in every estimate of a replay on how it was found."""

@@ -7,12 +7,11 @@ from abc import abstractmethod
 from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.kelvin_voigt import Impact
 from stochvi.scenes.validation import Checked
-
-Vector = NDArray[np.float64]
 
 
 class Form(NamedTuple):

@@ -14,14 +14,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.kelvin_voigt import Impact
 from stochvi.mathematics.units import listed_units, unit
 from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws.base import CompliantLaw, Form, inside
 from stochvi.scenes.text_tables import TextTable, all_columns, read_text_table
 from stochvi.scenes.validation import NonNegatives
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

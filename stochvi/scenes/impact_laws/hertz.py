@@ -6,13 +6,12 @@ import math
 from typing import ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.kelvin_voigt import Impact
 from stochvi.scenes.impact_laws.base import CompliantLaw, Form, inside
 from stochvi.scenes.validation import Positive
-
-Vector = NDArray[np.float64]
 
 
 class Hertz(CompliantLaw):

@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydantic import field_validator
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.scenes.impact_laws.base import Form, RigidLaw
 from stochvi.scenes.validation import Function, Number, check_values, evaluated
-
-Vector = NDArray[np.float64]
 
 
 class Restitution(RigidLaw):

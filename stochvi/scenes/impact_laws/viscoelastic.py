@@ -10,14 +10,13 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.kelvin_voigt import Impact, half_contact, kelvin_voigt
 from stochvi.scenes.impact_laws.base import Form, inside
 from stochvi.scenes.impact_laws.rubber_data import RubberLaw, with_damping_ratio, with_stiffness
 from stochvi.scenes.validation import NonNegative, Positive
-
-Vector = NDArray[np.float64]
 
 
 class LinearLaw(RubberLaw):

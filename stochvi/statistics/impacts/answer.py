@@ -8,16 +8,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate, format_with_error
 from stochvi.statistics.impacts.tallies import Histogram, Rate
 
 if TYPE_CHECKING:
     import pandas as pd
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)

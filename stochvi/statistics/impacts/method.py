@@ -54,8 +54,6 @@ from stochvi.statistics.impacts.tallies import (
     rate,
 )
 
-Vector = NDArray[np.float64]
-
 SLOWEST_SHARE, FASTEST_SHARE = 0.01, 10.0
 """Slowest and fastest speed of a histogram, in rms speeds; it begins at the threshold if that is
 faster."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import (
@@ -18,9 +19,6 @@ from stochvi.results.intervals import (
     ratio_and_error,
     upper_limit_unseen,
 )
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 WINDOWS = 8
 """Number of windows of a path in which impacts are counted for the dispersion."""

@@ -8,13 +8,14 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan
 from stochvi.methods.monte_carlo.plan import Histories
 from stochvi.methods.monte_carlo.quantities import gap_of
 from stochvi.model.model import Model, Pair
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.spectra.segments import Matrix, Quantity, Vector
+from stochvi.statistics.spectra.segments import Quantity
 
 Weights = NDArray[np.complex128]
 """Complex weights of channels at each frequency (channels, bins)."""

@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 from scipy.fft import prev_fast_len, rfft
 
 from stochvi.mathematics import rounding
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan
 from stochvi.results.intervals import PathMoments
-
-Vector = NDArray[np.float64]
-Matrix = NDArray[np.float64]
 
 Quantity = Callable[[Matrix], Vector]
 

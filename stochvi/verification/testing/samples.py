@@ -10,11 +10,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_error
 from stochvi.verification.testing.problems import Problem
 
-Vector = NDArray[np.float64]
 Values = Mapping[str, Any]
 Function = Callable[[Values], Any]
 """A function of the quantities, which may be numbers or arrays."""
