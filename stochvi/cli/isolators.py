@@ -197,7 +197,6 @@ def size(
     from stochvi.isolators.sizing.method import size as solve
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
-    from stochvi.model.model import model_of
     from stochvi.results.base import plain
     from stochvi.scenes.scene import load_scene
     from stochvi.views.isolator_tables import print_sizing
@@ -205,11 +204,6 @@ def size(
     loaded = load_scene(scene)
     # wrong tolerances are refused before the work
     allowed = _tolerances_of(loaded, tolerances)
-    if sensitivity and not model_of(loaded).single:
-        raise ValueError(
-            "--sensitivity is for one oscillator; the answer for several pairs holds the effect of "
-            "every tolerance already: give --tolerances"
-        )
     deadline = options.until(options.budget, REPORT_SECONDS)
     fell_short: list[str] = []
     judged: list[RecordVerdict | None] = []
@@ -226,9 +220,6 @@ def size(
 
     def show(answer: Sizing | PairsSizing) -> None:
         fell_short.extend(answer.fell_short)
-        if isinstance(answer, PairsSizing):
-            _show_pairs(options, answer, scene)
-            return
         document, table = answer.to_dict(), None
         if sensitivity:
             with options.progress("sensitivity") as report:
@@ -245,16 +236,20 @@ def size(
         options.show(
             answer, lambda console, each: print_sizing(console, each, table), None, document
         )
-        if options.out is not None:
-            from stochvi.isolators.sizing.review import ReviewSettings, review
-            from stochvi.views.report import write_report
+        if not isinstance(answer, PairsSizing):
+            judged.append(answer.record)
+        if options.out is None:
+            return
+        from stochvi.isolators.sizing.review import ReviewSettings, review
+        from stochvi.views.report import write_pairs_report, write_report
 
-            reviewed = review(
-                answer, table, ReviewSettings(budget=deadline.rest or BUDGET),
-                threads=options.threads,
-            )  # fmt: skip
-            write_report(reviewed, options.out, options.origin(scene, answer.provenance))
-        judged.append(answer.record)
+        origin = options.origin(scene, answer.provenance)
+        if isinstance(answer, PairsSizing):
+            write_pairs_report(answer, options.out, origin, table)
+        else:
+            settings = ReviewSettings(budget=deadline.rest or BUDGET)
+            reviewed = review(answer, table, settings, threads=options.threads)
+            write_report(reviewed, options.out, origin)
 
     shown(found, show)
     for record in judged:
@@ -262,17 +257,6 @@ def size(
     if fell_short:
         more = f" (and {len(fell_short) - 1} more)" if len(fell_short) > 1 else ""
         stop(f"not as accurate as asked for: {fell_short[0]}{more}", FAILED)
-
-
-def _show_pairs(options: Common, answer: PairsSizing, scene: str) -> None:
-    """Show the clearances of several pairs: document, tables, and a page."""
-    from stochvi.views.isolator_tables import print_pairs_sizing
-
-    options.show(answer, print_pairs_sizing)
-    if options.out is not None:
-        from stochvi.views.report import write_pairs_report
-
-        write_pairs_report(answer, options.out, options.origin(scene, answer.provenance))
 
 
 REPORT_SECONDS = 3.0

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
+from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.views.pairs import (
     PLACES,
     TOLERANCES,
@@ -24,7 +25,7 @@ from stochvi.views.tables import (
     print_table,
     value_with_error,
 )
-from stochvi.views.words import places_of_stops
+from stochvi.views.words import clearances_of_changes, places_of_stops
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.isolators.screening import Screening
     from stochvi.isolators.sizing.answer import Sizing
-    from stochvi.isolators.sizing.pairs_answer import PairsSizing
 
 
 def print_screening(console: Console, linear: Screening) -> None:
@@ -113,7 +113,23 @@ def print_clearance(console: Console, curve: pd.DataFrame, notes: Sequence[str] 
         console.print(f"note: {note}", style="yellow", highlight=False)
 
 
-def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> None:
+def print_sizing(
+    console: Console, sizing: Sizing | PairsSizing, sensitivity: pd.DataFrame | None = None
+) -> None:
+    """Print the clearances to make first, then the numbers behind them, then what they rest on."""
+    if isinstance(sizing, PairsSizing):
+        _print_pairs(console, sizing)
+    else:
+        _print_one(console, sizing)
+    if sensitivity is not None:
+        _print_changes(console, sensitivity, "one thing changed at a time")
+    print_line(console, f"method: {sizing.method}")
+    print_line(console, f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads")
+    for warning in sizing.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def _print_one(console: Console, sizing: Sizing) -> None:
     """Print the clearance and the risk at three sigma first, then the numbers behind both."""
     style = "bold" if sizing.doubtful is None else CONTRADICTED
     console.print(sizing.verdict(), style=style, highlight=False)
@@ -147,29 +163,25 @@ def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | N
         f"chance of any hit in {mission}",
     )
     _print_hits(console, sizing)
-    if sensitivity is not None:
-        _print_changes(console, sensitivity, "one thing changed at a time")
-    print_line(console, f"method: {sizing.method}")
-    print_line(console, f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads")
-    for warning in sizing.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
 
 
 def _print_changes(console: Console, table: pd.DataFrame, title: str) -> None:
     """Print changed scenes with the clearance that each needs for the same target."""
+    places = clearances_of_changes(table)
+    columns = {"change": "change", **places, **CHANGE_COLUMNS}
+    shown = table.assign(
+        **{name: 1e3 * table[name] for name in places},
+        clearance_change=[
+            "not found" if math.isnan(c) else f"{100.0 * c:+.1f} %"
+            for c in table["clearance_change"]
+        ],
+        probability=[
+            "" if math.isnan(chance) else spoken_percent(chance) for chance in table["probability"]
+        ],
+    )
     print_frame(
         console,
-        table.assign(
-            clearance=1e3 * table["clearance"],
-            clearance_change=[
-                "not found" if math.isnan(c) else f"{100.0 * c:+.1f} %"
-                for c in table["clearance_change"]
-            ],
-            probability=[
-                "" if math.isnan(chance) else spoken_percent(chance)
-                for chance in table["probability"]
-            ],
-        )[list(CHANGE_COLUMNS)].rename(columns=CHANGE_COLUMNS),
+        shown[list(columns)].rename(columns=columns),
         f"{title}: clearance for the same target, and chance of any hit at the calculated one",
     )
     for change, note in zip(table["change"], table["note"], strict=True):
@@ -177,7 +189,7 @@ def _print_changes(console: Console, table: pd.DataFrame, title: str) -> None:
             print_line(console, f"{change}: {note}")
 
 
-def print_pairs_sizing(console: Console, sizing: PairsSizing) -> None:
+def _print_pairs(console: Console, sizing: PairsSizing) -> None:
     """Print the clearances of several pairs first, then the numbers behind them."""
     console.print(sizing.verdict(), style="bold", highlight=False)
     mission = spoken_mission(sizing.mission)
@@ -205,10 +217,6 @@ def print_pairs_sizing(console: Console, sizing: PairsSizing) -> None:
         print_frame(console, tolerances_in_rows(sizing), TOLERANCES)
         for line in worst_places(sizing):
             print_line(console, line)
-    print_line(console, f"method: {sizing.method}")
-    print_line(console, f"cost: {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads")
-    for warning in sizing.warnings:
-        console.print(f"note: {warning}", style="yellow", highlight=False)
 
 
 def _print_hits(console: Console, sizing: Sizing) -> None:
@@ -236,8 +244,6 @@ REQUIRED_COLUMNS = {
 
 
 CHANGE_COLUMNS = {
-    "change": "change",
-    "clearance": "clearance (mm)",
     "clearance_change": "by",
     "probability": "chance of any hit",
 }

@@ -11,6 +11,8 @@ from stochvi.results.estimates import Estimate
 from stochvi.views.tables import value_with_error
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from stochvi.isolators.sizing.answer import Sizing
 
 MM = 1e3
@@ -135,6 +137,14 @@ def chance_in_words(probability: float) -> str:
 
 TINY = 1e-12
 """Probability below which its value means nothing: no noise is Gaussian as far as that."""
+
+
+def clearances_of_changes(table: pd.DataFrame) -> dict[str, str]:
+    """Columns with the clearances of a table of changed scenes, and their headings: one column of
+    one mass, one for each sized pair of several."""
+    fixed = {"change", "sigma", "clearance_change", "probability", "note"}
+    names = [str(name) for name in table if name not in fixed]
+    return {name: f"{'clearance' if names == ['clearance'] else name} (mm)" for name in names}
 
 
 def places_of_stops(sizing: Sizing) -> str:

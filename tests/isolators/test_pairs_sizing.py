@@ -14,6 +14,7 @@ import pytest
 
 from stochvi import (
     ConstantLoad,
+    Elastic,
     Isolator,
     NotApplicable,
     NotConverged,
@@ -26,10 +27,13 @@ from stochvi import (
 )
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing import pairs
-from stochvi.isolators.sizing.changes import Change, Tolerances
+from stochvi.isolators.sizing import sensitivity as sensitivity_module
+from stochvi.isolators.sizing.changes import Change, Tolerances, changed_mount, changed_stops
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
+from stochvi.isolators.sizing.sensitivity import sensitivity, variations
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
 from stochvi.model.model import model_of
+from stochvi.model.natural_modes import natural_modes
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import ImpactPair, scene_from
@@ -204,6 +208,60 @@ def test_a_sized_changed_scene_agrees_with_the_tolerances(both: PairsSizing) -> 
         assert both.clearances[name].value != pytest.approx(found.value, rel=share)
 
 
+def test_changed_scenes_of_pairs_are_sized_anew(both: PairsSizing) -> None:
+    def three(sizing: PairsSizing) -> list[tuple[str, Scene]]:
+        return [each for each in variations(sizing) if each[0] in ("none", "level +3 dB")]
+
+    with mock.patch.multiple(pairs, count_hits=no_hits), mock.patch.object(
+        sensitivity_module, "variations", three
+    ):  # fmt: skip
+        table = sensitivity(both, seed=1)
+    assert list(table) == ["change", "x", "z", "clearance_change", "probability", "note"]
+    none, louder = table.to_dict("records")
+    gain = 10.0 ** (3.0 / 20.0)
+    for name, c in both.clearances.items():
+        in_sigma = both.pairs.set_index("pair").loc[name, "clearance_in_sigma"]
+        # an error r of the risk is r / c^2 of a clearance c, in standard deviations
+        error = 4.5 * 2.0 * sensitivity_module.ROUGH_ERROR / in_sigma**2
+        assert none[name] == pytest.approx(c.value, rel=error)
+        assert louder[name] == pytest.approx(gain * c.value, rel=error)
+        assert louder[name] != pytest.approx(c.value, rel=error)
+    assert none["probability"] == pytest.approx(TARGET, rel=4.5 * sensitivity_module.ROUGH_ERROR)
+    assert louder["clearance_change"] == pytest.approx(
+        max(louder[name] / c.value for name, c in both.clearances.items()) - 1.0
+    )
+    # no more first hits than crossings (Rice) of the old stops by a motion larger by the gain
+    crossings = sum(
+        omega / math.pi * math.exp(-0.5 * (c.value / gain) ** 2)
+        for omega, c in zip((1.0, 2.0), both.clearances.values(), strict=True)
+    )
+    assert 0.5 < louder["probability"] < 1.0 - math.exp(-MISSION * crossings)
+
+
+@pytest.mark.parametrize("damper", [{"damping": [30.0, 30.0, 60.0]}, {"loss_factor": 0.3}])
+def test_a_changed_mount_changes_every_mode(damper: dict[str, object]) -> None:
+    document = load_scene(shipped_scene("rigid-box")).document()
+    for mount in document["structure"]["mount"]:
+        for key in ("damping", "zeta", "loss_factor"):
+            mount.pop(key, None)
+        mount.update(damper)
+    scene = scene_from(document)
+    changed = changed_mount(scene, 0.9, 1.3)
+    for before, after in zip(
+        natural_modes(model_of(scene)), natural_modes(model_of(changed)), strict=True
+    ):
+        assert after.frequency_hz == pytest.approx(0.9 * before.frequency_hz, rel=1e-9)
+        assert after.damping_ratio == pytest.approx(1.3 * before.damping_ratio, rel=1e-9)
+
+
+def test_laws_of_all_pairs_are_changed_each_in_its_way() -> None:
+    soft = Elastic(stiffness=100.0)
+    scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0).model_copy(update={"law": soft}))
+    bouncing, stiff = changed_stops(scene, restitution=0.1, stiffness=2.0).impact_pairs
+    assert bouncing.law.coefficient == pytest.approx(LAW.coefficient + 0.1)
+    assert stiff.law.stiffness == pytest.approx(200.0)
+
+
 def test_the_answer_holds_the_hits_that_are_expected(both: PairsSizing) -> None:
     assert both.expected_hits is not None
     by_pair = both.pairs["expected_hits"]
@@ -320,7 +378,10 @@ def test_the_command_sizes_a_box(stochvi: Run, tmp_path: Path) -> None:
     scene = Path(__file__).parents[2] / "data" / "scenes" / "rigid-box.toml"
     options = ("--probability", "0.05", "--mission", "60", "--rel-error", "0.4")
     allowed = ("--tolerances", "frequency=5%,level=1dB")
-    done = stochvi("size", scene, *options, *allowed, "--json", "-", "--out", tmp_path)
+    with mock.patch.object(sensitivity_module, "variations", lambda each: [("none", each.scene)]):
+        done = stochvi(
+            "size", scene, *options, *allowed, "--sensitivity", "--json", "-", "--out", tmp_path
+        )
     assert done.code == 0
     document = one_document(done.out)
     for each in (*document["clearances"].values(), document["probability"]):
@@ -332,10 +393,13 @@ def test_the_command_sizes_a_box(stochvi: Run, tmp_path: Path) -> None:
     assert [mode["frequency_hz"] for mode in document["box"]["modes"]] == pytest.approx(
         load_scene(scene).structure.natural_frequency_hz.tolist()
     )
-    for name in ("risk.csv", "pairs.csv", "required.csv", "tolerances.csv", "size.json"):
+    tables = ("risk", "pairs", "required", "tolerances", "sensitivity")
+    for name in (*(f"{each}.csv" for each in tables), "size.json"):
         assert (tmp_path / name).stat().st_size > 0
-    refused = stochvi("size", scene, *options, "--sensitivity")
-    assert refused.code == 2 and "--tolerances" in refused.err
+    (row,) = document["sensitivity"]
+    assert set(document["clearances"]) < set(row)
+    assert "one thing changed at a time" in done.err
+    assert 'id="sensitivity"' in page
 
 
 @pytest.mark.parametrize("hazard", [1e-6, 0.3, 5.0, 25.0])

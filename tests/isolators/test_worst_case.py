@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -11,11 +12,13 @@ import pytest
 from stochvi import ImpactPair, Isolator, Restitution, Scene, WhiteNoise
 from stochvi.isolators import size
 from stochvi.isolators.sizing import exceedances as hard
-from stochvi.isolators.sizing.answer import Rounded, Sizing
+from stochvi.isolators.sizing import sensitivity
+from stochvi.isolators.sizing.answer import Rounded, Sizing, Target
 from stochvi.isolators.sizing.changes import WORST, Tolerances, changed_mount
 from stochvi.isolators.sizing.method import risk_curve
 from stochvi.isolators.sizing.review import Balance
 from stochvi.isolators.sizing.worst_case import worst_case
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 
@@ -28,6 +31,29 @@ def sizing() -> Sizing:
     mount = Isolator(frequency_hz=10.0, zeta=0.2)
     scene = Scene(structure=mount, excitations=[NOISE])
     return size(scene, probability=0.05, mission=MISSION, rel_error=0.1, threads=1)
+
+
+def test_a_changed_scene_is_sized_without_its_tolerances(
+    sizing: Sizing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else each row would look for a worst case of its own, and each row of that one again."""
+    asked: list[object] = []
+
+    def sized(scene: Scene, **given: object) -> Sizing:
+        asked.append(given["tolerances"])
+        raise NotApplicable("size", ["it is not sized here"])
+
+    monkeypatch.setattr(sensitivity, "size", sized)
+    target = Target(name="rate", value=0.1, unit="1/s")
+    mount = Isolator(frequency_hz=10.0, zeta=0.2, frequency_tolerance=0.1)
+    scene = sizing.scene.replace(structure=mount)
+    again = sensitivity.Resizing(
+        sizing=replace(sizing, target=target), seed=1, threads=1, deadline=Deadline.after(None),
+        rel_error=0.5,
+    )  # fmt: skip
+    assert "not sized here" in again.row("none", scene, 1.0)["note"]
+    assert asked == [Tolerances()]
+    assert Tolerances.of(scene) != Tolerances()
 
 
 def test_the_worst_level_scales_the_clearance(sizing: Sizing) -> None:

@@ -7,9 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from stochvi.scenes.impact_laws import Law, Restitution
-from stochvi.scenes.rigid_body import AXES, RigidBody
+from stochvi.scenes.rigid_body import AXES, Mount, RigidBody
 from stochvi.scenes.scene import Scene
+from stochvi.scenes.structures import Structure
 
 WORST = "worst within all tolerances"
 """Name of the row with the largest clearance of the whole region of the tolerances."""
@@ -135,7 +138,7 @@ class Change(NamedTuple):
             case "level":
                 return scene.at_level(self.amount)
             case "stiffness":
-                return changed_stops(scene, 1.0 + self.amount)
+                return changed_stops(scene, stiffness=1.0 + self.amount)
         axis = self.quantity.removeprefix(CENTRE)
         return moved_centre(scene, [self.amount * (axis == each) for each in AXES])
 
@@ -170,19 +173,29 @@ def ends_of_stops(scene: Scene, tolerances: Tolerances) -> list[Change]:
 
 
 def changed_mount(scene: Scene, frequency: float, damping: float) -> Scene:
-    """The scene with its natural frequency and damping ratio multiplied by two factors."""
+    """The scene with its natural frequencies and damping ratios multiplied by two factors; those of
+    a rigid body by those of all of its mounts."""
     structure = scene.structure
-    given: Mapping[str, Any] = structure.model_dump(exclude_none=True)
-    if "frequency_hz" in given:
-        changed = {"frequency_hz": given["frequency_hz"] * frequency}
-        changed |= {"zeta": given["zeta"] * damping} if "zeta" in given else {}
-        changed |= {"Q": given["Q"] / damping} if "Q" in given else {}
+    if isinstance(structure, RigidBody):
+        mounts = tuple(type(each)(**_scaled(each, frequency, damping)) for each in structure.mounts)
+        changed: Structure = structure.model_copy(update={"mounts": mounts})
     else:
-        changed = {
-            "stiffness": given["stiffness"] * frequency**2,
-            "damping": given["damping"] * frequency * damping,
-        }
-    return scene.model_copy(update={"structure": type(structure)(**(dict(given) | changed))})
+        changed = type(structure)(**_scaled(structure, frequency, damping))
+    return scene.model_copy(update={"structure": changed})
+
+
+def _scaled(part: Structure | Mount, frequency: float, damping: float) -> dict[str, Any]:
+    """The keys of a structure or a mount with springs and dampers for other natural frequencies and
+    damping ratios."""
+    factors = {
+        "frequency_hz": frequency, "stiffness": frequency**2, "damping": frequency * damping,
+        "zeta": damping, "loss_factor": damping, "Q": 1.0 / damping,
+    }  # fmt: skip
+    given: Mapping[str, Any] = part.model_dump(exclude_none=True)
+    return {
+        key: np.multiply(value, factors[key]).tolist() if key in factors else value
+        for key, value in given.items()
+    }
 
 
 def moved_centre(scene: Scene, shift: Sequence[float]) -> Scene:
@@ -204,20 +217,24 @@ def moved_centre(scene: Scene, shift: Sequence[float]) -> Scene:
     return scene.model_copy(update={"structure": structure, "impact_pairs": pairs})
 
 
-def changed_stops(scene: Scene, amount: float) -> Scene:
-    """The scene with the stiffness of its stops multiplied by `amount`, or, where a stop is rigid,
-    with `amount` added to its restitution."""
-    pair = scene.impact_pairs[0]
-    laws = {
-        name: _changed_law(law, amount)
-        for name in ("law", "lower_law", "upper_law")
-        if (law := getattr(pair, name)) is not None
-    }
-    return scene.model_copy(update={"impact_pairs": (pair.model_copy(update=laws),)})
+def changed_stops(scene: Scene, *, stiffness: float = 1.0, restitution: float = 0.0) -> Scene:
+    """The scene with the stiffness of all stops that give way multiplied by a factor, and with a
+    number added to the restitution of all that do not."""
 
+    def changed(law: Law) -> Law:
+        if isinstance(law, Restitution):
+            return Restitution(coefficient=min(max(law.coefficient + restitution, 0.0), 1.0))
+        # more stiffness acts on a mass like the same law on a mass that is smaller by this factor
+        return law if law.rigid else law.per_unit_mass(1.0 / stiffness)
 
-def _changed_law(law: Law, amount: float) -> Law:
-    if isinstance(law, Restitution):
-        return Restitution(coefficient=min(max(law.coefficient + amount, 0.0), 1.0))
-    # a larger stiffness acts on a mass like the same law on a mass that is smaller by this factor
-    return law.per_unit_mass(1.0 / amount)
+    pairs = [
+        pair.model_copy(
+            update={
+                name: changed(law)
+                for name in ("law", "lower_law", "upper_law")
+                if (law := getattr(pair, name)) is not None
+            }
+        )
+        for pair in scene.impact_pairs
+    ]
+    return scene.model_copy(update={"impact_pairs": tuple(pairs)})

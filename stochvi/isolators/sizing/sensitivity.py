@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,16 +14,18 @@ from scipy.special import gammaln, roots_genlaguerre
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.changes import Tolerances, changed_stops, ends_of
 from stochvi.isolators.sizing.method import risk_curve, size
+from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
-from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
+from stochvi.results.deadline import NEVER, Deadline, as_far_as_it_got, heeding_ctrl_c
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged, StochviError
 from stochvi.results.progress import Progress
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene
+from stochvi.statistics.pair_crossings import PairMotion
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,7 +72,7 @@ MODULATION_NODES = 200
 
 @calculation
 def sensitivity(
-    sizing: Sizing,
+    sizing: Sizing | PairsSizing,
     *,
     seed: int = 0,
     threads: int | None = None,
@@ -82,9 +84,10 @@ def sensitivity(
     Rows: natural frequency +-10 %, damping ratio +-30 % (or the tolerances of the isolator), level
     +-3 dB, and, where the target depends on impacts, the restitution +-0.1 or the stiffness of the
     stops times 2 and 1/2; all rows use the same random numbers. Where the target is a chance of any
-    hit, the input is also taken as not Gaussian, with a kurtosis of 5 at the same density: by fast
-    peaks (a monotone transform of the input, of which the mount averages many), and by slow bursts
-    (the level itself changes, slowly against the memory of the response; see `slow_bursts`).
+    hit of one mass, the input is also taken as not Gaussian, with a kurtosis of 5 at the same
+    density: by fast peaks (a monotone transform of the input, of which the mount averages many),
+    and by slow bursts (the level itself changes, slowly against the memory of the response; see
+    `slow_bursts`).
 
     Parameters
     ----------
@@ -105,7 +108,9 @@ def sensitivity(
         `change`, `sigma` (m), `clearance` (m, from the mean position of the sizing, so that the
         stops reach a mean position that has moved), `clearance_change` (relative to that of the
         sizing), `probability` (of any hit in the mission at the clearance of the sizing), `note`:
-        why a row has no numbers (NaN), or not the accuracy that was asked for; else empty.
+        why a row has no numbers (NaN), or not the accuracy that was asked for; else empty. Of
+        several pairs the clearance of each sized one stands under its name in the place of `sigma`
+        and `clearance`, and `clearance_change` is the largest of them.
 
     See Also
     --------
@@ -137,12 +142,14 @@ def sensitivity(
                 progress(number / len(cases), change)
             rows.append(again.row(change, scene, 1.0 / (len(cases) - number)))
         curve = again.curves.get(UNCHANGED)
-        if sizing.target.name == "probability" and curve and not again.deadline.passed():
+        if isinstance(sizing, PairsSizing) or sizing.target.name != "probability":
+            curve = None
+        if isinstance(sizing, Sizing) and curve and not again.deadline.passed():
             rows += _not_gaussian(sizing, curve, seed, again.deadline)
     return pd.DataFrame(rows)
 
 
-def variations(sizing: Sizing) -> Iterator[tuple[str, Scene]]:
+def variations(sizing: Sizing | PairsSizing) -> Iterator[tuple[str, Scene]]:
     """The changed scenes, each with its change in words."""
     scene = sizing.scene
     yield UNCHANGED, scene
@@ -157,10 +164,10 @@ class Resizing:
     """Sizes changed scenes for the target of a sizing, all before one deadline.
 
     `rel_error` is the relative error of the risk of each, and `curves` takes their risk curves by
-    the name of the change.
+    the name of the change, of one mass.
     """
 
-    sizing: Sizing
+    sizing: Sizing | PairsSizing
     seed: int
     threads: int | None
     deadline: Deadline
@@ -171,63 +178,117 @@ class Resizing:
         """The row of a changed scene in a share (0 to 1) of the time that is left, and no less than
         LEAST_SECONDS; where the scene cannot be sized, or no time is left, a row whose note says
         why."""
-        target, mission = self.sizing.target, self.sizing.mission
         try:
             if self.deadline.left < LEAST_SECONDS:
                 raise self.deadline.fell_short("before this case", "raise budget")
             seconds = self.deadline.part(share)
             part = Deadline.after(None if seconds is None else max(seconds, LEAST_SECONDS))
-            curve = risk_curve(
-                scene, target, mission, rel_error=0.5 * self.rel_error, seed=self.seed,
-                threads=self.threads, budget=part.part(CURVE_SHARE),
-            )  # fmt: skip
-            self.curves[change] = curve
-            clearance, note = self._clearance(scene, curve, part)
+            if isinstance(self.sizing, PairsSizing):
+                return self._row_of_pairs(self.sizing, change, scene, part)
+            return self._row_of_one(self.sizing, change, scene, part)
         except (StochviError, Interrupted, ValueError) as reason:
-            return row_of(change, self.sizing, math.nan, math.nan, math.nan, str(reason))
+            return row_of(change, self.sizing, {}, math.nan, note=str(reason))
+
+    def _row_of_one(
+        self, sizing: Sizing, change: str, scene: Scene, deadline: Deadline
+    ) -> dict[str, Any]:
+        """The row of a changed scene of one mass, by the risk curve of that scene."""
+        target = sizing.target
+        curve = risk_curve(
+            scene, target, sizing.mission, rel_error=0.5 * self.rel_error, seed=self.seed,
+            threads=self.threads, budget=deadline.part(CURVE_SHARE),
+        )  # fmt: skip
+        self.curves[change] = curve
+        if target.name == "probability":
+            clearance, note = curve.clearance(target.value).value, ""
+        else:
+            found, note = self._sized(scene, deadline)
+            assert isinstance(found, Sizing)
+            clearance = found.clearance.value
         # stops stay where they are, while a changed mount hangs elsewhere
-        shift = model_of(scene).rest - model_of(self.sizing.scene).rest
-        towards = {"lower": -shift, "upper": shift}
-        moved = [towards[side] for side in self.sizing.sides]
+        shift = model_of(scene).rest - model_of(sizing.scene).rest
+        moved = [TOWARDS[side] * shift for side in sizing.sides]
         hazards = [
-            -math.log1p(-min(curve.probability(self.sizing.clearance.value - each), KNOWN))
+            -math.log1p(-min(curve.probability(sizing.clearance.value - each), KNOWN))
             for each in moved
         ]
-        chance = -math.expm1(-sum(hazards) / len(hazards))
-        sigma = curve.crossings.displacement_std
-        return row_of(change, self.sizing, sigma, max(clearance + max(moved), 0.0), chance, note)
+        return row_of(
+            change, sizing, {"clearance": max(clearance + max(moved), 0.0)},
+            -math.expm1(-sum(hazards) / len(hazards)),
+            sigma=curve.crossings.displacement_std, note=note,
+        )  # fmt: skip
 
-    def _clearance(self, scene: Scene, curve: RiskCurve, deadline: Deadline) -> tuple[float, str]:
-        """The clearance that a changed scene with this risk curve needs for the same target, and a
-        note where it is not as accurate as asked for."""
-        target = self.sizing.target
-        if target.name == "probability":
-            return curve.clearance(target.value).value, ""
-        limit: dict[str, Any] = {target.name: target.value}
-        if target.exceedance is not None:
-            limit["exceedance"] = target.exceedance
-        note = ""
-        try:
-            found = size(
-                scene, **limit, mission=self.sizing.mission, rel_error=self.rel_error,
-                seed=self.seed, threads=self.threads, budget=deadline.rest or BUDGET,
+    def _row_of_pairs(
+        self, sizing: PairsSizing, change: str, scene: Scene, deadline: Deadline
+    ) -> dict[str, Any]:
+        """The row of a changed scene of several pairs."""
+        found, note = self._sized(scene, deadline)
+        assert isinstance(found, PairsSizing)
+        model = model_of(scene)
+        shifts = model.mean_gaps - model_of(sizing.scene).mean_gaps
+        clearances = {}
+        for pair, shift in zip(model.pairs, shifts.tolist(), strict=True):
+            if pair.name in found.clearances:
+                moved = max(TOWARDS[stop.name] * shift for stop in pair.stops)
+                clearances[pair.name] = max(found.clearances[pair.name].value + moved, 0.0)
+        # the stops of the sizing, as far as they are from the mean gaps of the changed scene
+        lower, upper = (
+            sizing.pairs[side].fillna(math.inf).to_numpy() - TOWARDS[side] * shifts
+            for side in TOWARDS
+        )
+        chance = 1.0
+        if min(lower.min(), upper.min()) > 0.0:
+            crossings = as_far_as_it_got(
+                PairMotion(model).crossings, lower, upper, mission=sizing.mission,
+                rel_error=self.rel_error, seed=self.seed, threads=self.threads,
+                budget=deadline.part(CURVE_SHARE),
             )  # fmt: skip
+            chance = crossings.probability(sizing.mission)[0].value
+        return row_of(change, sizing, clearances, chance, note=note)
+
+    def _sized(self, scene: Scene, deadline: Deadline) -> tuple[Sizing | PairsSizing, str]:
+        """The sizing of a changed scene for the same target, and a note where it is not as accurate
+        as asked for."""
+        sizing, target = self.sizing, self.sizing.target
+        asked: dict[str, Any] = {target.name: target.value}
+        if target.exceedance is not None:
+            asked["exceedance"] = target.exceedance
+        if isinstance(sizing, PairsSizing):
+            asked["pair"] = sizing.pair
+            called = sizing.provenance.get("call", {}).get("arguments", {})
+            asked["at"] = called.get("at")
+        try:
+            # the change is the tolerance: those that the scene states are not added to it
+            return size(
+                scene, **asked, mission=sizing.mission, rel_error=self.rel_error, seed=self.seed,
+                threads=self.threads, budget=deadline.rest or BUDGET, tolerances=Tolerances(),
+            ), ""  # fmt: skip
         except (NotConverged, Interrupted) as reason:
             if reason.response is None:
                 raise
-            found, note = reason.response, str(reason)
-        assert isinstance(found, Sizing)  # of one oscillator
-        return found.clearance.value, note
+            return reason.response, str(reason)
+
+
+TOWARDS = {"lower": -1.0, "upper": 1.0}
+"""How much nearer the mean gap comes to a stop where it moves by 1, by the side of the stop."""
 
 
 def row_of(
-    change: str, sizing: Sizing, sigma: float, clearance: float, probability: float, note: str = ""
-) -> dict[str, Any]:
+    change: str, sizing: Sizing | PairsSizing, clearances: Mapping[str, float],
+    probability: float, *, sigma: float = math.nan, note: str = "",
+) -> dict[str, Any]:  # fmt: skip
+    """A row of changed scenes, with the clearance of one mass or that of each sized pair under its
+    name; NaN for what is not known."""
+    if isinstance(sizing, Sizing):
+        old, first = {"clearance": sizing.clearance.value}, {"sigma": sigma}
+    else:
+        old, first = {name: each.value for name, each in sizing.clearances.items()}, {}
+    new = {name: clearances.get(name, math.nan) for name in old}
     return {
         "change": change,
-        "sigma": sigma,
-        "clearance": clearance,
-        "clearance_change": clearance / sizing.clearance.value - 1.0,
+        **first,
+        **new,
+        "clearance_change": max(new[name] / old[name] for name in old) - 1.0,
         "probability": probability,
         "note": note,
     }
@@ -235,19 +296,13 @@ def row_of(
 
 def _other_laws(scene: Scene) -> Iterator[tuple[str, Scene]]:
     """Scenes whose stops lose less and more energy, or are softer and stiffer."""
-    pair = scene.impact_pairs[0]
-    if all(isinstance(law, Restitution) for _, law in pair.stops()):
-        changes: list[tuple[str, float]] = [
-            (f"restitution {sign * RESTITUTION_STEP:+g}", sign * RESTITUTION_STEP)
-            for sign in (-1.0, 1.0)
-        ]
-    else:
-        changes = [
-            (f"stiffness of the stops x {factor:g}", factor)
-            for factor in (1.0 / STIFFNESS_FACTOR, STIFFNESS_FACTOR)
-        ]
-    for change, amount in changes:
-        yield change, changed_stops(scene, amount)
+    laws = [law for pair in scene.impact_pairs for _, law in pair.stops()]
+    if any(isinstance(law, Restitution) for law in laws):
+        for amount in (-RESTITUTION_STEP, RESTITUTION_STEP):
+            yield f"restitution {amount:+g}", changed_stops(scene, restitution=amount)
+    if not all(law.rigid for law in laws):
+        for factor in (1.0 / STIFFNESS_FACTOR, STIFFNESS_FACTOR):
+            yield f"stiffness of the stops x {factor:g}", changed_stops(scene, stiffness=factor)
 
 
 def _not_gaussian(
@@ -269,7 +324,8 @@ def _not_gaussian(
             f"input kurtosis {measured.input_kurtosis:.3g} by fast peaks "
             f"(response {measured.response_kurtosis:.3f})"
         )
-        rows.append(row_of(change, sizing, sigma, needed, curve.probability(gaussian)))
+        chance = curve.probability(gaussian)
+        rows.append(row_of(change, sizing, {"clearance": needed}, chance, sigma=sigma))
     mission = sizing.mission
     wanted = sizing.target.value
     top = old
@@ -284,7 +340,7 @@ def _not_gaussian(
     )
     change = f"input kurtosis {KURTOSIS:g} by slow bursts"
     chance = slow_bursts(curve, old, KURTOSIS, mission)
-    rows.append(row_of(change, sizing, sigma, float(needed), chance))
+    rows.append(row_of(change, sizing, {"clearance": float(needed)}, chance, sigma=sigma))
     return rows
 
 

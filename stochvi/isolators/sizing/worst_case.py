@@ -88,7 +88,13 @@ def worst_case(
     nominal = sizing.clearance.value
     chance = probability_at(sizing, nominal)
     rows = [
-        row_of("as stated", sizing, sizing.sigma, nominal, math.nan if chance is None else chance)
+        row_of(
+            "as stated",
+            sizing,
+            {"clearance": nominal},
+            math.nan if chance is None else chance,
+            sigma=sizing.sigma,
+        )
     ]
     ends = ends_of(tolerances)
     if not ends and not stops:
@@ -98,7 +104,7 @@ def worst_case(
         try:
             linear = _linear_worst(sizing, tolerances, again.deadline)
         except (NotConverged, Interrupted) as reason:
-            worst = [row_of(WORST, sizing, math.nan, math.nan, math.nan, str(reason))]
+            worst = [row_of(WORST, sizing, {}, math.nan, note=str(reason))]
         else:
             places = [(*linear, end) for end in stops] or [linear]
             worst = [

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.isolators.sizing.pairs_answer import MOST_NAMED
+from stochvi.results.base import plain
 from stochvi.results.origin import Origin, origin_of
 from stochvi.views.box import modes_in_rows, one_axis_in_rows, plot_box
 from stochvi.views.column_units import named_with_units
@@ -24,6 +25,7 @@ from stochvi.views.pairs import (
     tolerances_in_rows,
     worst_places,
 )
+from stochvi.views.report.changes import sensitivity_section
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
 from stochvi.views.schematic import draw_gaps
 from stochvi.views.words import MM, NO_TOLERANCES, count_of
@@ -35,25 +37,33 @@ if TYPE_CHECKING:
 
 
 def write_pairs_report(
-    sizing: PairsSizing, folder: str | Path, origin: Origin | None = None
+    sizing: PairsSizing,
+    folder: str | Path,
+    origin: Origin | None = None,
+    sensitivity: pd.DataFrame | None = None,
 ) -> Path:
     """Write `report.html`, `size.json`, the tables and `risk.png`; returns the path of the page."""
     folder = Path(folder)
-    page = pairs_page(sizing, origin or origin_of(sizing.provenance))
-    path = write_page(page, sizing.to_dict(), "size", folder)
+    page = pairs_page(sizing, origin or origin_of(sizing.provenance), sensitivity)
+    added = {} if sensitivity is None else {"sensitivity": plain(sensitivity)}
+    path = write_page(page, sizing.to_dict() | added, "size", folder)
     tables = {
         "risk": sizing.curve,
         "pairs": sizing.pairs,
         "required": sizing.required,
         "tolerances": sizing.tolerances,
+        "sensitivity": sensitivity,
     }
     for name, table in tables.items():
-        write_table(named_with_units(table), folder / f"{name}.csv")
+        if table is not None:
+            write_table(named_with_units(table), folder / f"{name}.csv")
     try_picture(lambda: draw_pairs_risk(sizing, sizing.scene.title), folder / "risk.png")
     return path
 
 
-def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
+def pairs_page(
+    sizing: PairsSizing, origin: Origin, sensitivity: pd.DataFrame | None = None
+) -> Page:
     """The page of a sizing of several pairs."""
     mission = spoken_mission(sizing.mission)
     return Page(
@@ -109,6 +119,7 @@ def pairs_page(sizing: PairsSizing, origin: Origin) -> Page:
                 grids=[_grid("Clearances", required_in_rows(sizing))],
             ),
             _tolerances(sizing),
+            sensitivity_section(sensitivity),
             Section(
                 title="Limits",
                 lead="What this report takes for granted.",

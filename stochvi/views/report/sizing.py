@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,8 +14,9 @@ from stochvi.results.response import Response
 from stochvi.views.axes import PAGE, axes_or_new
 from stochvi.views.column_units import named_with_units
 from stochvi.views.files import try_picture, write_table
+from stochvi.views.report.changes import sensitivity_section, worst_case_section
 from stochvi.views.report.environment import environment_section, gap_section, mount_section
-from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
+from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
 from stochvi.views.report.stops import (
     exceeding_in_words,
     hard_hits_section,
@@ -29,7 +29,6 @@ from stochvi.views.sizing import (
     plot_cumulative,
     plot_hit_rate,
     plot_risk,
-    plot_sensitivity,
 )
 from stochvi.views.words import (
     MM,
@@ -115,7 +114,7 @@ def clearance_page(review: Review, origin: Origin) -> Page:
         warnings=[*_failed_balances(review), *_new_warnings(review)],
         sections=[
             _risk(review),
-            _tolerances(review),
+            worst_case_section(review),
             stops_section(review),
             hard_hits_section(review),
             peaks_section(review),
@@ -123,7 +122,7 @@ def clearance_page(review: Review, origin: Origin) -> Page:
             environment_section(review),
             mount_section(review),
             gap_section(review),
-            _sensitivity(review.sensitivity),
+            sensitivity_section(review.sensitivity),
             _verification(review),
             _limits(review),
         ],
@@ -442,70 +441,7 @@ def _risk(review: Review) -> Section:
     )
 
 
-# Sensitivity, verification, limits --------------------------------------------------------
-
-
-def _tolerances(review: Review) -> Section:
-    """Each tolerance at its ends, and the worst within all of them; empty without tolerances."""
-    table = review.worst_case
-    if table is None:
-        return Section(title="Tolerances")
-    return Section(
-        title="Tolerances",
-        lead="The clearance for the same target, from the static equilibrium of the mount as "
-        "stated, and the chance of any hit that the calculated clearance then has: "
-        f"{review.tolerances.in_words()}. Each is at its ends first. Last is the largest "
-        "requirement within all of them: the response of the mount is searched over the whole "
-        "region, and the scene that is found there is sized.",
-        grids=[_changes_grid(table, "Each row is sized anew")],
-        pictures=_change_bars(table),
-        notes=_notes_of(table),
-    )
-
-
-def _sensitivity(table: pd.DataFrame | None) -> Section:
-    """The changed scenes of `sensitivity`."""
-    if table is None:
-        return Section(title="Sensitivity")
-    return Section(
-        title="Sensitivity",
-        lead="The clearance for the same target if mount, environment or stops are not as stated, "
-        "and the chance of any hit that the calculated clearance then has.",
-        grids=[_changes_grid(table, "One thing changed at a time, the rest as stated")],
-        pictures=_change_bars(table),
-        notes=_notes_of(table),
-    )
-
-
-def _changes_grid(table: pd.DataFrame, caption: str) -> Grid:
-    def number(value: float, text: Callable[[float], str]) -> str:
-        return UNKNOWN if math.isnan(value) else text(value)
-
-    return Grid(
-        caption=caption,
-        headings=["change", "linear rms (mm)", "clearance (mm)", "by (%)", "any hit as calculated"],
-        rows=[
-            [
-                row["change"],
-                number(row["sigma"], lambda x: four_digits(MM * x)),
-                number(row["clearance"], lambda x: four_digits(MM * x)),
-                number(row["clearance_change"], lambda x: f"{100.0 * x:+.3g}"),
-                number(row["probability"], spoken_percent),
-            ]
-            for row in table.to_dict("records")
-        ],
-    )
-
-
-def _change_bars(table: pd.DataFrame) -> list[Picture]:
-    known = table.dropna(subset=["clearance"])
-    if len(known) < 2:
-        return []
-    return [shown(lambda: plot_sensitivity(known), "Change of the clearance, per cent.")]
-
-
-def _notes_of(table: pd.DataFrame) -> list[str]:
-    return [f"{row['change']}: {row['note']}" for row in table.to_dict("records") if row["note"]]
+# Verification, limits --------------------------------------------------------
 
 
 def _verification(review: Review) -> Section:

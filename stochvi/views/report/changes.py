@@ -1,0 +1,81 @@
+"""Sections of a clearance report on changed scenes: tolerances and sensitivity."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from stochvi.isolators.sizing.answer import spoken_percent
+from stochvi.views.report.pages import Grid, Picture, Section, shown
+from stochvi.views.sizing import plot_sensitivity
+from stochvi.views.words import MM, UNKNOWN, clearances_of_changes, four_digits
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from stochvi.isolators.sizing.review import Review
+
+
+def worst_case_section(review: Review) -> Section:
+    """Each tolerance at its ends, and the worst within all of them; empty without tolerances."""
+    table = review.worst_case
+    if table is None:
+        return Section(title="Tolerances")
+    return Section(
+        title="Tolerances",
+        lead="The clearance for the same target, from the static equilibrium of the mount as "
+        "stated, and the chance of any hit that the calculated clearance then has: "
+        f"{review.tolerances.in_words()}. Each is at its ends first. Last is the largest "
+        "requirement within all of them: the response of the mount is searched over the whole "
+        "region, and the scene that is found there is sized.",
+        grids=[_changes_grid(table, "Each row is sized anew")],
+        pictures=_change_bars(table),
+        notes=_notes_of(table),
+    )
+
+
+def sensitivity_section(table: pd.DataFrame | None) -> Section:
+    """The changed scenes of `sensitivity`."""
+    if table is None:
+        return Section(title="Sensitivity")
+    return Section(
+        title="Sensitivity",
+        lead="The clearance for the same target if mount, environment or stops are not as stated, "
+        "and the chance of any hit that the calculated clearance then has.",
+        grids=[_changes_grid(table, "One thing changed at a time, the rest as stated")],
+        pictures=_change_bars(table),
+        notes=_notes_of(table),
+    )
+
+
+def _changes_grid(table: pd.DataFrame, caption: str) -> Grid:
+    def number(value: float, text: Callable[[float], str]) -> str:
+        return UNKNOWN if math.isnan(value) else text(value)
+
+    lengths = {"sigma": "linear rms (mm)"} if "sigma" in table else {}
+    lengths |= clearances_of_changes(table)
+    return Grid(
+        caption=caption,
+        headings=["change", *lengths.values(), "by (%)", "any hit as calculated"],
+        rows=[
+            [
+                row["change"],
+                *(number(row[name], lambda x: four_digits(MM * x)) for name in lengths),
+                number(row["clearance_change"], lambda x: f"{100.0 * x:+.3g}"),
+                number(row["probability"], spoken_percent),
+            ]
+            for row in table.to_dict("records")
+        ],
+    )
+
+
+def _change_bars(table: pd.DataFrame) -> list[Picture]:
+    known = table.dropna(subset=["clearance_change"])
+    if len(known) < 2:
+        return []
+    return [shown(lambda: plot_sensitivity(known), "Change of the clearance, per cent.")]
+
+
+def _notes_of(table: pd.DataFrame) -> list[str]:
+    return [f"{row['change']}: {row['note']}" for row in table.to_dict("records") if row["note"]]
