@@ -21,7 +21,7 @@ from stochvi.mathematics.spectra import Table
 
 
 @dataclass(frozen=True, eq=False)
-class Steering:
+class InputMatrix:
     """Modal forces per unit of a source, as a function of frequency.
 
     Parameters
@@ -43,14 +43,14 @@ class Steering:
         """Forces (frequencies, n) at the given frequencies."""
         return np.asarray(self.shares(frequency_hz) @ self.rows.T)
 
-    def __rmatmul__(self, matrix: Matrix) -> Steering:
+    def __rmatmul__(self, matrix: Matrix) -> InputMatrix:
         """The same source with its forces multiplied by a matrix from the left."""
-        return Steering(matrix @ self.rows, self.shares, self.breaks)
+        return InputMatrix(matrix @ self.rows, self.shares, self.breaks)
 
     __array_ufunc__ = None  # so that numpy leaves matrix @ steering to __rmatmul__
 
 
-Force = Vector | Steering
+Force = Vector | InputMatrix
 """Forces (n,) per unit of a source: one vector, or a function of frequency."""
 
 Tables = Sequence[tuple[Table, Force]]
@@ -82,7 +82,7 @@ def gains(frequency_hz: Vector, stiffness: Matrix, damping: Matrix, force: Force
 
 def _at(force: Force, frequency_hz: Vector) -> Waves:
     """Forces of a source at the frequencies, (frequencies, n) or (n,)."""
-    if isinstance(force, Steering):
+    if isinstance(force, InputMatrix):
         return force(frequency_hz)
     return force.astype(complex)
 
@@ -94,7 +94,7 @@ def quadrature(
     low, high = float(table.frequency_hz[0]), float(table.frequency_hz[-1])
     octaves = 2 + 2 * math.ceil(math.log2(high / low))
     edges = [table.frequency_hz, np.geomspace(low, high, octaves)]
-    if isinstance(force, Steering):
+    if isinstance(force, InputMatrix):
         edges.append(force.breaks)
     for value in eigenvalues(stiffness, damping):
         resonance = abs(value.imag) / (2.0 * math.pi)
@@ -172,7 +172,7 @@ def bin_amplitudes(
     nodes, weights = gauss_legendre(NODES_OF_BIN)
     edges = (np.arange(count) + 0.5) / length
     low, high = float(table.frequency_hz[0]), float(table.frequency_hz[-1])
-    breaks = [force.breaks] if isinstance(force, Steering) else []
+    breaks = [force.breaks] if isinstance(force, InputMatrix) else []
     cuts = np.unique(np.concatenate([edges, table.frequency_hz, *breaks]))
     cuts = cuts[(cuts >= low) & (cuts <= min(edges[-1], high))]
     squares, velocities = np.zeros((2, count - 1, len(stiffness)))

@@ -10,7 +10,7 @@ from stochvi.mathematics.arguments import checked
 __all__ = ["identify_viscoelastic"]
 
 
-class Impact(NamedTuple):
+class ContactSolution(NamedTuple):
     """One contact of a free mass with a stop, from its first touch on (SI units).
 
     The mass leaves with `restitution` times the speed with which it arrived; `time_to_peak` is the
@@ -33,7 +33,7 @@ def half_contact(z: float) -> float:
     return math.acosh(z) / math.sqrt((z - 1.0) * (z + 1.0))
 
 
-def kelvin_voigt(stiffness: float, z: float, speed: float, mass: float) -> Impact:
+def kelvin_voigt(stiffness: float, z: float, speed: float, mass: float) -> ContactSolution:
     """Contact with a spring and damper until the force is zero (B App. I).
 
     With W = sqrt(K / M) and a = arccos z / sqrt(1 - z^2): contact time 2 a / W, restitution
@@ -46,7 +46,7 @@ def kelvin_voigt(stiffness: float, z: float, speed: float, mass: float) -> Impac
     if z < 0.5:
         time = 3.0 * half - math.pi / math.sqrt(1.0 - z * z)
         peak = math.exp(-z * time)
-    return Impact(
+    return ContactSolution(
         contact_time=2.0 * half / frequency,
         time_to_peak=time / frequency,
         restitution=math.exp(-2.0 * z * half),

@@ -51,7 +51,7 @@ CLUMPS_SAFETY = 3.0
 stops that differ. In 250 scenes of zeta 0.005 to 0.03, one stop nearly elastic and the other lossy,
 errors came to 2.7 times the bounds without it."""
 
-GRANTED = 1e-3
+REFERENCE_ERROR = 1e-3
 """Error in the logarithm that every bound includes: the truth of the atlas is no better."""
 
 LARGEST = 3.0
@@ -63,7 +63,7 @@ FILES = {"average:finite jumps": "average"}
 """Files of the methods that are no form of a linearisation."""
 
 
-class Span(NamedTuple):
+class LogErrorInterval(NamedTuple):
     """The interval in which ln(answer / truth) lies."""
 
     low: float
@@ -73,9 +73,9 @@ class Span(NamedTuple):
         """Largest |answer - truth| / answer of the power of a quantity."""
         return max(1.0 - math.exp(-power * self.high), math.exp(-power * self.low) - 1.0)
 
-    def over(self, other: Span) -> Span:
+    def over(self, other: LogErrorInterval) -> LogErrorInterval:
         """The interval of the ratio of two quantities."""
-        return Span(self.low - other.high, self.high - other.low)
+        return LogErrorInterval(self.low - other.high, self.high - other.low)
 
     @property
     def largest(self) -> float:
@@ -171,7 +171,7 @@ def place_of(model: Model) -> Place | str:
     return Place(stops, model.damping_rate / (2.0 * model.omega))
 
 
-def spans(method: str, model: Model) -> Mapping[str, Span] | str:
+def spans(method: str, model: Model) -> Mapping[str, LogErrorInterval] | str:
     """Where the errors of a method lie in a scene, by quantity; or the reason why they are unknown.
 
     A quantity is left out where its error is unknown: the rate at R <= exp(-pi / sqrt 3), where the
@@ -220,10 +220,10 @@ def _unlike_safety(method: str, quantity: str) -> float:
     return UNLIKE_SAFETY * (ONE_SIDED_SAFETY if quantity == "f2" else 1.0)
 
 
-def _widened(errors: NDArray[np.float64], safety: float) -> Span:
+def _widened(errors: NDArray[np.float64], safety: float) -> LogErrorInterval:
     """Range of errors, extended to include zero and multiplied by a safety factor."""
     low, high = min(float(errors.min()), 0.0), max(float(errors.max()), 0.0)
-    return Span(safety * low - GRANTED, safety * high + GRANTED)
+    return LogErrorInterval(safety * low - REFERENCE_ERROR, safety * high + REFERENCE_ERROR)
 
 
 def _corners(grids: Mapping[str, Grid], place: Place) -> NDArray[np.float64] | str:
@@ -300,7 +300,7 @@ def _one_rate(model: Model) -> bool:
     return isinstance(place, Place) and not place.unlike
 
 
-def _relative_bounds(known: Mapping[str, Span], *, one_rate: bool) -> dict[str, float]:
+def _relative_bounds(known: Mapping[str, LogErrorInterval], *, one_rate: bool) -> dict[str, float]:
     """Bounds of the quantities of a response, over their values."""
     names = {
         "displacement_std": ("sigma_x", 1.0),

@@ -20,8 +20,8 @@ import scipy
 from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.cut_normal import CUT, NODES, WEIGHTS
 from stochvi.mathematics.impact_rates import ContactStatistics
+from stochvi.mathematics.truncated_normal import CUT, NODES, WEIGHTS
 from stochvi.model.gap import Gap
 from stochvi.model.model import Stop
 from stochvi.scenes.impact_laws import CompliantLaw

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.mathematics.frequency_response import Force, Steering
+from stochvi.mathematics.frequency_response import Force, InputMatrix
 from stochvi.mathematics.spectra import Filter, Table
 from stochvi.model.modal import ModalForm, modal_form
 from stochvi.scenes.cross_densities import independent_sources
@@ -373,7 +373,7 @@ class Model:
             *(direction for _, direction in self.tables),
         ]
         return self.moving_base and all(
-            isinstance(direction, Steering)
+            isinstance(direction, InputMatrix)
             or any(np.array_equal(direction, each) for each in inertia)
             for direction in shaken
         )
@@ -461,7 +461,7 @@ class Model:
 
     def _scale(self, direction: Force) -> float:
         """The mass that turns a force into an acceleration; 1 for an acceleration of the base."""
-        if isinstance(direction, Steering):
+        if isinstance(direction, InputMatrix):
             return 1.0
         return self.unit_mass / abs(direction[0]) if direction[0] else math.inf
 
@@ -470,7 +470,7 @@ class Model:
         """Whether a noise or a sine acts on the mass of one oscillator itself, not on its base."""
         directions = [
             *(d for _, d in self.whites),
-            *(d for _, d in self.tables if not isinstance(d, Steering)),
+            *(d for _, d in self.tables if not isinstance(d, InputMatrix)),
             *(signal.direction for signal in self.signals),
         ]
         return any(direction[0] > 0.0 or not self.moving_base for direction in directions)
@@ -696,7 +696,7 @@ def _tables(
             force: Force = direction
             if excitation.axis in sources:
                 places = np.unique(np.concatenate(breaks))
-                force = Steering(rows, sources[excitation.axis], places)
+                force = InputMatrix(rows, sources[excitation.axis], places)
             yield scene.table_of(excitation), force
 
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import gaussian_stop
+from stochvi.mathematics.truncated_normal import TruncatedNormal
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.modal import LinearLaw, ModalForm, Substitute, linear_law
@@ -186,7 +186,7 @@ def _energy_behind(modes: ModalForm, law: LinearLaw, pair: Pair, gap: Vector) ->
 
 def _law_of_gap(
     pair: Pair, held: tuple[float, float], energy: float, giving_way: bool
-) -> CutNormal | GibbsLaw:
+) -> TruncatedNormal | GibbsLaw:
     """The law exp(-(k y^2 / 2 - f y) / energy) of a gap that the force k y - f pulls back.
 
     Rigid stops cut it; within compliant stops it has the factor exp(-V / energy), with V the energy
@@ -199,15 +199,15 @@ def _law_of_gap(
     if giving_way and gap.soft:
         return GibbsLaw.of(gap, theta=energy / pair.mass)
     lower, upper = gap.ends
-    return CutNormal(slope=force / energy, curvature=own / energy, lower=lower, upper=upper)
+    return TruncatedNormal(slope=force / energy, curvature=own / energy, lower=lower, upper=upper)
 
 
-def _power_of_stops(pair: Pair, law: CutNormal | GibbsLaw, square: float) -> float:
+def _power_of_stops(pair: Pair, law: TruncatedNormal | GibbsLaw, square: float) -> float:
     """Power that the stops take, W: mu (1 - R^2) / 2 F2 with Rayleigh impact speeds, and
     c E y'^2 P(contact) at a stop with a damper."""
     power = 0.0
     for stop in pair.stops:
-        if isinstance(law, CutNormal) or stop.rigid:
+        if isinstance(law, TruncatedNormal) or stop.rigid:
             hits = gaussian_stop(law.density_at(stop.position), square)
             loss = (1.0 - stop.law.restitution**2) / 2.0
             power += loss * pair.mass * hits.speed_square_rate

@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
-from stochvi.mathematics.cut_normal import normal_density
+from stochvi.mathematics.truncated_normal import normal_density
 from stochvi.views.axes import axes_or_new, draw_stops, length_unit
 from stochvi.views.colours import COLOURS
 

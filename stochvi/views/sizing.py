@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
-from stochvi.mathematics.cut_normal import normal_density
+from stochvi.mathematics.truncated_normal import normal_density
 from stochvi.mathematics.units import STANDARD_GRAVITY, power_ratio
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.views.axes import (

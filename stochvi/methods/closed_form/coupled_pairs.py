@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.mathematics.cut_normal import CUT
 from stochvi.mathematics.impact_rates import ContactStatistics
 from stochvi.mathematics.quadrature import gauss_panels
+from stochvi.mathematics.truncated_normal import CUT
 from stochvi.model.model import LOWER, UPPER, Pair, Stop
 from stochvi.results.sizes import MOST_NUMBERS
 from stochvi.scenes.impact_laws import CompliantLaw

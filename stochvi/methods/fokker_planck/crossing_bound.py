@@ -13,7 +13,7 @@ import numpy as np
 
 from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.state_space import step_covariance, transition
-from stochvi.methods.fokker_planck.initial_states import Point, Start
+from stochvi.methods.fokker_planck.initial_states import InitialState, Start
 from stochvi.model.model import Model
 
 PANELS = 64
@@ -57,11 +57,11 @@ def passages_at_most(model: Model, start: Start, lower: float, upper: float, tim
     ...     excitations=[WhiteNoise(intensity=0.04)],
     ... )
     >>> times = np.array([6.28, 1e6])
-    >>> bound = passages_at_most(model_of(scene), Point(0.0, 0.0), -5.0, 5.0, times)
+    >>> bound = passages_at_most(model_of(scene), InitialState(0.0, 0.0), -5.0, 5.0, times)
     >>> [f"{value:.0e}" for value in bound]
     ['6e-46', '1e+00']
     """
-    if model.omega == 0.0 or not isinstance(start, Point):
+    if model.omega == 0.0 or not isinstance(start, InitialState):
         return np.ones(len(times))
     rest = model.rest
     distances = np.array([rest - lower, upper - rest])

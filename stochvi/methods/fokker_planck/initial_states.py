@@ -20,7 +20,7 @@ GRID = np.linspace(-TAIL, TAIL, 18)
 """Ends, in standard deviations, of Gauss-Legendre panels that resolve a Gaussian law."""
 
 
-class Point(NamedTuple):
+class InitialState(NamedTuple):
     """A displacement (m) and a velocity (m/s)."""
 
     x: float
@@ -110,7 +110,7 @@ ALIKE = 1e-9
 """Largest relative difference of the two covariances of a matrix that counts as symmetric, because
 rounding may leave so much."""
 
-Start = Point | Gaussian
+Start = InitialState | Gaussian
 StartChoice = Literal["rest", "stationary"] | tuple[float, float] | Gaussian
 """The forms in which a user may give a start: at rest where spring and load balance, the stationary
 law without barriers and stops, a point (m, m/s), a law."""
@@ -130,7 +130,7 @@ def start_of(given: StartChoice, model: Model) -> Start:
         point = np.asarray(given, dtype=float)
         if point.shape != (2,) or not np.isfinite(point).all():
             raise ValueError(f"start must be a finite (displacement, velocity), got {given!r}")
-        return Point(float(point[0]), float(point[1]))
+        return InitialState(float(point[0]), float(point[1]))
     if given not in ("rest", "stationary"):
         raise ValueError(
             f"start must be 'rest', 'stationary', a point or a Gaussian, got {given!r}"
@@ -140,7 +140,7 @@ def start_of(given: StartChoice, model: Model) -> Start:
             f"start must be a point or a Gaussian where no spring balances the load, got {given!r}"
         )
     if given == "rest":
-        return Point(model.rest, 0.0)
+        return InitialState(model.rest, 0.0)
     if model.omega == 0.0 or model.damping_rate == 0.0:
         raise ValueError(
             "start = 'stationary' needs a stiffness and a damping above 0, got 0 for one of them; "

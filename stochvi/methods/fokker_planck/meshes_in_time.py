@@ -11,7 +11,7 @@ import numpy as np
 from stochvi.methods.fokker_planck.basis import Mesh
 from stochvi.methods.fokker_planck.initial_states import Gaussian, Start
 from stochvi.methods.fokker_planck.linear_boxes import LinearBox
-from stochvi.methods.fokker_planck.operators import Walls
+from stochvi.methods.fokker_planck.operators import EndConditions
 from stochvi.model.model import Model
 from stochvi.results.errors import NotConverged
 
@@ -99,7 +99,7 @@ class Layout(NamedTuple):
     """
 
     box: LinearBox[float]
-    walls: Walls
+    walls: EndConditions
     reach: float
     core: float
     length: float
@@ -177,7 +177,9 @@ def passage_layout(model: Model, lower: float, upper: float, start: Start) -> La
     middle = (left + right) / 2.0
     off_centre = abs(model.load - model.omega**2 * middle) * (right - left)
     halved = len(barriers) == 2 and off_centre <= SYMMETRIC * speed**2
-    walls = Walls(1.0 if halved or math.isinf(lower) else None, 1.0 if math.isinf(upper) else None)
+    walls = EndConditions(
+        1.0 if halved or math.isinf(lower) else None, 1.0 if math.isinf(upper) else None
+    )
     return _layout(
         model, middle if halved else left, right, speed, walls, halved,
         reach=fastest, core=climb + slow, native=native,
@@ -222,7 +224,7 @@ scale of speed, with which they count as symmetric: rounding leaves less."""
 
 
 def stops_layout(
-    model: Model, left: float, right: float, walls: Walls, speed: float, start: Start
+    model: Model, left: float, right: float, walls: EndConditions, speed: float, start: Start
 ) -> Layout:
     """Layout between stops; for an infinite one the box ends far out; `speed` is its scale, m/s."""
     base = lowest(model, left, right)
@@ -241,7 +243,7 @@ def stops_layout(
 
 
 def _layout(
-    model: Model, left: float, right: float, speed: float, walls: Walls, halved: bool,
+    model: Model, left: float, right: float, speed: float, walls: EndConditions, halved: bool,
     *, reach: float, core: float, native: float,
 ) -> Layout:  # fmt: skip
     length = right - left

@@ -31,7 +31,7 @@ Density = Callable[[Array, Array], Array]
 """A probability density of (displacement, velocity), broadcasting, SI units."""
 
 
-class Walls(NamedTuple):
+class EndConditions(NamedTuple):
     """The restitution at either end of a box; None where the end absorbs."""
 
     left: float | None
@@ -85,7 +85,7 @@ class Operator:
         everywhere.
     """
 
-    def __init__(self, box: LinearBox[float], mesh: Mesh, walls: Walls) -> None:
+    def __init__(self, box: LinearBox[float], mesh: Mesh, walls: EndConditions) -> None:
         self.box, self.mesh, self.walls = box, mesh, walls
         velocity = mesh.velocity
         self._shape = (len(mesh.displacement), mesh.x_degree + 1, velocity.size)

@@ -37,7 +37,7 @@ from stochvi.methods.fokker_planck.evolution import (
     slowest_mode,
     time_groups,
 )
-from stochvi.methods.fokker_planck.initial_states import Point, Start, StartChoice, start_of
+from stochvi.methods.fokker_planck.initial_states import InitialState, Start, StartChoice, start_of
 from stochvi.methods.fokker_planck.meshes_in_time import (
     LEVELS,
     MOST_UNKNOWNS,
@@ -48,7 +48,7 @@ from stochvi.methods.fokker_planck.meshes_in_time import (
     passage_layout,
 )
 from stochvi.methods.fokker_planck.operators import Operator
-from stochvi.methods.fokker_planck.refinement import LONGER
+from stochvi.methods.fokker_planck.refinement import TIME_RATIO
 from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import Result
@@ -253,7 +253,7 @@ def first_passage(
         provenance=provenance(scene.document()),
     )
     worst = _worst(values, bounds)
-    if worst > rtol and deadline.left <= LONGER * (time.perf_counter() - started):
+    if worst > rtol and deadline.left <= TIME_RATIO * (time.perf_counter() - started):
         raise deadline.fell_short(
             f"at a relative error of {worst:.2g} by {METHOD}, asked for {rtol:g}",
             "raise budget or rtol",
@@ -291,7 +291,7 @@ def _rice_rate(model: Model, lower: float, upper: float) -> Estimate | None:
 
 
 def _check_start(start: Start, lower: float, upper: float) -> None:
-    if isinstance(start, Point) and not lower < start.x < upper:
+    if isinstance(start, InitialState) and not lower < start.x < upper:
         raise ValueError(
             f"start must lie between the barriers, {lower:g} and {upper:g} m, got {start.x:g} m"
         )
@@ -322,7 +322,7 @@ def _refined(
     took = 0.0
     for level in LEVELS:
         if values is not None and (
-            mesh(layout, level).unknowns > MOST_UNKNOWNS or deadline.left <= LONGER * took
+            mesh(layout, level).unknowns > MOST_UNKNOWNS or deadline.left <= TIME_RATIO * took
         ):
             break
         began = time.perf_counter()
@@ -428,10 +428,10 @@ def _start_functional(
     In a halved box a path on the left counts as its mirror image on the right.
     """
     mirror = layout.box.centre - layout.box.half_length
-    if isinstance(start, Point):
+    if isinstance(start, InitialState):
         point = start
         if layout.halved and start.x < mirror:
-            point = Point(2.0 * mirror - start.x, -start.v)
+            point = InitialState(2.0 * mirror - start.x, -start.v)
         return operator.at(*point), 0.0
     x_grid, v_grid = start.grids()
     density = start.density

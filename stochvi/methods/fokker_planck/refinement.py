@@ -40,7 +40,7 @@ MOST_MESHES = 10
 MOST_UNKNOWNS = 800_000
 """Largest number of unknowns of a mesh: it takes some ten seconds and half a gigabyte."""
 
-HIT = 1e-12
+MIN_IMPACT_RATIO = 1e-12
 """Impacts on a stop per crossing of the mean from which on the stop counts as within reach:
 less than the law exp(-energy / s^2) leaves there, which is right where the mass leans on no
 stop."""
@@ -54,7 +54,7 @@ STRETCH = 1.25
 MOST_STRETCHES = 8
 """Largest number of times that the box is stretched."""
 
-LONGER = 2.0
+TIME_RATIO = 2.0
 """Ratio of the CPU time of a mesh to that of the one before (measured: 1.3 to 2)."""
 
 
@@ -83,7 +83,7 @@ def refine(
     found = field.averages(threshold)
     took = 0.0
     for stage in range(1, MOST_MESHES):
-        if refinement is not None and deadline.left <= LONGER * took:
+        if refinement is not None and deadline.left <= TIME_RATIO * took:
             break
         began = time.perf_counter()
         before, coarser = found, field
@@ -160,7 +160,7 @@ def _hit(field: StripDensity) -> set[Stop]:
         stop
         for stop in _beyond(field.scaled)
         if _nearest(field.scaled, stop) == stop.position
-        and float(field.flux(stop.position, stop.side, 1)) > HIT * crossings
+        and float(field.flux(stop.position, stop.side, 1)) > MIN_IMPACT_RATIO * crossings
     }
 
 

@@ -47,7 +47,7 @@ HIDDEN = 0.1
 """Speed in units of (diffusion / damping of a stop)^(1/2) up to which the density is smooth."""
 
 
-class Grip(NamedTuple):
+class StopForce(NamedTuple):
     """A force that depends on place and velocity, between two places of the box.
 
     `force(xi, u)` takes arrays that are broadcast; `kink(xi)` is the velocity at which the slope of
@@ -60,7 +60,7 @@ class Grip(NamedTuple):
     kink: Law
 
 
-class Corner(NamedTuple):
+class StopSingularity(NamedTuple):
     """Place where a stop begins to take energy, and speed below which noise smooths the density."""
 
     place: float
@@ -159,7 +159,7 @@ class ScaledMotion:
         return lambda w: stop.restitution_at(self.speed * w) * w
 
     @property
-    def grips(self) -> tuple[Grip, ...]:
+    def grips(self) -> tuple[StopForce, ...]:
         """Forces that the dampers of stops add to those of their springs."""
         return tuple(
             self._grip(stop, stop.law)
@@ -167,7 +167,7 @@ class ScaledMotion:
             if isinstance(stop.law, CompliantLaw) and not stop.law.conservative
         )
 
-    def _grip(self, stop: Stop, law: CompliantLaw) -> Grip:
+    def _grip(self, stop: Stop, law: CompliantLaw) -> StopForce:
         damping, place = law.damping(1.0), self.place(stop)
 
         def spring(xi: Array) -> Array:
@@ -182,15 +182,15 @@ class ScaledMotion:
             return np.asarray(-stop.side * spring(xi) / (damping * self.speed), dtype=float)
 
         left, right = (place, math.inf) if stop.side == UPPER else (-math.inf, place)
-        return Grip(left, right, force, kink)
+        return StopForce(left, right, force, kink)
 
     # Where the density is not smooth ------------------------------------------------------------
 
     @property
-    def corners(self) -> tuple[Corner, ...]:
+    def corners(self) -> tuple[StopSingularity, ...]:
         """The corners at the stops that take energy."""
         return tuple(
-            Corner(self.place(stop), self._hidden(stop))
+            StopSingularity(self.place(stop), self._hidden(stop))
             for stop in self.stops
             if not stop.law.conservative
         )

@@ -19,7 +19,7 @@ import numpy as np
 
 from stochvi.mathematics.arrays import Array
 from stochvi.methods.fokker_planck.basis import VelocityCells
-from stochvi.methods.fokker_planck.scaled_motion import Corner, ScaledMotion
+from stochvi.methods.fokker_planck.scaled_motion import ScaledMotion, StopSingularity
 from stochvi.methods.fokker_planck.strip_solver import Solved, Strip
 from stochvi.results.errors import NotConverged
 
@@ -163,7 +163,7 @@ def graded(scaled: ScaledMotion, patches: Iterable[Patch], slowest: float) -> tu
     return tuple(patch._replace(breaks=_slowed(scaled, patch, slowest)) for patch in found)
 
 
-def _narrowed(patch: Patch, corner: Corner, depth: float) -> list[Patch]:
+def _narrowed(patch: Patch, corner: StopSingularity, depth: float) -> list[Patch]:
     """A patch, cut geometrically if it ends at the corner; offsets keep their digits there."""
     place, size = corner.place - patch.anchor, patch.far - patch.near
     if size <= depth or place not in (patch.near, patch.far):

@@ -24,7 +24,7 @@ from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.evolution import projections, time_groups
 from stochvi.methods.fokker_planck.initial_states import (
     Gaussian,
-    Point,
+    InitialState,
     Start,
     StartChoice,
     start_of,
@@ -39,8 +39,8 @@ from stochvi.methods.fokker_planck.meshes_in_time import (
     stops_layout,
 )
 from stochvi.methods.fokker_planck.method import SLOW_IMPACTS
-from stochvi.methods.fokker_planck.operators import Factors, Operator, Walls
-from stochvi.methods.fokker_planck.refinement import LONGER
+from stochvi.methods.fokker_planck.operators import EndConditions, Factors, Operator
+from stochvi.methods.fokker_planck.refinement import TIME_RATIO
 from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 METHOD = "transient"
 
-CLEAR = 5.5
+MIN_STOP_DISTANCE = 5.5
 """Number of standard deviations that a law of displacement stays away from the stops while they are
 left out: they would have been met with a probability below 2e-7."""
 
@@ -252,7 +252,7 @@ def transient(
         _states=states,
     )
     worst = _worst(values, errors)
-    if worst > rtol and deadline.left <= LONGER * (time.perf_counter() - started):
+    if worst > rtol and deadline.left <= TIME_RATIO * (time.perf_counter() - started):
         raise deadline.fell_short(
             f"at a relative error of {worst:.2g} by {METHOD}, asked for {rtol:g}",
             "raise budget or rtol",
@@ -287,7 +287,7 @@ def _problem(model: Model, times: Array, given: StartChoice, threshold: float | 
     start = start_of(given, model)
     oscillator = OscillatorArrays.of(model)
     lower, upper = oscillator.positions[:, 0].tolist()
-    walls = Walls(*oscillator.restitutions[:, 0].tolist())
+    walls = EndConditions(*oscillator.restitutions[:, 0].tolist())
     own = speed_scale(oscillator)
     if threshold is None:
         threshold = 0.0 if model.elastic else SLOW_IMPACTS * float(own[0])
@@ -295,14 +295,16 @@ def _problem(model: Model, times: Array, given: StartChoice, threshold: float | 
     layout = stops_layout(model, lower, upper, walls, speed, start)
     flight, law = _flight(model, start, lower, upper, layout)
     early = tuple(
-        _law_after(model, start, moment) if isinstance(start, Point) and moment <= flight else None
+        _law_after(model, start, moment)
+        if isinstance(start, InitialState) and moment <= flight
+        else None
         for moment in times
     )
     stops = math.isfinite(lower), math.isfinite(upper)
     return _Problem(model, layout, law, flight, times, early, threshold, stops)
 
 
-def _law_after(model: Model, start: Point, seconds: float) -> Gaussian:
+def _law_after(model: Model, start: InitialState, seconds: float) -> Gaussian:
     """The law of a start from a point after some time without stops."""
     square = model.omega**2
     # the load as a third, constant state
@@ -336,7 +338,7 @@ def _flight(
     flight, law = tried[0] * FIRST_FLIGHT, None
     for seconds in tried:
         after = _law_after(model, start, float(seconds))
-        room = CLEAR * after.deviations[0]
+        room = MIN_STOP_DISTANCE * after.deviations[0]
         if not (lower + room <= after.mean[0] <= upper - room):
             break
         flight, law = float(seconds), after
@@ -430,7 +432,8 @@ def _refined(
     took = 0.0
     for level in LEVELS:
         if values is not None and (
-            mesh(problem.layout, level).unknowns > MOST_UNKNOWNS or deadline.left <= LONGER * took
+            mesh(problem.layout, level).unknowns > MOST_UNKNOWNS
+            or deadline.left <= TIME_RATIO * took
         ):
             break
         began = time.perf_counter()

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Booleans, Vector
-from stochvi.methods.linearisation.cut_normal_arrays import ROUGH, CutLaws, cut_laws
+from stochvi.methods.linearisation.truncated_normal_arrays import ROUGH, TruncatedNormals, cut_laws
 from stochvi.model.calculations import calculation
 from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.results.errors import NotApplicable
@@ -174,7 +174,7 @@ class _State(NamedTuple):
     rows."""
 
     unknowns: Vector
-    law: CutLaws
+    law: TruncatedNormals
     rise: Vector
     imbalance: Vector
     damping: Vector
@@ -183,7 +183,7 @@ class _State(NamedTuple):
         """The states of some oscillators."""
         return _State(
             self.unknowns[:, places],
-            CutLaws._make(column[places] for column in self.law),
+            TruncatedNormals._make(column[places] for column in self.law),
             self.rise[places],
             self.imbalance[:, places],
             self.damping[places],
@@ -368,7 +368,9 @@ def _loss(restitution: Vector, density: Vector, log_speed: Vector) -> Vector:
     return np.asarray(loss)
 
 
-def _sides(o: OscillatorArrays, law: CutLaws) -> Iterator[tuple[Vector, Vector, Vector, float]]:
+def _sides(
+    o: OscillatorArrays, law: TruncatedNormals
+) -> Iterator[tuple[Vector, Vector, Vector, float]]:
     """Place (0 where there is none), density, R and outward direction of the stops."""
     places = np.where(np.isfinite(o.positions), o.positions, 0.0)
     return zip(places, (law.lower, law.upper), o.restitutions, (-1.0, 1.0), strict=True)

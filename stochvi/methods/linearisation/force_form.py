@@ -22,8 +22,8 @@ from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics, rice_rate
+from stochvi.mathematics.truncated_normal import TruncatedNormal
 from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate, Form, Unknowns
 from stochvi.methods.linearisation.layers import layer
 from stochvi.methods.linearisation.motion_form import book_speeds
@@ -73,7 +73,7 @@ def inverse(gap: Gap, deviation: float) -> Inverse:
     """The averages over a force N(load, deviation^2)."""
     spring = gap.omega**2
     lower, upper = gap.ends
-    between = CutNormal(
+    between = TruncatedNormal(
         slope=spring * gap.load / deviation**2,
         curvature=(spring / deviation) ** 2,
         lower=lower,

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.cut_normal import CUT, NODES, WEIGHTS
+from stochvi.mathematics.truncated_normal import CUT, NODES, WEIGHTS
 from stochvi.scenes.impact_laws import CompliantLaw
 
 DISTANCES = 2.0 ** np.arange(-100.0, 101.0)

@@ -66,7 +66,7 @@ NOT_IN_ATLAS = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Box:
+class AbsorberModel:
     """A structure of one mode, kg, N s/m, N/m, N^2 s, and the box on it."""
 
     carrier: str
@@ -100,7 +100,7 @@ class Box:
         }
 
 
-def box_of(model: Model) -> Box | None:
+def box_of(model: Model) -> AbsorberModel | None:
     """The box of a scene that the atlas covers; None for any other scene."""
     if len(model.coordinates) != 2 or len(model.pairs) != 1:
         return None
@@ -120,7 +120,7 @@ def box_of(model: Model) -> Box | None:
         )
         if np.any(apart) or model.mass[carrier, loose] or held <= 0.0:
             continue
-        box = Box(
+        box = AbsorberModel(
             carrier=model.coordinates[carrier],
             loose=model.coordinates[loose],
             mass=float(model.mass[carrier, carrier]),
@@ -138,7 +138,7 @@ def box_of(model: Model) -> Box | None:
     return None
 
 
-def moments(box: Box) -> dict[str, float]:
+def moments(box: AbsorberModel) -> dict[str, float]:
     """Mean squares and rates of impact speeds, averaged over the amplitudes, SI units."""
     a = box.sigma * np.geomspace(SMALLEST, LARGEST, AMPLITUDES)
     omega, table = box.omega, shaken_box(box.restitution, box.play / a)
@@ -199,12 +199,12 @@ def _rows(name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def gain(box: Box, velocity: float) -> float:
+def gain(box: AbsorberModel, velocity: float) -> float:
     """Logarithm of the ratio of rms velocities without and with the absorber."""
     return math.log(box.omega * box.sigma / math.sqrt(velocity))
 
 
-def errors(box: Box, velocity: float) -> dict[str, float]:
+def errors(box: AbsorberModel, velocity: float) -> dict[str, float]:
     """Largest relative error of each quantity among the nearest scenes of the atlas."""
     rows = [row for row in _rows(ATLAS) if row["part"] == "atlas"]
     here = _feature(gain(box, velocity), box.place["play_in_sigma"])
@@ -220,7 +220,7 @@ def _feature(gain_: float, play_in_sigma: float) -> tuple[float, float]:
     return math.log(max(gain_, 1e-3)), math.log(play_in_sigma)
 
 
-def response(scene: Scene, model: Model, box: Box, method: str) -> Response:
+def response(scene: Scene, model: Model, box: AbsorberModel, method: str) -> Response:
     """The averaged response of a scene, with the errors that the atlas knows."""
     started = time.perf_counter()
     found = moments(box)
@@ -282,7 +282,7 @@ def _squared(root: Estimate) -> Estimate:
     return Estimate(value=root.value**2, bias=bias, how=root.how)
 
 
-def _balance(box: Box, found: dict[str, float]) -> dict[tuple[str, str], float]:
+def _balance(box: AbsorberModel, found: dict[str, float]) -> dict[tuple[str, str], float]:
     """Moments from which the balances of energy, virial and force are calculated."""
     name, half = box.pair.name, 0.5
     known = {

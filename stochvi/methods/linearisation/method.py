@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate
-from stochvi.methods.linearisation.clumps import clumped
+from stochvi.methods.linearisation.clump_correction import clumped
 from stochvi.methods.linearisation.forms import form_of
 from stochvi.methods.linearisation.outputs import answer_of
 from stochvi.methods.linearisation.scales import gibbs_law, linear_moments

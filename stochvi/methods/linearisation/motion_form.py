@@ -25,8 +25,8 @@ import math
 import numpy as np
 from scipy.optimize import brentq
 
-from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics, gaussian_stop
+from stochvi.mathematics.truncated_normal import TruncatedNormal
 from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
 from stochvi.methods.linearisation.layers import layer
 from stochvi.model.gap import Gap
@@ -82,10 +82,12 @@ def _elastic_start(gap: Gap) -> Unknowns:
     return np.array([0.0, brentq(imbalance, 0.0, 1.0 - math.log(gap.omega)), 0.0])
 
 
-def normal_law(gap: Gap, mean: float, deviation: float) -> CutNormal:
+def normal_law(gap: Gap, mean: float, deviation: float) -> TruncatedNormal:
     """The normal law of a mean and a deviation, cut at rigid stops."""
     lower, upper = gap.walls
-    return CutNormal(slope=mean / deviation**2, curvature=deviation**-2, lower=lower, upper=upper)
+    return TruncatedNormal(
+        slope=mean / deviation**2, curvature=deviation**-2, lower=lower, upper=upper
+    )
 
 
 def motion_factor(restitution: float, book: bool) -> float:

@@ -21,8 +21,8 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
-from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import StopStatistics, gaussian_stop
+from stochvi.mathematics.truncated_normal import TruncatedNormal
 from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
 from stochvi.model.gap import Gap
 from stochvi.model.model import Stop
@@ -73,7 +73,7 @@ def curvature_floor(restitutions: Iterable[float], box: bool = False) -> float:
     )
 
     def excess(curvature: float) -> float:
-        law = CutNormal(slope=0.0, curvature=curvature, lower=-1.0, upper=1.0)
+        law = TruncatedNormal(slope=0.0, curvature=curvature, lower=-1.0, upper=1.0)
         return law.density_at(1.0) - wanted
 
     # for R = 0 the floor is -3.53, or -5.5 of a box; for R = 1 it is 0
@@ -91,7 +91,7 @@ def _closure_candidate(gap: Gap, unknowns: Unknowns, floor: float, box: bool) ->
     least = floor / (gap.width / 2.0) ** 2
     rise = 1.0 + max(least - curvature, 0.0)
     lower, upper = gap.ends
-    law = CutNormal(slope=slope, curvature=max(curvature, least), lower=lower, upper=upper)
+    law = TruncatedNormal(slope=slope, curvature=max(curvature, least), lower=lower, upper=upper)
     return _closed(
         gap,
         mean=law.mean,
@@ -190,7 +190,7 @@ def _one_stop_law(shape: float) -> OneStopLaw:
     if shape < -1.0 + 1e-12:
         return OneStopLaw(1.0, max(-shape, 1.0), math.exp(-1.0), max(-shape, 1.0))
     mean = math.expm1(shape) if shape >= 0.0 else shape / math.sqrt(1.0 + shape)
-    law = CutNormal(slope=mean, curvature=1.0, lower=0.0)
+    law = TruncatedNormal(slope=mean, curvature=1.0, lower=0.0)
     deviation = math.sqrt(law.variance)
     return OneStopLaw(
         law.mean / deviation,

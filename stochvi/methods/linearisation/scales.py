@@ -10,9 +10,9 @@ from typing import Self
 import numpy as np
 from scipy.optimize import brentq
 
-from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics
 from stochvi.mathematics.spectra import response_moments
+from stochvi.mathematics.truncated_normal import TruncatedNormal
 from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
@@ -104,12 +104,12 @@ class Frame:
         )
 
 
-def gibbs_law(gap: Gap, speed: float) -> CutNormal | GibbsLaw:
+def gibbs_law(gap: Gap, speed: float) -> TruncatedNormal | GibbsLaw:
     """exp(-U / speed^2), the exact law for stops that lose nothing (B 13.38)."""
     if gap.soft:
         return GibbsLaw.of(gap, theta=speed**2)
     lower, upper = gap.ends
-    return CutNormal(
+    return TruncatedNormal(
         slope=gap.load / speed**2, curvature=(gap.omega / speed) ** 2, lower=lower, upper=upper
     )
 

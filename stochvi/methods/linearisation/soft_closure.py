@@ -38,13 +38,13 @@ from functools import cached_property
 import numpy as np
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import (
     ContactStatistics,
     StopStatistics,
     gaussian_stop,
 )
 from stochvi.mathematics.kelvin_voigt import half_contact
+from stochvi.mathematics.truncated_normal import TruncatedNormal
 from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
 from stochvi.methods.linearisation.layers import Layer, layer
 from stochvi.methods.linearisation.rigid_closure import curvature_floor
@@ -148,9 +148,9 @@ class SoftLaw:
     stretch: float = 1.0
 
     @cached_property
-    def between(self) -> CutNormal:
+    def between(self) -> TruncatedNormal:
         """The law between the stops alone."""
-        return CutNormal(
+        return TruncatedNormal(
             slope=self.slope,
             curvature=self.curvature,
             lower=self.gap.ends[0],

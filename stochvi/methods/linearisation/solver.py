@@ -25,7 +25,7 @@ this bound only shows whether there is a root at all."""
 START_SPEEDS = (1.0, 0.7, 1.4, 0.5, 2.0, 0.25, 4.0)
 """Speeds to start from, relative to the one that balances the power of the elastic law."""
 
-NOWHERE = 1e3
+INFEASIBLE = 1e3
 """Imbalance of unknowns that describe no response: so large that the solver turns back."""
 
 
@@ -103,8 +103,8 @@ def _problem(form: Form, gap: Gap) -> Problem:
                 ]
             )[3 - len(unknowns) :]
         except (ValueError, ZeroDivisionError, OverflowError):
-            return np.full(len(unknowns), NOWHERE)
-        return np.where(np.isfinite(found), found, NOWHERE)
+            return np.full(len(unknowns), INFEASIBLE)
+        return np.where(np.isfinite(found), found, INFEASIBLE)
 
     return imbalance
 

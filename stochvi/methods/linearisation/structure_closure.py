@@ -25,7 +25,7 @@ from stochvi.methods.linearisation.forms import form_of
 from stochvi.methods.linearisation.outputs import answer_of
 from stochvi.methods.linearisation.scales import Frame
 from stochvi.methods.linearisation.soft_closure import soft_closure
-from stochvi.methods.linearisation.solver import NOWHERE, SAME, START_SPEEDS, root
+from stochvi.methods.linearisation.solver import INFEASIBLE, SAME, START_SPEEDS, root
 from stochvi.model.balances import residuals
 from stochvi.model.build_response import BETWEEN_IMPACTS, StationaryMoments, build_response
 from stochvi.model.coverage import unknown_dampers, without_noise
@@ -242,7 +242,7 @@ def _imbalance(
     modes: ModalForm, gaps: Sequence[_PairGap], stage: int, unknowns: Unknowns
 ) -> Unknowns:
     """Mean, log deviation and log speed of every gap: candidate law less linear structure."""
-    nowhere = np.full(len(unknowns), NOWHERE)
+    nowhere = np.full(len(unknowns), INFEASIBLE)
     try:
         with np.errstate(all="ignore"):
             candidates = _candidates(gaps, stage, unknowns)
@@ -259,7 +259,7 @@ def _imbalance(
                 ]
     except (ValueError, ZeroDivisionError, OverflowError, np.linalg.LinAlgError):
         return nowhere
-    return np.where(np.isfinite(found), found, NOWHERE)
+    return np.where(np.isfinite(found), found, INFEASIBLE)
 
 
 class _Outline(NamedTuple):

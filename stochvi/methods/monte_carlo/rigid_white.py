@@ -12,8 +12,8 @@ import scipy
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from stochvi.mathematics.cut_normal import CutNormal
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, gaussian_stop
+from stochvi.mathematics.truncated_normal import TruncatedNormal
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE, run_white
 from stochvi.methods.monte_carlo.kernels.impact_log import NO_LOG, NO_RECORD, Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import (
@@ -412,7 +412,7 @@ class WhitePlan(SteppedPlan):
         )
 
     @cached_property
-    def _law(self) -> CutNormal:
+    def _law(self) -> TruncatedNormal:
         """The Gibbs law at the expected speed, from the rest position."""
         return _law(self.model, self.speed, about_rest=True)
 
@@ -596,13 +596,13 @@ def expected_speed(model: Model) -> float:
     return math.exp(float(scipy.optimize.brentq(excess, low, high, xtol=1e-6)))
 
 
-def _law(model: Model, speed: float, *, about_rest: bool = False) -> CutNormal:
+def _law(model: Model, speed: float, *, about_rest: bool = False) -> TruncatedNormal:
     """The Gibbs law between rigid stops at E v^2 = speed^2.
 
     Positions are those from the unloaded spring, or from the rest position under the load.
     """
     origin = model.rest if about_rest else 0.0
-    return CutNormal(
+    return TruncatedNormal(
         slope=0.0 if about_rest else model.load / speed**2,
         curvature=(model.omega / speed) ** 2,
         lower=None if model.lower is None else model.lower.position - origin,

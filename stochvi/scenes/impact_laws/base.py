@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.kelvin_voigt import Impact
+from stochvi.mathematics.kelvin_voigt import ContactSolution
 from stochvi.scenes.validation import Checked
 
 
@@ -139,7 +139,7 @@ class CompliantLaw(ImpactLaw):
         infinite where no deflection makes it larger."""
 
     @abstractmethod
-    def impact(self, speed: float, mass: float) -> Impact:
+    def impact(self, speed: float, mass: float) -> ContactSolution:
         """The contact of a free mass (of a pair: its reduced mass, kg) that arrives at `speed`."""
 
     def knots(self) -> Vector:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.kelvin_voigt import Impact
+from stochvi.mathematics.kelvin_voigt import ContactSolution
 from stochvi.mathematics.units import listed_units, unit
 from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws.base import CompliantLaw, Form, inside
@@ -184,7 +184,7 @@ class ForceTable(CompliantLaw):
             )
         return np.asarray(starts[number] + into)
 
-    def impact(self, speed: float, mass: float) -> Impact:
+    def impact(self, speed: float, mass: float) -> ContactSolution:
         """The contact of a free mass, whose motion within each piece is part of a harmonic one.
 
         From the speed v_0 to v_1 over the distance d it takes the time
@@ -207,7 +207,7 @@ class ForceTable(CompliantLaw):
             left = rest
             if left == 0.0:
                 break
-        return Impact(2.0 * time, time, 1.0, y, float(self.force_at(y)))
+        return ContactSolution(2.0 * time, time, 1.0, y, float(self.force_at(y)))
 
     def per_unit_mass(self, mass: float) -> Self:
         return self.model_copy(update={"force": tuple(force / mass for force in self.force)})

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.kelvin_voigt import Impact
+from stochvi.mathematics.kelvin_voigt import ContactSolution
 from stochvi.scenes.impact_laws.base import CompliantLaw, Form, inside
 from stochvi.scenes.validation import Positive
 
@@ -57,10 +57,10 @@ class Hertz(CompliantLaw):
     def deflection_at(self, force: ArrayLike) -> Vector:
         return np.asarray((inside(force) / self.coefficient) ** (2.0 / 3.0))
 
-    def impact(self, speed: float, mass: float) -> Impact:
+    def impact(self, speed: float, mass: float) -> ContactSolution:
         deepest = (1.25 * mass * speed**2 / self.coefficient) ** 0.4
         time = 0.8 * deepest / speed * math.gamma(0.4) * math.gamma(0.5) / math.gamma(0.9)
-        return Impact(time, time / 2.0, 1.0, deepest, self.coefficient * deepest**1.5)
+        return ContactSolution(time, time / 2.0, 1.0, deepest, self.coefficient * deepest**1.5)
 
     def per_unit_mass(self, mass: float) -> Self:
         return self.model_copy(update={"coefficient": self.coefficient / mass})

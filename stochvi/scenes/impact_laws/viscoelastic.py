@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.kelvin_voigt import Impact, half_contact, kelvin_voigt
+from stochvi.mathematics.kelvin_voigt import ContactSolution, half_contact, kelvin_voigt
 from stochvi.scenes.impact_laws.base import Form, inside
 from stochvi.scenes.impact_laws.rubber_data import RubberLaw, with_damping_ratio, with_stiffness
 from stochvi.scenes.validation import NonNegative, Positive
@@ -86,7 +86,7 @@ class Elastic(LinearLaw):
     def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0, mass: float = 1.0) -> Vector:
         return self.stiffness * inside(deflection)
 
-    def impact(self, speed: float, mass: float) -> Impact:
+    def impact(self, speed: float, mass: float) -> ContactSolution:
         return kelvin_voigt(self.stiffness, 0.0, speed, mass)
 
     def phrase(self) -> str:
@@ -152,7 +152,7 @@ class Viscoelastic(LinearLaw):
         push = self.stiffness * y + self.damping(mass) * np.asarray(rate, dtype=float)
         return np.where(y > 0.0, np.maximum(push, 0.0), 0.0)
 
-    def impact(self, speed: float, mass: float) -> Impact:
+    def impact(self, speed: float, mass: float) -> ContactSolution:
         return kelvin_voigt(self.stiffness, self.damping_ratio, speed, mass)
 
     def phrase(self) -> str:

@@ -13,7 +13,7 @@ from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck import Gaussian
 from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
-from stochvi.methods.fokker_planck.initial_states import Point
+from stochvi.methods.fokker_planck.initial_states import InitialState
 from stochvi.model.model import Model, model_of
 from support.known import oscillator
 
@@ -23,7 +23,7 @@ def linear(omega: float, damping: float, intensity: float, load: float) -> Model
     return model_of(oscillator(omega=omega, damping=damping, intensity=intensity, load=load))
 
 
-def mean_crossings(model: Model, start: Point, barrier: float, duration: float) -> float:
+def mean_crossings(model: Model, start: InitialState, barrier: float, duration: float) -> float:
     """Of an upper barrier from below before `duration`, by Rice's integral and Gauss's rule."""
     generator = np.array([[0.0, 1.0], [-(model.omega**2), -model.damping_rate]])
     places, weights = gauss_panels(np.linspace(0.0, duration, 41), 6)
@@ -42,10 +42,10 @@ def mean_crossings(model: Model, start: Point, barrier: float, duration: float) 
 
 BOUNDED = [
     # model, start, barrier, time
-    (linear(1.0, 0.0218, 0.0436, 0.0), Point(-0.87, 0.21), 4.9, 20.0),
-    (linear(1.0, 0.1, 0.2, 0.0), Point(0.5, -0.5), 2.5, 2.0),
-    (linear(2.0, 0.4, 1.6, 2.0), Point(0.5, 0.0), 3.5, 3.0),
-    (linear(1.0, 3.0, 2.0, -0.5), Point(-0.5, 0.0), 1.5, 3.0),
+    (linear(1.0, 0.0218, 0.0436, 0.0), InitialState(-0.87, 0.21), 4.9, 20.0),
+    (linear(1.0, 0.1, 0.2, 0.0), InitialState(0.5, -0.5), 2.5, 2.0),
+    (linear(2.0, 0.4, 1.6, 2.0), InitialState(0.5, 0.0), 3.5, 3.0),
+    (linear(1.0, 3.0, 2.0, -0.5), InitialState(-0.5, 0.0), 1.5, 3.0),
 ]
 
 
@@ -64,7 +64,7 @@ def test_the_bound_is_above_rices_mean_crossings(model, start, barrier, duration
 
 
 def test_two_barriers_are_bounded_by_the_sum_and_what_is_unknown_by_one() -> None:
-    model, start, times = linear(1.0, 0.1, 0.2, 0.2), Point(0.1, 0.2), np.array([0.0, 3.0])
+    model, start, times = linear(1.0, 0.1, 0.2, 0.2), InitialState(0.1, 0.2), np.array([0.0, 3.0])
     both, low, high = (
         passages_at_most(model, start, *ends, times)
         for ends in ((-2.5, 3.0), (-2.5, math.inf), (-math.inf, 3.0))
@@ -82,7 +82,7 @@ def test_no_answer_crosses_the_bound() -> None:
     scene = oscillator(damping=0.4, intensity=0.8)
     times = [1.5, 2.0, 3.0]
     found = first_passage(scene, -2.2, 2.2, times=times, rtol=1e-3)
-    bounds = passages_at_most(model_of(scene), Point(0.0, 0.0), -2.2, 2.2, np.array(times))
+    bounds = passages_at_most(model_of(scene), InitialState(0.0, 0.0), -2.2, 2.2, np.array(times))
     for estimate, bound in zip(found.probability, bounds, strict=True):
         assert estimate.bias is not None
         assert estimate.bias < 0.5 * estimate.value < 0.5 * bound < 0.5

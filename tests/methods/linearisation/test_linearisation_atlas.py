@@ -13,9 +13,9 @@ import pytest
 from stochvi.methods.averaging import average
 from stochvi.methods.closed_form import exact
 from stochvi.methods.linearisation import linearise
-from stochvi.methods.linearisation.clumps import energy_weight
+from stochvi.methods.linearisation.clump_correction import energy_weight
 from stochvi.methods.linearisation.method import method_name
-from stochvi.model.error_atlas import ONE, QUANTITIES, TWO, Span, atlas, spans
+from stochvi.model.error_atlas import ONE, QUANTITIES, TWO, LogErrorInterval, atlas, spans
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
@@ -149,7 +149,7 @@ def test_lookup_does_not_depend_on_units_or_side() -> None:
 
 def test_a_span_bounds_powers_and_ratios() -> None:
     """Against every error within it, by brute force."""
-    span, other = Span(-0.2, 0.5), Span(-0.1, 0.3)
+    span, other = LogErrorInterval(-0.2, 0.5), LogErrorInterval(-0.1, 0.3)
     truth = np.exp(-np.linspace(-0.2, 0.5, 1001))  # of an answer 1
     for power in (1.0, 2.0):
         assert span.bound(power) == pytest.approx(np.abs(1.0 - truth**power).max(), rel=1e-12)

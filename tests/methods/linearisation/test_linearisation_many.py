@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from stochvi.mathematics.cut_normal import CutNormal
+from stochvi.mathematics.truncated_normal import TruncatedNormal
 from stochvi.methods.closed_form import exact
 from stochvi.methods.linearisation import linearise, linearise_many
 from stochvi.methods.linearisation.array_closure import Linearised
-from stochvi.methods.linearisation.cut_normal_arrays import cut_laws
+from stochvi.methods.linearisation.truncated_normal_arrays import cut_laws
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
@@ -112,7 +112,7 @@ def test_laws_agree_with_those_of_one_scene() -> None:
     slope = rng.normal(size=size) * 10.0 ** rng.uniform(-3, 2, size) / (upper - lower)
     found = cut_laws(slope, curvature, lower, upper)
     for k in range(size):
-        law = CutNormal(
+        law = TruncatedNormal(
             slope=slope[k], curvature=curvature[k], lower=float(lower[k]), upper=float(upper[k])
         )
         centred = law._quadrature[0] - (law.mean - law.peak)

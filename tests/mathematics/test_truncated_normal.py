@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from scipy.integrate import quad
 from scipy.special import dawsn, erf, erfcx
 
-from stochvi.mathematics.cut_normal import CutNormal
+from stochvi.mathematics.truncated_normal import TruncatedNormal
 
 ROUNDING = 1e-13
 """Some hundred operations in double precision, each good to 1e-16 of its result."""
 
 
-def moments_by_quad(law: CutNormal) -> tuple[float, float, float, float]:
+def moments_by_quad(law: TruncatedNormal) -> tuple[float, float, float, float]:
     """Mean above the lower stop, variance, and their errors, by adaptive quadrature."""
     gap = law.upper - law.lower
     slope = law.slope - law.curvature * law.lower
@@ -61,7 +61,7 @@ def moments_by_quad(law: CutNormal) -> tuple[float, float, float, float]:
 def test_moments_are_integrals_of_the_density_for_curvature_of_either_sign(
     curvature, slope, lower, upper
 ):
-    law = CutNormal(slope=slope, curvature=curvature, lower=lower, upper=upper)
+    law = TruncatedNormal(slope=slope, curvature=curvature, lower=lower, upper=upper)
     mean, variance, mean_error, square_error = moments_by_quad(law)
     gap = upper - lower
     # rounding: of the stops, and of the slope at them
@@ -79,7 +79,7 @@ def test_one_stop_in_the_tail_gives_the_inverse_mills_ratio(cut, centre, deviati
     """Mean m + s h and variance s^2 (1 + c h - h^2), h = phi(c) / Q(c), c the cut in deviations."""
     sign = 1.0 if side == "lower" else -1.0
     stop = centre + sign * cut * deviation
-    law = CutNormal(slope=centre / deviation**2, curvature=1.0 / deviation**2, **{side: stop})
+    law = TruncatedNormal(slope=centre / deviation**2, curvature=1.0 / deviation**2, **{side: stop})
     # the cut that the law sees: the stop and the slope are rounded numbers
     c = sign * (stop - centre) / deviation
     h = math.sqrt(2.0 / math.pi) / erfcx(c / math.sqrt(2.0))
@@ -99,7 +99,7 @@ def test_one_stop_in_the_tail_gives_the_inverse_mills_ratio(cut, centre, deviati
 @pytest.mark.parametrize("sharpness", [1e-2, 1.0, 25.0, 1e4, 1e8])
 def test_a_density_that_leans_on_both_stops_gives_the_dawson_integral(sharpness):
     """With curvature -a, D = 1: p(D) = sqrt(a / 8) / F(sqrt(a / 2)), E x^2 = (2 p(D) - 1) / a."""
-    law = CutNormal(slope=0.0, curvature=-sharpness, lower=-1.0, upper=1.0)
+    law = TruncatedNormal(slope=0.0, curvature=-sharpness, lower=-1.0, upper=1.0)
     at_stop = math.sqrt(sharpness / 8.0) / dawsn(math.sqrt(sharpness / 2.0))
     # the exponent, of size a / 2, is rounded
     slack = ROUNDING + 2.0**-53 * sharpness
@@ -113,7 +113,7 @@ def test_a_density_that_leans_on_both_stops_gives_the_dawson_integral(sharpness)
 @pytest.mark.parametrize("gap", [1e-6, 1.0, 1e4])
 def test_without_curvature_the_law_is_a_cut_exponential(steepness, gap):
     """Slope t / gap: mean gap / 2 (coth(t / 2) - 2 / t) from the middle, and its derivative."""
-    law = CutNormal(slope=steepness / gap, curvature=0.0, lower=0.0, upper=gap)
+    law = TruncatedNormal(slope=steepness / gap, curvature=0.0, lower=0.0, upper=gap)
     half = steepness / 2.0
     mean = gap / 2.0 * (1.0 + 1.0 / math.tanh(half) - 1.0 / half)
     variance = gap**2 * (1.0 / steepness**2 - 0.25 / math.sinh(half) ** 2)
@@ -126,7 +126,7 @@ def test_without_curvature_the_law_is_a_cut_exponential(steepness, gap):
 def test_a_tiny_gap_makes_the_law_uniform(curvature, middle):
     """Deviations from it are of order (slope x gap)^2, 1e-12 here."""
     gap = 1e-6
-    law = CutNormal(
+    law = TruncatedNormal(
         slope=0.5, curvature=curvature, lower=middle - gap / 2.0, upper=middle + gap / 2.0
     )
     width = law.upper - law.lower
@@ -136,7 +136,7 @@ def test_a_tiny_gap_makes_the_law_uniform(curvature, middle):
 
 def test_a_gap_far_out_in_the_tail_is_an_exponential_layer():
     """40 deviations out the law decays over 1 / 40 of one; what the far stop cuts is e^-100."""
-    law = CutNormal(slope=0.0, curvature=1.0, lower=40.0, upper=42.5)
+    law = TruncatedNormal(slope=0.0, curvature=1.0, lower=40.0, upper=42.5)
     h = math.sqrt(2.0 / math.pi) / erfcx(40.0 / math.sqrt(2.0))
     assert law.mean == pytest.approx(h, rel=ROUNDING)
     assert law.density_at(40.0) == pytest.approx(h, rel=ROUNDING)
@@ -147,14 +147,14 @@ def test_a_gap_far_out_in_the_tail_is_an_exponential_layer():
 
 def test_a_stop_far_from_a_sharp_layer_keeps_the_layer():
     """A decay length of 1e-20 at a place of 0.01 is below the rounding of the place."""
-    law = CutNormal(slope=0.0, curvature=1e22, lower=0.01)
+    law = TruncatedNormal(slope=0.0, curvature=1e22, lower=0.01)
     assert law.mean == 0.01
     assert law.density_at(0.01) == pytest.approx(1e20, rel=ROUNDING)
     assert law.variance == pytest.approx(1e-40, rel=1e-11)
 
 
 def test_the_density_is_the_textbook_one_and_zero_beyond_the_stops():
-    law = CutNormal(slope=0.5, curvature=4.0, lower=-1.0, upper=0.5)
+    law = TruncatedNormal(slope=0.5, curvature=4.0, lower=-1.0, upper=0.5)
     x = np.array([-1.001, -1.0, 0.0, 0.5, 0.501])
     normal = np.exp(-0.5 * (2.0 * (x - 0.125)) ** 2) * 2.0 / math.sqrt(2.0 * math.pi)
     inside = (erf(0.75 / math.sqrt(2.0)) + erf(2.25 / math.sqrt(2.0))) / 2.0
@@ -173,7 +173,7 @@ def test_any_law_between_stops_has_a_mean_between_them_and_obeys_its_balances(
     slope, curvature, lower, gap
 ):
     """p(u) - p(l) = slope - curvature E x follows from integrating the derivative of p."""
-    law = CutNormal(slope=slope, curvature=curvature, lower=lower, upper=lower + gap)
+    law = TruncatedNormal(slope=slope, curvature=curvature, lower=lower, upper=lower + gap)
     width = law.upper - law.lower
     assert law.lower <= law.mean <= law.upper
     assert 0.0 < law.variance <= (width / 2.0) ** 2 * (1.0 + ROUNDING)
@@ -199,4 +199,4 @@ def test_any_law_between_stops_has_a_mean_between_them_and_obeys_its_balances(
 )
 def test_a_density_that_cannot_be_normalised_is_refused(keys):
     with pytest.raises(ValueError, match="must fall towards a side without a stop"):
-        CutNormal(**keys)
+        TruncatedNormal(**keys)

@@ -24,7 +24,7 @@ CUT = 50.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class CutNormal:
+class TruncatedNormal:
     """Density proportional to exp(slope x - curvature x^2 / 2) on lower <= x <= upper.
 
     Parameters
@@ -37,7 +37,7 @@ class CutNormal:
 
     Examples
     --------
-    >>> law = CutNormal(slope=0.0, curvature=1.0, lower=-1.0, upper=1.0)
+    >>> law = TruncatedNormal(slope=0.0, curvature=1.0, lower=-1.0, upper=1.0)
     >>> round(law.variance, 12)
     0.291125094773
     """

@@ -1,7 +1,8 @@
 """Many laws C exp(slope x - curvature x^2 / 2) between stops at once: masses, moments, ends.
 
-They do for arrays what `CutNormal` does for one law: relative to the largest value of each density,
-over panels that end where it has fallen by e^-CUT, so that tails and narrow gaps keep their digits.
+They do for arrays what `TruncatedNormal` does for one law: relative to the largest value of each
+density, over panels that end where it has fallen by e^-CUT, so that tails and narrow gaps keep
+their digits.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.mathematics.arrays import Booleans, Vector
-from stochvi.mathematics.cut_normal import CUT
 from stochvi.mathematics.quadrature import gauss_legendre
+from stochvi.mathematics.truncated_normal import CUT
 
 
 class Rule(NamedTuple):
@@ -34,7 +35,7 @@ FINE, ROUGH = Rule.of(32), Rule.of(16)
 rule, and 1e-4 by the rough one, which is enough for a scale."""
 
 
-class CutLaws(NamedTuple):
+class TruncatedNormals(NamedTuple):
     """Moments of many laws, in the units of x; central ones from the second on.
 
     `lower` and `upper` are the densities at the stops (0 where there is none), `at_mean` that at
@@ -52,7 +53,7 @@ class CutLaws(NamedTuple):
 
 def cut_laws(
     slope: Vector, curvature: Vector, lower: Vector, upper: Vector, rule: Rule = FINE
-) -> CutLaws:
+) -> TruncatedNormals:
     """The laws of these slopes (1/m) and curvatures (1/m^2); stops in m, infinite for none.
 
     A law that cannot be normalised, or whose digits do not suffice, is not a number.
@@ -79,7 +80,7 @@ def cut_laws(
         def density(offset: Vector) -> Vector:
             return np.asarray(np.exp(offset * (tilt - curvature * offset / 2.0)) / mass)
 
-        return CutLaws(
+        return TruncatedNormals(
             mean=peak + first,
             variance=np.where(variance > 0.0, variance, np.nan),
             third=third - 3.0 * first * second + 2.0 * first**3,
