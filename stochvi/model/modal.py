@@ -235,7 +235,7 @@ def absolute_accelerations(modes: ModalForm, law: LinearLaw, rows: Matrix) -> Ve
     return np.array([law.variances(pull, 0) for pull in pulls])
 
 
-class Substitute(NamedTuple):
+class EquivalentLinear(NamedTuple):
     """Linear substitute for the impacts of a pair: spring (N/m), its centre (m), damper (N s/m)."""
 
     spring: float
@@ -243,7 +243,7 @@ class Substitute(NamedTuple):
     damper: float
 
 
-def linear_law(modes: ModalForm, substitutes: Sequence[Substitute] = ()) -> LinearLaw | None:
+def linear_law(modes: ModalForm, substitutes: Sequence[EquivalentLinear] = ()) -> LinearLaw | None:
     """Exact stationary law of a structure whose impact pairs are replaced by springs and dampers.
 
     Without substitutes it is the law of the structure without stops. None where there is no

@@ -537,13 +537,13 @@ def model_of(scene: Scene) -> Model:
     known = _LOWERED.get(id(scene))
     if known is not None and known[0]() is scene:
         return known[1]
-    model = _lowered(scene.expanded)
+    model = _build_model(scene.expanded)
     key = id(scene)
     _LOWERED[key] = weakref.ref(scene, lambda _: _LOWERED.pop(key, None)), model
     return model
 
 
-def _lowered(scene: Scene) -> Model:
+def _build_model(scene: Scene) -> Model:
     structure = scene.structure
     mass = structure.matrices[0]
     damping, stiffness = np.zeros_like(mass), np.zeros_like(mass)

@@ -7,7 +7,7 @@ import scipy
 
 from stochvi.model.model import Model
 
-HELD = 1e-9
+RESTRAINT_TOLERANCE = 1e-9
 """Largest size of a free motion, dimensionless and at most 1, at which stops and loads are taken to
 hold it; what remains is the tolerance of the linear programme that searches for the motion."""
 
@@ -55,6 +55,6 @@ def _lost(model: Model) -> np.ndarray:
         way = scipy.optimize.linprog(
             -cost, A_ub=limits, b_ub=np.zeros(len(limits)), bounds=(-1.0, 1.0)
         )
-        if way.x is not None and float(cost @ way.x) > HELD:
+        if way.x is not None and float(cost @ way.x) > RESTRAINT_TOLERANCE:
             return np.asarray(modes.shapes[:, free] @ way.x)
     return np.zeros(len(model.coordinates))

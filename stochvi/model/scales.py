@@ -13,7 +13,7 @@ from stochvi.mathematics.impact_rates import gaussian_stop
 from stochvi.mathematics.truncated_normal import TruncatedNormal
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
-from stochvi.model.modal import LinearLaw, ModalForm, Substitute, linear_law
+from stochvi.model.modal import EquivalentLinear, LinearLaw, ModalForm, linear_law
 from stochvi.model.model import Model, Pair
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
@@ -81,7 +81,7 @@ def scales_of(
     return None if law is None else (law, scales)
 
 
-def _first_guess(modes: ModalForm, pair: Pair) -> Substitute:
+def _first_guess(modes: ModalForm, pair: Pair) -> EquivalentLinear:
     frequency = modes.fastest
     stops = [stop.position for stop in pair.stops]
     if frequency == 0.0 and modes.tables:
@@ -94,7 +94,7 @@ def _first_guess(modes: ModalForm, pair: Pair) -> Substitute:
         width = max(stops) - min(stops) or abs(stops[0]) or 1.0
         frequency = (noise / width**2) ** (1.0 / 3.0)
     loss = max((1.0 - stop.law.restitution**2 for stop in pair.stops), default=0.0)
-    return Substitute(
+    return EquivalentLinear(
         spring=pair.mass * frequency**2,
         centre=sum(stops) / len(stops),
         damper=loss * pair.mass * frequency,
@@ -102,7 +102,7 @@ def _first_guess(modes: ModalForm, pair: Pair) -> Substitute:
 
 
 def _without_own_spring(
-    modes: ModalForm, substitutes: Sequence[Substitute], j: int
+    modes: ModalForm, substitutes: Sequence[EquivalentLinear], j: int
 ) -> tuple[float, float]:
     """Stiffness k and force f of a gap without the spring of its own stops: k y - f pulls it back.
 
@@ -127,11 +127,11 @@ def _substitute(
     law: LinearLaw,
     pair: Pair,
     gap: Vector,
-    old: Substitute,
+    old: EquivalentLinear,
     held: tuple[float, float],
     method: str,
     giving_way: bool,
-) -> tuple[Substitute, PairScale] | None:
+) -> tuple[EquivalentLinear, PairScale] | None:
     """The next spring and damper, and the scales of the pair.
 
     They follow from the law that the gap would have without the old spring, cut at the stops. None
@@ -158,12 +158,12 @@ def _substitute(
     needed = swinging / spread.variance
     spring = max(needed - own, SOFTEST * needed)
     power = _power_of_stops(pair, cut, square)
-    mixed = Substitute(
+    mixed = EquivalentLinear(
         spring=math.sqrt(old.spring * spring),
         centre=(needed * spread.mean - force) / spring,
         damper=0.5 * (old.damper + power / square),
     )
-    leans = pressing * math.sqrt(cut.variance) > LEANING * square
+    leans = pressing * math.sqrt(cut.variance) > PRESSING_THRESHOLD * square
     return mixed, PairScale(
         speed=math.sqrt(square),
         pressing=pressing if leans else 0.0,
@@ -218,7 +218,7 @@ def _power_of_stops(pair: Pair, law: TruncatedNormal | GibbsLaw, square: float) 
     return power
 
 
-LEANING = 0.5
+PRESSING_THRESHOLD = 0.5
 """A pair leans on a stop if the pressing acceleration times the standard deviation of the gap is
 more than this share of E v^2, v the rate of the gap. The share is 1 for a mass that lies on the
 stop."""

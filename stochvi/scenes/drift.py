@@ -9,7 +9,7 @@ from scipy.linalg import null_space
 
 from stochvi.mathematics.arrays import Matrix
 
-UNFELT = 1e-10
+FORCE_TOLERANCE = 1e-10
 """Relative size up to which a force of springs, dampers or stops counts as a rounding error."""
 
 
@@ -38,13 +38,13 @@ def drifts(felt: Matrix, rows: Matrix) -> tuple[list[int], Matrix]:
     ([1], [[1.0], [1.0]])
     """
     size = np.linalg.norm(felt, axis=0).max(initial=0.0) or 1.0
-    free = null_space(np.vstack([felt / size, rows]), rcond=UNFELT).T
+    free = null_space(np.vstack([felt / size, rows]), rcond=FORCE_TOLERANCE).T
     # a coordinate that other masses strike is preferred as a reference
     struck = np.sum(rows < 0.0, axis=0)
     references: list[int] = []
     for place in np.argsort(-struck, kind="stable").tolist():
         sizes = np.abs(free[:, place])
-        if len(references) == len(free) or sizes[len(references) :].max() <= UNFELT:
+        if len(references) == len(free) or sizes[len(references) :].max() <= FORCE_TOLERANCE:
             continue
         chosen = len(references) + int(np.argmax(sizes[len(references) :]))
         free[[len(references), chosen]] = free[[chosen, len(references)]]

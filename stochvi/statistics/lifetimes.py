@@ -22,7 +22,7 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.methods.periodic.attractors import PERIODIC, Attractors
-from stochvi.methods.periodic.basins import Flown, Place
+from stochvi.methods.periodic.basins import BasinRun, Place
 from stochvi.methods.periodic.family import unmet
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
@@ -44,7 +44,7 @@ BETWEEN_LOOKS = 5
 LOOKS = 8
 """Number of looks between two looks at the clock."""
 
-FORGOTTEN = 10.0
+DECAY_FACTOR = 10.0
 """Factor by which a small disturbance has decayed, in the slowest of the regimes, in the time for
 which a path must stay outside a basin to have left it."""
 
@@ -338,7 +338,7 @@ def _coexisting(place: Place, threads: int, deadline: Deadline) -> Attractors:
     chosen = [side[np.linspace(0, len(side) - 1, SEARCHED).astype(int)] for side in sides]
     across, up = np.meshgrid(*chosen)
     starts = place.states.starts({names[0]: across.ravel(), names[1]: up.ravel()})
-    Flown(known, starts, known.phase, DECIDED, threads, deadline).ends()
+    BasinRun(known, starts, known.phase, DECIDED, threads, deadline).ends()
     if len(known.found) < 2 and not deadline.passed():
         raise NotApplicable(
             "lifetimes", ["several motions must coexist without noise, got one alone"]
@@ -357,7 +357,7 @@ class Watch:
         self.steps = round(BETWEEN_LOOKS * period / self.plan.step)
         slowest = max(
             (
-                math.log(FORGOTTEN) / -math.log(max(rate, 1e-12))
+                math.log(DECAY_FACTOR) / -math.log(max(rate, 1e-12))
                 for each in known.found
                 if each.track is not None
                 for rate in [float(each.track.multiplier[0]) ** (1.0 / each.track.periods)]
@@ -419,7 +419,7 @@ class Watch:
         moved = modes.shapes @ (motion[:n] + modes.rest[:, None])
         states = self.place.states.scaled(np.vstack([moved, modes.shapes @ motion[n:]]).T)
         deadline = self.place.finder.deadline
-        return Flown(
+        return BasinRun(
             self.known, np.ascontiguousarray(states), self.known.phase, DECIDED, 1, deadline
         ).known_ends()
 

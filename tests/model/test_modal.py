@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
 from stochvi import ConstantLoad, FilteredNoise, ImpactPair, Restitution, Scene, Sine, WhiteNoise
-from stochvi.model.modal import Substitute, linear_law
+from stochvi.model.modal import EquivalentLinear, linear_law
 from stochvi.model.model import model_of
 from stochvi.scenes.structures import Matrices
 
@@ -48,7 +48,7 @@ def test_modes_give_back_the_matrices() -> None:
 
 @pytest.mark.parametrize("held", [False, True], ids=["free", "spring and damper on the gap"])
 def test_white_noise_leaves_the_law_of_lyapunovs_equation(held: bool) -> None:
-    substitutes = [Substitute(spring=2.5, centre=0.4, damper=0.3)] if held else []
+    substitutes = [EquivalentLinear(spring=2.5, centre=0.4, damper=0.3)] if held else []
     stiffness = STIFFNESS + (2.5 * np.outer(GAP, GAP) if held else 0.0)
     damping = DAMPING + (0.3 * np.outer(GAP, GAP) if held else 0.0)
     scene = two_masses(WhiteNoise(on="a", intensity=0.3), ConstantLoad(on="b", force=0.6))

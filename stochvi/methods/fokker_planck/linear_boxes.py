@@ -227,7 +227,7 @@ def boxes_of(scenes: OscillatorArrays, speed: Array, reach: float) -> Boxes:
 
 
 def _widening(scenes: OscillatorArrays, speed: Array) -> Array:
-    """Factor of 1 to 1 + LEANING on the width of the weight of a mass that leans on a lossy stop.
+    """Factor on the width of the weight of a mass that presses on an inelastic stop, 1 or more.
 
     Such a mass lies near the stop most of the time, at a lower speed than s, with rare excursions
     that reach far beyond what exp(-energy / s^2) allows.
@@ -236,10 +236,10 @@ def _widening(scenes: OscillatorArrays, speed: Array) -> Array:
     restitution: Array = np.where(lowest == scenes.positions, scenes.restitutions, 1.0).min(axis=0)
     press = np.abs(scenes.force(lowest))
     leaning = press / (press + scenes.omega * speed + 1e-300)
-    return 1.0 + LEANING * (1.0 - restitution**2) * leaning
+    return 1.0 + PRESSING_THRESHOLD * (1.0 - restitution**2) * leaning
 
 
-LEANING = 0.5
+PRESSING_THRESHOLD = 0.5
 """Largest widening of the weight of a mass that leans on a stop, as a part of the speed scale.
 Found on preloads up to 2 standard deviations, where it lowers the error of the deviation to a
 quarter."""

@@ -14,7 +14,7 @@ from stochvi.mathematics.spectra import Filter
 from stochvi.methods.linearisation.structure_closure import solutions
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions
-from stochvi.model.modal import Substitute
+from stochvi.model.modal import EquivalentLinear
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
@@ -48,7 +48,7 @@ class LinearisedStructure:
     """
 
     coordinates: tuple[str, ...]
-    stops: Mapping[str, Substitute]
+    stops: Mapping[str, EquivalentLinear]
     shapes: Matrix
     stiffness: Matrix
     damping: Matrix

@@ -30,7 +30,7 @@ from stochvi.model.balances import residuals
 from stochvi.model.build_response import BETWEEN_IMPACTS, StationaryMoments, build_response
 from stochvi.model.coverage import unknown_dampers, without_noise
 from stochvi.model.gap import Gap
-from stochvi.model.modal import LinearLaw, ModalForm, Substitute, linear_law
+from stochvi.model.modal import EquivalentLinear, LinearLaw, ModalForm, linear_law
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.model.scales import UNSHAKEN, PairScale, scales_of
 from stochvi.results.errors import NotApplicable, NotConverged
@@ -65,10 +65,10 @@ class _PairGap(NamedTuple):
         """The candidate of these unknowns, in SI units, per unit mass."""
         return self.frame.grow(self.form(stage).candidate(self.scaled, unknowns))
 
-    def substitute(self, candidate: Candidate) -> Substitute:
+    def substitute(self, candidate: Candidate) -> EquivalentLinear:
         """Spring, centre and damper that stand for the stops of a candidate."""
         away = candidate.stop_force / candidate.stiffness if candidate.stiffness else 0.0
-        return Substitute(
+        return EquivalentLinear(
             spring=self.pair.mass * candidate.stiffness,
             centre=candidate.mean - away,
             damper=self.pair.mass * candidate.damping,

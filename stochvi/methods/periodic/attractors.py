@@ -35,7 +35,7 @@ LARGEST, HALVINGS = 16.0, 60
 form (states are of order 1), and largest number of times that it is halved until motions from it
 approach the regime."""
 
-LINGERING = 4096
+CAPTURE_PERIODS = 4096
 """Number of periods in which a flight may reach a known regime before its own motion is looked
 at."""
 
@@ -142,7 +142,7 @@ def unit_disturbance(size: int) -> Matrix:
 
 
 @dataclass(frozen=True, eq=False)
-class Flight:
+class TrackedPath:
     """A flight that was watched: states after each period, impacts and growth of disturbances."""
 
     ends: Matrix
@@ -162,7 +162,7 @@ class Flight:
 
 def watch(
     course: flights.Course, state: Vector, skipped: int, periods: int, most: int
-) -> Flight | None:
+) -> TrackedPath | None:
     """Simulate on from a state, which is replaced by the last one, and watch the last periods; at
     most so many impacts are kept. None where impacts come too fast to be followed."""
     log, ends = np.zeros((most, 3)), np.empty((periods, len(state)))
@@ -173,7 +173,7 @@ def watch(
     if hits < 0:
         return None
     kept = log[: min(hits, most)]
-    return Flight(ends, kept[np.argsort(kept[:, 0], kind="stable")], growth)
+    return TrackedPath(ends, kept[np.argsort(kept[:, 0], kind="stable")], growth)
 
 
 class Attractors:
@@ -332,10 +332,10 @@ class Attractors:
         targets, owners = self.targets()
         states, found = state[None].copy(), np.empty(1, np.int64)
         lead = flights.course_of(self.motion, self.phase, 0.0)
-        flights.settle_flights(lead, self.course, states, LINGERING, targets, found)
+        flights.settle_flights(lead, self.course, states, CAPTURE_PERIODS, targets, found)
         if found[0] == flights.LOST:
             return None
-        if found[0] != flights.WANDERS:
+        if found[0] != flights.NO_ATTRACTOR:
             return int(owners[found[0]])
         settled = simulate(self.motion, states[0], SETTLING, self.phase)
         regime = None if settled is None else self.finder.regime_of(settled, self.sigma)

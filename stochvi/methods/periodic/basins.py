@@ -292,7 +292,7 @@ def basins(
         starts = place.states.starts({names[0]: across.ravel(), names[1]: up.ravel()})
         phase = math.radians(phase_deg)
         number = threads or usable_cores()
-        flown = Flown(known, starts, phase, periods, number, deadline, progress)
+        flown = BasinRun(known, starts, phase, periods, number, deadline, progress)
         ends = flown.ends()
     order, shares = _shares(ends, len(known.found))
     renumbered = np.full(len(known.found) + 2, UNDECIDED)
@@ -476,7 +476,7 @@ def rate_of(mean: float, error: float, period: float, how: str) -> Estimate | No
     return Estimate(value=mean / period, standard_error=error / period, how=how)
 
 
-class Flown:
+class BasinRun:
     """Starts that are simulated up to the motions in which they end."""
 
     def __init__(
@@ -545,10 +545,10 @@ class Flown:
 
         def fly(block: Whole) -> tuple[Whole, Matrix, Whole]:
             states = self.states[block]
-            found = np.full(len(block), flights.WANDERS)
+            found = np.full(len(block), flights.NO_ATTRACTOR)
             if not self.deadline.passed():
                 flights.settle_flights(lead, self.known.course, states, periods, targets, found)
-            found[found == flights.LOST] = flights.WANDERS
+            found[found == flights.LOST] = flights.NO_ATTRACTOR
             return block, states, owners[found]
 
         with ThreadPoolExecutor(self.threads) as pool:

@@ -15,7 +15,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.methods.periodic.attractors import (
     BATCHES,
     SIGNIFICANT,
-    Flight,
+    TrackedPath,
     exponent,
     unit_disturbance,
     watch,
@@ -280,7 +280,7 @@ def _swept(
     """One sweep; it ends where impacts come too fast to be followed."""
     family = finder.family
     (state,) = states.starts(start or {})
-    sigmas, flown = [], list[Flight]()
+    sigmas, flown = [], list[TrackedPath]()
     for sigma in finder.grid if upwards else finder.grid[::-1]:
         flight = _watched(finder, float(sigma), state, settling, watched, MOST_DRAWN * watched)
         if flight is None or finder.deadline.passed():
@@ -303,7 +303,7 @@ def _swept(
 
 def _watched(
     finder: Finder, sigma: float, state: Vector, skipped: int, periods: int, most: int
-) -> Flight | None:
+) -> TrackedPath | None:
     """Simulate on from a state, which is replaced by the last one, and watch the last periods; at
     most `most` impacts are kept. None where impacts come too fast to be followed."""
     if not isinstance(finder, ContactFinder):
@@ -324,7 +324,7 @@ def _watched(
         if period >= 0:
             ends[period], growth[period] = state, math.log(size)
             impacts.append(motion.log[:, :3] + [2.0 * math.pi * period, 0.0, 0.0])
-    return Flight(ends, np.concatenate(impacts)[-most:], growth)
+    return TrackedPath(ends, np.concatenate(impacts)[-most:], growth)
 
 
 @calculation

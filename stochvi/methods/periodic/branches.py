@@ -16,13 +16,13 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.compile_time import leave_out_of_budgets
 from stochvi.methods.periodic import continuation
 from stochvi.methods.periodic.continuation import (
-    BREAKING,
     DOUBLING,
     FOLD,
     GRAZING,
+    NEIMARK_SACKER,
     NODE,
+    PITCHFORK,
     POINT,
-    TORUS,
     Continuation,
     Problem,
 )
@@ -31,7 +31,7 @@ from stochvi.methods.periodic.family import Family, amplitudes
 from stochvi.methods.periodic.kernels import solver
 from stochvi.methods.periodic.regimes import pattern_of, states_of
 from stochvi.methods.periodic.resting import Rests
-from stochvi.methods.periodic.simulations import MOST_SIMULATED, REPEATS, Settled, simulate
+from stochvi.methods.periodic.simulations import MOST_SIMULATED, REPEATS, FinalMotion, simulate
 from stochvi.methods.periodic.tracks import OnBranch, Regime, Track
 from stochvi.results.deadline import NEVER, Deadline
 
@@ -99,7 +99,7 @@ MOST_MOVED = 0.2
 class Ended(NamedTuple):
     """The end of a flight: the last motion, and the regime, if it has settled to one."""
 
-    settled: Settled
+    settled: FinalMotion
     place: OnBranch | None
 
 
@@ -228,11 +228,11 @@ class Finder:
 
     def simulate(
         self, sigma: float, state: Vector, phase: float = 0.0, periods: int = LOOKED_AT
-    ) -> Settled | None:
+    ) -> FinalMotion | None:
         """A motion at a place of the range; None where impacts come too fast to be followed."""
         return simulate(self.motion(sigma), state, periods, phase)
 
-    def _place_of(self, settled: Settled, sigma: float) -> OnBranch | None:
+    def _place_of(self, settled: FinalMotion, sigma: float) -> OnBranch | None:
         """The lasting regime to which a simulation has settled; None where it has not."""
         if not (periods := settled.period(REPEATS)):
             return None
@@ -250,7 +250,7 @@ class Finder:
                     return OnBranch(track, number)
         return None
 
-    def regime_of(self, settled: Settled, sigma: float) -> Regime | None:
+    def regime_of(self, settled: FinalMotion, sigma: float) -> Regime | None:
         """The regime that a simulation settles to; None without impacts, or if it does not
         repeat."""
         periods = settled.period(REPEATS)
@@ -545,7 +545,7 @@ def _margin(track: Track) -> Vector:
 
 
 TESTS: dict[str, Callable[[Track], Vector]] = {
-    GRAZING: _margin, DOUBLING: _doubling, BREAKING: _breaking, TORUS: _torus
+    GRAZING: _margin, DOUBLING: _doubling, PITCHFORK: _breaking, NEIMARK_SACKER: _torus
 }  # fmt: skip
 """A number that changes its sign along a branch at each kind of special point; folds are located
 while a branch is followed."""

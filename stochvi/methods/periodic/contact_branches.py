@@ -22,7 +22,7 @@ from stochvi.methods.periodic.continuation import GRAZING, Problem
 from stochvi.methods.periodic.family import Family
 from stochvi.methods.periodic.kernels import contact_flow, solver
 from stochvi.methods.periodic.regimes import unstruck
-from stochvi.methods.periodic.simulations import MOST_KEPT, REPEATS, SETTLING, Settled
+from stochvi.methods.periodic.simulations import MOST_KEPT, REPEATS, SETTLING, FinalMotion
 from stochvi.methods.periodic.tracks import SAME, OnBranch, Track
 from stochvi.results.deadline import NEVER, Deadline
 
@@ -51,7 +51,7 @@ EDGE_HALVINGS, EDGE_PERIODS = 30, 40
 """Number of times that the line between two stable regimes is halved, and number of periods after
 which a start counts as leading to the nearer of the two."""
 
-LINGERING = 8
+CAPTURE_PERIODS = 8
 """Number of periods in which a motion that starts on the edge between two regimes comes close to
 the unstable regime on it."""
 
@@ -143,14 +143,16 @@ class ContactFinder(Finder):
 
     def simulate(
         self, sigma: float, state: Vector, phase: float = 0.0, periods: int = LOOKED_AT
-    ) -> Settled | None:
+    ) -> FinalMotion | None:
         # all motions start at the phase 0, where regimes are known
         flown = self.flown(sigma, state, periods, factors=False)
         if flown is None:
             return None
-        return Settled(flown.ends, 0.0, flown.log[:, :3], flown.displacement, flown.acceleration)
+        return FinalMotion(
+            flown.ends, 0.0, flown.log[:, :3], flown.displacement, flown.acceleration
+        )
 
-    def _place_of(self, settled: Settled, sigma: float) -> OnBranch | None:
+    def _place_of(self, settled: FinalMotion, sigma: float) -> OnBranch | None:
         orbit = self._settled_orbit(settled, sigma)
         return None if orbit is None else self._added(orbit)
 
@@ -226,7 +228,7 @@ class ContactFinder(Finder):
                 return None
             away = [np.abs(each.ends - motion.ends[-1]).max(axis=1).min() for each in (one, other)]
             low, high = (middle, high) if away[0] < away[1] else (low, middle)
-        motion = self.flown(one.sigma, one.state + low * way, LINGERING, factors=False)
+        motion = self.flown(one.sigma, one.state + low * way, CAPTURE_PERIODS, factors=False)
         if motion is None:
             return None
         slowest = int(np.argmin(np.abs(np.diff(motion.ends, axis=0)).max(axis=1)))
@@ -237,7 +239,7 @@ class ContactFinder(Finder):
         state = unstruck(self.motion(sigma))
         return state if state is not None and np.all(np.abs(state) < 1e6) else None
 
-    def _settled_orbit(self, settled: Settled, sigma: float) -> Orbit | None:
+    def _settled_orbit(self, settled: FinalMotion, sigma: float) -> Orbit | None:
         """The lasting regime to which a simulation has settled; None where it has not. In chaos
         motions come close to unstable regimes by chance, of which there is no end."""
         periods = settled.period(REPEATS)
@@ -295,7 +297,7 @@ class ContactFinder(Finder):
 
     def _word(self, u: Vector, periods: int) -> tuple[int, ...]:
         motion = self.at_point(u, periods, factors=False)
-        return () if motion is None else _word_of(motion.log)
+        return () if motion is None else contact_sequence(motion.log)
 
     def _changed(
         self, start: Vector, end: Vector, word: tuple[int, ...], problem: Shooting
@@ -394,7 +396,7 @@ def _different(orbits: Sequence[Orbit]) -> list[Orbit]:
     return found
 
 
-def _word_of(log: Matrix) -> tuple[int, ...]:
+def contact_sequence(log: Matrix) -> tuple[int, ...]:
     """The order of contacts, rotated to the form that comes first in the alphabet: it does not
     matter which contact follows the phase 0."""
     word = tuple(log[:, 1].astype(int).tolist())
@@ -402,8 +404,8 @@ def _word_of(log: Matrix) -> tuple[int, ...]:
 
 
 def _turned(log: Matrix, periods: int) -> Matrix:
-    """The contacts of a regime in the order of `_word_of`, phases rising."""
-    word, wanted = tuple(log[:, 1].astype(int).tolist()), _word_of(log)
+    """The contacts of a regime in the order of `contact_sequence`, phases rising."""
+    word, wanted = tuple(log[:, 1].astype(int).tolist()), contact_sequence(log)
     first = next((k for k in range(len(word)) if word[k:] + word[:k] == wanted), 0)
     later = log[:first].copy()
     later[:, 0] += 2.0 * math.pi * periods

@@ -17,7 +17,7 @@ import numpy as np
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.kernels.solver import WEIGHT
 
-POINT, NODE, FOLD, GRAZING, DOUBLING, BREAKING, TORUS, STICKING = (
+POINT, NODE, FOLD, GRAZING, DOUBLING, PITCHFORK, NEIMARK_SACKER, STICKING = (
     "", "node", "fold", "grazing", "period doubling", "symmetry breaking", "torus", "sticking",
 )  # fmt: skip
 """Names of points of a branch: at a value that was asked for; between those; where the branch turns
@@ -70,7 +70,7 @@ class Problem(Protocol):
         """The largest difference of two points."""
 
 
-class Followed(NamedTuple):
+class BranchPoints(NamedTuple):
     """Points (number, size of u) of a branch in its order, and their names."""
 
     points: Matrix
@@ -97,12 +97,12 @@ class Continuation:
     ) -> None:
         self.problem, self.drawn, self.reach, self.given_up = problem, drawn, reach, given_up
 
-    def through(self, u: Vector, name: str) -> Followed:
+    def through(self, u: Vector, name: str) -> BranchPoints:
         """The branch through a regime, in both directions, until it leaves the range, closes, or an
         impact vanishes."""
         points, names, closed = self._from(u, 1.0)
         before, names_before, _ = ([], [], True) if closed else self._from(u, -1.0)
-        return Followed(
+        return BranchPoints(
             np.array([*before[::-1], u, *points]), [*names_before[::-1], name, *names]
         )  # fmt: skip
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.periodic.branches import LOOKS, Finder
-from stochvi.methods.periodic.simulations import REPEATS, SETTLING, Settled
+from stochvi.methods.periodic.simulations import REPEATS, SETTLING, FinalMotion
 from stochvi.methods.periodic.tracks import OnBranch, Track
 
 SMALLEST = 0.02
@@ -58,7 +58,7 @@ class Step(NamedTuple):
     speeds: tuple[float, float]
 
 
-class Reached(NamedTuple):
+class SweepState(NamedTuple):
     """A motion that a sweep has reached: a state at a phase of the force, the largest displacement
     and impact speed, and its place on a branch, if it is on one."""
 
@@ -115,13 +115,13 @@ class Sweep:
             displacement, speed, state = sized
             yield sigma, displacement, speed, settled.period(REPEATS)
 
-    def _left(self, here: Reached) -> float:
+    def _left(self, here: SweepState) -> float:
         """How far the end of the range is away."""
         return 1.0 - here.sigma if self.upwards else here.sigma
 
     def _reached(
         self, sigma: float, state: Vector, phase: float, looks: int = LOOKS
-    ) -> Reached | None:
+    ) -> SweepState | None:
         """The motion that a state leads to; None where impacts come too fast to be followed."""
         ended = self.finder.ended(sigma, state, phase, looks)
         if ended is None:
@@ -131,10 +131,10 @@ class Sweep:
         if sized is None:
             return None
         displacement, speed, state = sized
-        return Reached(sigma, state, phase, displacement, speed, ended.place)
+        return SweepState(sigma, state, phase, displacement, speed, ended.place)
 
     def _sized(
-        self, sigma: float, settled: Settled, periods: int
+        self, sigma: float, settled: FinalMotion, periods: int
     ) -> tuple[float, float, Vector] | None:
         """Largest displacement and impact speed of a motion, over its periods or, where they are 0
         and it does not repeat itself, over many; and its last state."""
@@ -151,7 +151,7 @@ class Sweep:
         displacement, speed = np.max(sizes, axis=0).tolist()
         return displacement, speed, state
 
-    def _from(self, here: Reached, distance: float) -> Reached | None:
+    def _from(self, here: SweepState, distance: float) -> SweepState | None:
         """The motion at a distance further on; behind, where it is below 0."""
         sigma = here.sigma + self.direction * distance
         looks = LOOKS if here.place is not None else WANDERING
@@ -159,7 +159,7 @@ class Sweep:
 
     # Branches
 
-    def _end(self, here: Reached, place: OnBranch) -> Reached:
+    def _end(self, here: SweepState, place: OnBranch) -> SweepState:
         """The last regime of a branch that can be reached from one without a jump."""
         track = place.track
         first = self._ahead(track, here.sigma, (place.number, place.number + 1))
@@ -171,7 +171,7 @@ class Sweep:
         state, phase = track.state(number)
         speed = float(track.speeds[number].max(initial=0.0))
         displacement = float(track.displacement[number])
-        return Reached(float(track.sigma[number]), state, phase, displacement, speed, place)
+        return SweepState(float(track.sigma[number]), state, phase, displacement, speed, place)
 
     def _ahead(self, track: Track, sigma: float, numbers: tuple[int, int]) -> int | None:
         """Which of two points is a lasting regime further on in the sweep; None where neither."""
@@ -183,7 +183,7 @@ class Sweep:
 
     # Jumps
 
-    def _beyond(self, end: Reached) -> tuple[Step | None, Reached | None]:
+    def _beyond(self, end: SweepState) -> tuple[Step | None, SweepState | None]:
         """The jump at the end of a branch, if there is one, and the motion a little further on."""
         near, far = (distance / self.finder.family.span for distance in BEYOND)
         first = self._from(end, near)
@@ -199,7 +199,7 @@ class Sweep:
         jumped = self._change(end, first) > ABRUPT or self._has_jumped(end, there)
         return (_step(end.sigma, end, there) if jumped else None), there
 
-    def _pushed(self, end: Reached, there: Reached) -> Reached:
+    def _pushed(self, end: SweepState, there: SweepState) -> SweepState:
         """The motion to which a disturbance leads from the end of a branch."""
         state = there.state.copy()
         state[len(state) // 2 :] *= 1.0 - PUSH
@@ -212,7 +212,7 @@ class Sweep:
                 break
         return there
 
-    def _has_jumped(self, before: Reached, after: Reached) -> bool:
+    def _has_jumped(self, before: SweepState, after: SweepState) -> bool:
         """Whether a motion has changed by much, and does not go back with the value."""
         if self._change(before, after) <= SMALLEST:
             return False
@@ -220,7 +220,7 @@ class Sweep:
         back = self._from(after, -behind)
         return back is None or self._change(before, back) > SMALLEST
 
-    def _change(self, before: Reached, after: Reached) -> float:
+    def _change(self, before: SweepState, after: SweepState) -> float:
         """The larger one of the relative changes of displacement and speed."""
         omega = self.finder.motion(before.sigma).omega
         displacement = max(before.displacement, after.displacement)
@@ -232,7 +232,7 @@ class Sweep:
             abs(after.speed - before.speed) / speed,
         )
 
-    def _located(self, before: Reached, after: Reached) -> Iterator[Step]:
+    def _located(self, before: SweepState, after: SweepState) -> Iterator[Step]:
         """The jump between two values of the sweep, if it still is one at its place."""
         for _ in range(HALVINGS):
             there = self._from(before, 0.5 * abs(after.sigma - before.sigma))
@@ -246,5 +246,5 @@ class Sweep:
             yield _step(before.sigma, before, after)
 
 
-def _step(sigma: float, before: Reached, after: Reached) -> Step:
+def _step(sigma: float, before: SweepState, after: SweepState) -> Step:
     return Step(sigma, (before.displacement, after.displacement), (before.speed, after.speed))

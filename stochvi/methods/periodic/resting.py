@@ -17,7 +17,7 @@ import numpy as np
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.continuation import GRAZING, NODE, POINT, STICKING
 from stochvi.methods.periodic.kernels import flights, solver
-from stochvi.methods.periodic.simulations import Settled, simulate
+from stochvi.methods.periodic.simulations import FinalMotion, simulate
 from stochvi.methods.periodic.tracks import OnBranch, Track
 from stochvi.results.deadline import Deadline
 
@@ -52,7 +52,7 @@ STILL = 1e-7
 """Impact speed, in the units of the kernels, up to which an impact is a rest that goes on."""
 
 
-class Flown(NamedTuple):
+class BasinRun(NamedTuple):
     """A motion that repeats itself.
 
     Parameters
@@ -112,7 +112,7 @@ class Rests:
         self.tracks: list[Track] = []
         self._in_vain = 0
 
-    def place_of(self, settled: Settled, sigma: float) -> OnBranch | None:
+    def place_of(self, settled: FinalMotion, sigma: float) -> OnBranch | None:
         """The place of the regime to which a simulation has settled, on a branch that is followed
         from it if there is none yet; None where it does not repeat itself."""
         if self._in_vain == MOST_IN_VAIN and not self.tracks:
@@ -135,7 +135,7 @@ class Rests:
         self.tracks.append(track)
         return self._known(found, sigma)
 
-    def _known(self, found: Flown, sigma: float) -> OnBranch | None:
+    def _known(self, found: BasinRun, sigma: float) -> OnBranch | None:
         for track in self.tracks:
             if track.periods != len(found.ends) or track.rests != found.rests:
                 continue
@@ -150,7 +150,7 @@ class Rests:
 
     def _repeated(
         self, sigma: float, state: Vector, periods: int, looks: int = LOOKS
-    ) -> Flown | None:
+    ) -> BasinRun | None:
         """The motion that repeats itself to which a state leads; None where there is none."""
         motion, many = self.motion_at(sigma), periods * math.ceil(LOOKED_AT / periods)
         for _ in range(looks):
@@ -163,7 +163,7 @@ class Rests:
                 return _measured(motion, settled, found)
         return None
 
-    def _followed(self, first: Flown, sigma: float) -> Track:
+    def _followed(self, first: BasinRun, sigma: float) -> Track:
         ahead = list(self._from(first, sigma, self.flown[self.flown > sigma + 1e-12]))
         behind = list(self._from(first, sigma, self.flown[self.flown < sigma - 1e-12][::-1]))
         rows = [*behind[::-1], (sigma, self._name(sigma), first), *ahead]
@@ -193,8 +193,8 @@ class Rests:
         return POINT if np.min(np.abs(self.drawn - sigma)) < 1e-12 else NODE
 
     def _from(
-        self, here: Flown, sigma: float, places: Vector
-    ) -> Iterator[tuple[float, str, Flown]]:
+        self, here: BasinRun, sigma: float, places: Vector
+    ) -> Iterator[tuple[float, str, BasinRun]]:
         """The branch over places that follow each other, to where it ends."""
         for place in places.tolist():
             if self.deadline.passed():
@@ -206,9 +206,9 @@ class Rests:
             yield place, self._name(place), there
             here, sigma = there, place
 
-    def _end(self, here: Flown, low: float, high: float) -> tuple[float, str, Flown]:
+    def _end(self, here: BasinRun, low: float, high: float) -> tuple[float, str, BasinRun]:
         """Where a branch ends between two places, by bisection."""
-        beyond: Flown | None = None
+        beyond: BasinRun | None = None
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             there = self._repeated(middle, here.ends[-1], len(here.ends), LOOKS // 3)
@@ -220,14 +220,14 @@ class Rests:
         return low, STICKING if ends else GRAZING, here
 
 
-def _far(here: Flown, there: Flown) -> bool:
+def _far(here: BasinRun, there: BasinRun) -> bool:
     return bool(np.abs(there.ends[-1] - here.ends[-1]).max() > NEAR * here.size)
 
 
-def _measured(motion: solver.Motion, settled: Settled, periods: int) -> Flown | None:
+def _measured(motion: solver.Motion, settled: FinalMotion, periods: int) -> BasinRun | None:
     """The motion over its periods, from the end of a flight; None where impacts come too fast to be
     followed once more."""
-    parts, state = list[Settled](), settled.state
+    parts, state = list[FinalMotion](), settled.state
     for _ in range(periods):
         part = simulate(motion, state, 1)
         if part is None:
@@ -240,7 +240,7 @@ def _measured(motion: solver.Motion, settled: Settled, periods: int) -> Flown | 
     runs = _runs(struck, periods)
     fastest = np.array([run[np.argmax(run[:, 2])] for run in runs]).reshape(-1, 3)
     releases = log[log[:, 1] < 0.0]
-    return Flown(
+    return BasinRun(
         ends=np.array([part.state for part in parts]),
         rests=settled.rests(periods),
         rest=min((_rest_before(each, struck, periods) for each in releases), default=math.inf),

@@ -28,7 +28,7 @@ MOST_SIMULATED = 24
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class FinalMotion:
     """The end of a simulated motion: states after its periods, the phase of the force at which it
     started, its last impacts and releases (phase, stop or -1 less the stop, speed), the largest
     displacement and acceleration of the last period, and the stop that is rested on, or FREE.
@@ -74,7 +74,7 @@ class Settled:
 
 def simulate(
     motion: solver.Motion, start: Vector, periods: int, phase: float = 0.0
-) -> Settled | None:
+) -> FinalMotion | None:
     """A motion from a state at a phase of the force, from impact to impact; None where impacts come
     too fast to be followed."""
     ends, log = np.empty((periods + 1, len(start))), np.zeros((MOST_KEPT, 3))
@@ -85,4 +85,4 @@ def simulate(
         return None
     kept = log[: min(hits, MOST_KEPT)]
     kept = kept[np.argsort(kept[:, 0], kind="stable")]
-    return Settled(ends, phase, kept, displacement, acceleration, resting)
+    return FinalMotion(ends, phase, kept, displacement, acceleration, resting)

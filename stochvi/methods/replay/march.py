@@ -30,7 +30,7 @@ MOST_IMPACTS = 10_000_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shaking:
+class SampledExcitation:
     """The excitation of a structure, sampled evenly and linear between samples.
 
     Parameters
@@ -91,7 +91,9 @@ class Motion:
     rests: Vector
 
 
-def march(model: Model, shaking: Shaking, start: Vector, *, keep: bool = True) -> Motion:
+def integrate(
+    model: Model, shaking: SampledExcitation, start: Vector, *, keep: bool = True
+) -> Motion:
     """Move a model from rest at `start` (m, of the coordinates) through what shakes it.
 
     Linear motion and contact are integrated by power series to rounding error, for forces that are

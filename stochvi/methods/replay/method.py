@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.replay.answer import CoordinateReplay, Histories, PairReplay, Replay, ReplayAt
-from stochvi.methods.replay.march import Motion, Shaking, march, rest_of
+from stochvi.methods.replay.march import Motion, SampledExcitation, integrate, rest_of
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions, without_form
 from stochvi.model.model import Model, Pair, Stop, inertia_of, model_of
@@ -119,7 +119,7 @@ def replay(
     def at(clearance: float | None) -> ReplayAt:
         placed = model if clearance is None else with_clearance(model, clearance)
         start = rest_of(placed)
-        motions = [march(placed, each, start, keep=keep) for each in segments]
+        motions = [integrate(placed, each, start, keep=keep) for each in segments]
         return _answer_at(placed, clearance, motions, segments, keep)
 
     with ThreadPoolExecutor(threads) as pool:
@@ -145,11 +145,11 @@ def replay(
     )
 
 
-def _compiled(model: Model, shaking: Shaking) -> float:
+def _compiled(model: Model, shaking: SampledExcitation) -> float:
     """Seconds in which the kernel was compiled, or loaded: it moves the model for two samples."""
     begin = time.perf_counter()
     short = changed(shaking, forces=shaking.forces[:2], base=shaking.base[:2])
-    march(model, short, rest_of(model), keep=False)
+    integrate(model, short, rest_of(model), keep=False)
     return time.perf_counter() - begin
 
 
@@ -184,7 +184,7 @@ def unmet(scene: Scene, model: Model) -> list[str]:
     return found
 
 
-def shaking_of(scene: Scene, model: Model) -> list[Shaking]:
+def shaking_of(scene: Scene, model: Model) -> list[SampledExcitation]:
     """The records of a scene as forces on its coordinates, a part for each segment."""
     records = [
         (each.record, scene.place(each), list(model.base).index(each.axis or ""))
@@ -202,7 +202,7 @@ def shaking_of(scene: Scene, model: Model) -> list[Shaking]:
             forces[:, model.coordinates.index(place)] += record.values
     cuts = np.cumsum(first.lengths)[:-1]
     return [
-        Shaking(step=1.0 / first.fs, forces=force, base=acceleration)
+        SampledExcitation(step=1.0 / first.fs, forces=force, base=acceleration)
         for force, acceleration in zip(np.split(forces, cuts), np.split(base, cuts), strict=True)
     ]
 
@@ -219,7 +219,7 @@ def _answer_at(
     model: Model,
     clearance: float | None,
     motions: Sequence[Motion],
-    segments: Sequence[Shaking],
+    segments: Sequence[SampledExcitation],
     keep: bool,
 ) -> ReplayAt:
     """The answer at one clearance, of all segments together."""
@@ -290,7 +290,7 @@ def _pair(
 
 
 def _histories(
-    model: Model, motions: Sequence[Motion], segments: Sequence[Shaking], starts: Vector
+    model: Model, motions: Sequence[Motion], segments: Sequence[SampledExcitation], starts: Vector
 ) -> Histories:
     times = [
         begin + each.step * np.arange(len(each.base))

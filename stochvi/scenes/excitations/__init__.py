@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import get_args
 
-from stochvi.scenes.excitations.base import BASE, DensityNoise, Disturbance, check_unit
+from stochvi.scenes.excitations.base import BASE, BaseExcitation, DensityNoise, check_unit
 from stochvi.scenes.excitations.constant import ConstantLoad
 from stochvi.scenes.excitations.filtered import FilteredNoise
 from stochvi.scenes.excitations.recorded import RecordedNoise
@@ -21,7 +21,7 @@ Excitation = (
 )
 """Every excitation that a scene may hold."""
 
-EXCITATIONS: tuple[type[Disturbance], ...] = get_args(Excitation)
+EXCITATIONS: tuple[type[BaseExcitation], ...] = get_args(Excitation)
 """The classes of `Excitation`, in its order."""
 
 DENSITY_KINDS: tuple[str, ...] = tuple(
@@ -29,10 +29,14 @@ DENSITY_KINDS: tuple[str, ...] = tuple(
 )
 """The kinds of noise that a density describes."""
 
+Disturbance = BaseExcitation
+"""The name that `BaseExcitation` had; it goes with the next version."""
+
 __all__ = [
     "BASE",
     "DENSITY_KINDS",
     "EXCITATIONS",
+    "BaseExcitation",
     "ConstantLoad",
     "DensityNoise",
     "Disturbance",

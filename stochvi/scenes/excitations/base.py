@@ -75,7 +75,7 @@ def check_unit(name: str, on: str) -> None:
         )
 
 
-class Disturbance(Checked):
+class BaseExcitation(Checked):
     """Base class of every excitation.
 
     Parameters
@@ -138,7 +138,7 @@ class Disturbance(Checked):
         """
 
 
-class StrengthNoise(Disturbance):
+class StrengthNoise(BaseExcitation):
     """Base of noise that is made from white noise, whose strength is given by `intensity` S0, or by
     a one-sided `density` with its `unit`.
 
@@ -207,7 +207,7 @@ class StrengthNoise(Disturbance):
         return "one-sided; intensity S0 is half of it"
 
 
-class DensityNoise(Disturbance):
+class DensityNoise(BaseExcitation):
     """Base of Gaussian noise with a one-sided density per hertz, zero outside its band.
 
     Parameters

@@ -8,11 +8,11 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from stochvi.scenes.excitations.base import BASE, Disturbance
+from stochvi.scenes.excitations.base import BASE, BaseExcitation
 from stochvi.scenes.validation import Number, given
 
 
-class ConstantLoad(Disturbance):
+class ConstantLoad(BaseExcitation):
     """A constant force on the mass (N), or a constant acceleration of the base (m/s^2).
 
     Gravity that pulls towards negative x is `force = -m g`, or `acceleration = 9.80665` of the

@@ -9,14 +9,14 @@ from typing import ClassVar, Literal, Self
 from pydantic import model_validator
 
 from stochvi.mathematics.units import power_ratio
-from stochvi.scenes.excitations.base import BASE, Disturbance
+from stochvi.scenes.excitations.base import BASE, BaseExcitation
 from stochvi.scenes.validation import Number, Positive, given
 
 STRENGTHS = ("amplitude", "displacement", "velocity", "unbalance")
 """Keys that give the strength of a sine, of which it takes one."""
 
 
-class Sine(Disturbance):
+class Sine(BaseExcitation):
     """A sine, a cos(2 pi frequency_hz t + phase), with a random phase in each path.
 
     Parameters

@@ -176,7 +176,7 @@ def test_the_width_of_the_trial_law_does_not_matter(monkeypatch: pytest.MonkeyPa
     """Weight, box and mesh widen with it for a mass that leans on a stop; the answer must not."""
     scene = oscillator(None, -0.5, 0.5)
     wide = fokker_planck(scene, rtol=0.003, speed_threshold=0.2).estimates()
-    monkeypatch.setattr("stochvi.methods.fokker_planck.linear_boxes.LEANING", 0.0)
+    monkeypatch.setattr("stochvi.methods.fokker_planck.linear_boxes.PRESSING_THRESHOLD", 0.0)
     narrow = fokker_planck(scene, rtol=0.003, speed_threshold=0.2).estimates()
     for key, estimate in narrow.items():
         other = wide[key]

@@ -34,7 +34,7 @@ from stochvi import (
     replay,
 )
 from stochvi.methods.replay import Replay
-from stochvi.methods.replay.march import Shaking, march
+from stochvi.methods.replay.march import SampledExcitation, integrate
 from stochvi.model.model import model_of
 from stochvi.scenes import Hertz
 from stochvi.scenes.impact_laws import CompliantLaw, Law
@@ -182,8 +182,10 @@ def test_samples_between_the_samples_change_nothing(tmp_path: Path, law: Law) ->
     found = []
     for number in (1, 3):
         fine = np.interp(np.arange((len(a) - 1) * number + 1) / number, np.arange(len(a)), a)
-        shaking = Shaking(step=1.0 / (number * FS), forces=-MASS * fine[:, None], base=fine)
-        motion = march(model, shaking, np.zeros(1))
+        shaking = SampledExcitation(
+            step=1.0 / (number * FS), forces=-MASS * fine[:, None], base=fine
+        )
+        motion = integrate(model, shaking, np.zeros(1))
         assert len(motion.impacts) > 3
         found.append((motion.displacement[::number, 0], motion.highest[0], motion.impacts))
     (coarse, top, hits), (refined, same_top, same_hits) = found
@@ -221,7 +223,9 @@ def test_energy_balances(tmp_path: Path, law: Law) -> None:
     fs, push = 16.0 * FS, 60
     a = np.where(np.arange(4000) < push, 150.0, 0.0)
     model = model_of(scene_of(tmp_path, shaken(), law))
-    motion = march(model, Shaking(step=1.0 / fs, forces=-MASS * a[:, None], base=a), np.zeros(1))
+    motion = integrate(
+        model, SampledExcitation(step=1.0 / fs, forces=-MASS * a[:, None], base=a), np.zeros(1)
+    )
     x, v = motion.displacement[push:, 0], motion.velocity[push:, 0]
     inside = np.maximum(np.abs(x) - 5e-3, 0.0)
     spring = 0.5 * 3e5 / MASS * inside**2 if isinstance(law, Elastic) else 0.0
@@ -378,11 +382,11 @@ def test_compiling_is_no_part_of_the_time_that_a_replay_takes(
     def slow_at_first(*args: Any, **more: Any) -> Any:
         now[0] += 90.0 if not calls else 1.0
         calls.append(1)
-        return march(*args, **more)
+        return integrate(*args, **more)
 
     now = [1000.0]
     method = importlib.import_module("stochvi.methods.replay.method")
-    monkeypatch.setattr(method, "march", slow_at_first)
+    monkeypatch.setattr(method, "integrate", slow_at_first)
     monkeypatch.setattr(method.time, "perf_counter", lambda: now[0])
     scene = scene_of(tmp_path, shaken(), Restitution(coefficient=0.5))
     cost = replay(scene, [0.002, 0.003], threads=1).cost

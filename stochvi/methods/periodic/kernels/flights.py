@@ -35,7 +35,7 @@ from stochvi.methods.periodic.kernels.solver import (
     transition,
 )
 
-WANDERS = -1
+NO_ATTRACTOR = -1
 """Number of the regime of a flight that has reached none."""
 
 LOST = -2
@@ -259,7 +259,7 @@ def reached(y, targets):
             total += (y[i] - points[t, i]) * row
         if total < limits[t]:
             return t
-    return WANDERS
+    return NO_ATTRACTOR
 
 
 @kernel
@@ -280,8 +280,8 @@ def settle_flights(lead, course, states, most, targets, found):
             if hits < 0:
                 break
             resting = touch.on[0] != FREE
-            found[number] = WANDERS if resting else reached(y, targets)
-            if found[number] != WANDERS or period == most:
+            found[number] = NO_ATTRACTOR if resting else reached(y, targets)
+            if found[number] != NO_ATTRACTOR or period == most:
                 break
             hits = fly(course, y, touch, none, log, before)
             found[number] = LOST
