@@ -19,7 +19,7 @@ from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.simulate import compile_kernels
 from stochvi.model.calculations import calculation
 from stochvi.results.base import Result, total_cost
-from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
+from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import GAUSSIAN_95
@@ -214,7 +214,7 @@ def design_absorber(
     search.all = search.left
     compile_kernels(with_absorber(structure, mass_budget, sigma, restitutions[0], units[0]))
     search.deadline = Deadline.after(budget)
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         for restitution, count in pairs:
             for play in _spread(sorted(plays)):
                 search.look(restitution, count, play, COARSE)

@@ -19,7 +19,7 @@ from stochvi.model.calculations import calculation
 from stochvi.model.modal import linear_law
 from stochvi.model.model import Model, Pair, Stop, model_of
 from stochvi.results.base import Result, total_cost
-from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, format_with_error, provenance
 from stochvi.results.intervals import mean_and_error, student_factor
@@ -272,7 +272,7 @@ def absorber(
     recording = 0.0  # seconds that the peaks of a level take
     compile_kernels(full)
     deadline = Deadline.after(budget)
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         for number, level in enumerate(levels_db):
 
             def report(done: float, text: str, number: int = number) -> None:

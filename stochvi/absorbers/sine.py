@@ -19,7 +19,7 @@ from stochvi.methods.periodic.family import Family, forced, parts_of
 from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import Result
-from stochvi.results.deadline import Deadline, as_far_as_it_got
+from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.scenes.absorbers import Absorber
@@ -329,7 +329,7 @@ class _Solver:
     ) -> tuple[ResidualCurve, HarmonicResponse]:
         """The curve over frequency, and all regimes."""
         found = self._regimes(share, frequency_hz=frequency_hz)
-        free = as_far_as_it_got(
+        free = partial_result(
             harmonic_response, self.alone, frequency_hz, most_impacts=1,
             coordinate=own_name(self.alone, self.carrier), budget=self.deadline.rest,
         )  # fmt: skip
@@ -360,7 +360,7 @@ class _Solver:
         return found
 
     def _regimes(self, share: float, **varied: Any) -> HarmonicResponse:
-        return as_far_as_it_got(
+        return partial_result(
             harmonic_response, self.scene, **varied, coordinate=self.carrier, sweep="both",
             most_impacts=self.most_impacts, budget=self.deadline.part(share),
         )  # fmt: skip

@@ -15,8 +15,8 @@ import pandas as pd
 
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
-from stochvi.isolators.sizing.answer import Rounded
-from stochvi.isolators.sizing.chance_at_stops import Gap
+from stochvi.isolators.sizing.answer import RoundedClearance
+from stochvi.isolators.sizing.chance_at_stops import StopPositions
 from stochvi.methods.periodic.answer import Jump
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.methods.replay.answer import CoordinateReplay, PairReplay
@@ -124,7 +124,7 @@ CHANGES = {
         renamed={"scene": None},
     ),
     "PairsSizing": Change(
-        METHOD | {"verdict": str, "made": Mapping[str, Rounded]}, renamed={"method": "by"}
+        METHOD | {"verdict": str, "made": Mapping[str, RoundedClearance]}, renamed={"method": "by"}
     ),
     "Reliability": Change(
         {"no_hit": Estimate | None}, RECORD,
@@ -146,7 +146,8 @@ CHANGES = {
     ),
     "Sizing": Change(
         METHOD
-        | {"verdict": str, "made": Rounded | None, "clearance_in_sigma": float, "gap": Gap},
+        | {"verdict": str, "made": RoundedClearance | None}
+        | {"clearance_in_sigma": float, "gap": StopPositions},
         {"sensitivity": ROWS, "review": PART},
         {"method": "by"},
     ),

@@ -18,7 +18,7 @@ import click
 
 from stochvi.cli.output import console_for, echo, progress_bar
 from stochvi.cli.program import FAILED, stop
-from stochvi.results.deadline import Deadline, asked_for, heeding_ctrl_c
+from stochvi.results.deadline import Deadline, asked_for, graceful_interrupt
 from stochvi.results.progress import showing
 
 if TYPE_CHECKING:
@@ -331,7 +331,7 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
                 if not has_budget:
                     command(options, **given)
                     return
-                with heeding_ctrl_c(), options.within(budget):
+                with graceful_interrupt(), options.within(budget):
                     command(options, **given)
             if begun.interrupted:
                 stop("interrupted by Ctrl-C; the answer was kept", FAILED)

@@ -177,7 +177,7 @@ def problems(options: Common, paths: int, relaxations: float) -> None:
         problem_document,
         readme,
     )
-    from stochvi.verification.testing.truths import shipped_problems
+    from stochvi.verification.testing.reference_values import shipped_problems
     from stochvi.views.files import write_json, write_table, write_text
     from stochvi.views.verification_tables import print_problems
 

@@ -17,7 +17,7 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.calculations import calculation
-from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
+from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.progress import Progress
@@ -130,7 +130,7 @@ def clearance_curve(
     rows: list[dict[str, float | str]] = []
     short: list[str] = []
     deadline = Deadline.after(budget)
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         for number, case in enumerate(cases):
             simulated = None
 

@@ -21,7 +21,7 @@ from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
-from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
 from stochvi.results.intervals import binomial_interval, poisson_interval
@@ -243,7 +243,7 @@ def jolts(
     each = 2 * windows * len(speeds) + 4 * plan.modes.size
     check_size("paths", paths, MOST_NUMBERS // each, "ask for fewer, or for a shorter duration")
     counted: list[NDArray[np.float64]] = []
-    with heeding_ctrl_c(), given_up_after(deadline), suppress(GivenUp):
+    with graceful_interrupt(), given_up_after(deadline), suppress(GivenUp):
         for number, speed in enumerate(speeds):
 
             def report(done: float, number: int = number) -> None:

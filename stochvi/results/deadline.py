@@ -31,7 +31,7 @@ _heard = [0]
 """Number of times that Ctrl-C has ended calculations in this process, as the only entry."""
 
 _heeded_from: list[int] = []
-"""Value of `_heard` when `heeding_ctrl_c` was entered, as the only entry; empty outside it."""
+"""Value of `_heard` when `graceful_interrupt` was entered, as the only entry; empty outside it."""
 
 
 OVERDUE_SHARE, OVERDUE_SECONDS = 0.15, 1.2
@@ -109,7 +109,7 @@ class Deadline:
     def after(cls, budget: float | None) -> Deadline:
         """The deadline `budget` seconds from now; None for no limit.
 
-        Within `heeding_ctrl_c`, a Ctrl-C that came earlier makes the new deadline pass as well.
+        Within `graceful_interrupt`, a Ctrl-C that came earlier makes the new deadline pass as well.
         """
         before = _heeded_from[0] if _heeded_from else _heard[0]
         if budget is None:
@@ -127,7 +127,7 @@ class Deadline:
 
     @property
     def interrupted(self) -> bool:
-        """Whether Ctrl-C was heard since the deadline was made (see `heeding_ctrl_c`)."""
+        """Whether Ctrl-C was heard since the deadline was made (see `graceful_interrupt`)."""
         return _heard[0] > self.before
 
     @property
@@ -183,7 +183,7 @@ class Deadline:
         return Interrupted(f"interrupted by Ctrl-C {where}", answer)
 
 
-def as_far_as_it_got(calculate: Callable[..., Found], *arguments: Any, **named: Any) -> Found:
+def partial_result(calculate: Callable[..., Found], *arguments: Any, **named: Any) -> Found:
     """The answer of a calculation, or its answer so far if its budget or Ctrl-C ended it.
 
     It is for a calculation that is part of another one, which judges the errors of the partial
@@ -220,7 +220,7 @@ def asked_for(budget: float | None) -> Iterator[None]:
 
 
 @contextmanager
-def heeding_ctrl_c() -> Iterator[None]:
+def graceful_interrupt() -> Iterator[None]:
     """Let the first Ctrl-C within the `with` block make all deadlines pass.
 
     Only a second Ctrl-C raises KeyboardInterrupt. Nothing changes outside the main thread, in a
@@ -250,7 +250,7 @@ def heeding_ctrl_c() -> Iterator[None]:
 
 
 def ctrl_c_was_heard() -> bool:
-    """Whether Ctrl-C was heard in the `heeding_ctrl_c` block that is entered now."""
+    """Whether Ctrl-C was heard in the `graceful_interrupt` block that is entered now."""
     return bool(_heeded_from) and _heard[0] > _heeded_from[0]
 
 
@@ -276,7 +276,7 @@ def ended_by(budget: float | None, patience: float = OVERDUE_SECONDS) -> Iterato
 
     `patience` is the time after the deadline, s, for which a calculation may go on.
     """
-    with heeding_ctrl_c(), _silent_where_it_is_ignored():
+    with graceful_interrupt(), _silent_where_it_is_ignored():
         deadline, ended, fired = Deadline.after(budget), threading.Event(), threading.Event()
         thread, lock = threading.get_ident(), threading.Lock()
 
@@ -350,3 +350,7 @@ def _raise_in(thread: int) -> None:
 
         raise_at = ctypes.pythonapi.PyThreadState_SetAsyncExc
         raise_at(ctypes.c_ulong(thread), ctypes.py_object(Overdue))
+
+
+heeding_ctrl_c, as_far_as_it_got = graceful_interrupt, partial_result
+"""The names that both had; they go with the next version."""

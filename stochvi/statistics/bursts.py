@@ -4,7 +4,7 @@ Hits of an isolator whose stops are far come in bursts: a first hit, which finds
 motion that it has without stops, and those that the first one leads to. Crude simulation has to
 wait for them; here every record begins with one. First hits are outcrossings of the free response
 without another one in the memory of the process before (`first_crossings`, and `pair_crossings` of
-several pairs); from there the engine simulates on with the stops (`burst_flights`,
+several pairs); from there the engine simulates on with the stops (`cluster_paths`,
 `structure_flights`). With lambda the limiting rate of first hits, and bursts far apart, whatever
 has the mean q in a burst happens lambda q times a second, however rare that is.
 """
@@ -29,7 +29,7 @@ from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_ratio, upper_limit_unseen
 from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.burst_flights import WINDOWS, Flights, OscillatorFlights, Part
+from stochvi.statistics.cluster_paths import WINDOWS, Flights, OscillatorFlights, Part
 from stochvi.statistics.crossing_ages import FEWEST_PATHS, LEAST_PATHS
 from stochvi.statistics.structure_flights import StructureFlights
 

@@ -51,13 +51,13 @@ from stochvi.results.intervals import (
 )
 from stochvi.results.progress import Progress
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.burst_flights import (
+from stochvi.statistics.bursts import UNFINISHED
+from stochvi.statistics.cluster_paths import (
     FLOWN_TOGETHER,
     WINDOW_RELAXATIONS,
     WINDOWS,
     after_crossings,
 )
-from stochvi.statistics.bursts import UNFINISHED
 from stochvi.statistics.first_crossings import Records, crossing_plan
 
 TRIALS, TRIALS_PER_SECOND, TRIALS_FOR_ERROR = 512, 16.0, 2.56

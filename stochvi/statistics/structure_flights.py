@@ -26,7 +26,7 @@ from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model
-from stochvi.statistics.burst_flights import TOUCH, WINDOWS, Part, widened
+from stochvi.statistics.cluster_paths import TOUCH, WINDOWS, Part, widened
 from stochvi.statistics.crossing_ages import STRIDES
 from stochvi.statistics.pair_crossings import GapRecords, PairCrossings, PairMotion, own_distances
 

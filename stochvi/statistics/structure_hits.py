@@ -30,15 +30,15 @@ from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal
 from stochvi.model.free_motion import free_motion
 from stochvi.model.modal import absolute_accelerations
 from stochvi.model.model import Model, Pair, model_of
-from stochvi.results.deadline import Deadline, as_far_as_it_got
+from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import binomial_interval, jackknife_error, upper_limit_unseen
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.rigid_body import MOTIONS, RigidBody
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.burst_flights import WINDOW_RELAXATIONS, WINDOWS
 from stochvi.statistics.bursts import UNFINISHED, Bursts, bursts, chance_of
+from stochvi.statistics.cluster_paths import WINDOW_RELAXATIONS, WINDOWS
 from stochvi.statistics.pair_crossings import PairCrossings, PairMotion
 from stochvi.statistics.rare_hits import risk_of_windows
 
@@ -163,7 +163,7 @@ def count_hits(scene: Scene, overlap: float, **sampling: Any) -> HitCounts:
             samples=found.paths,
             hits_per_burst=found.hits_per_burst(),
         )
-    response = as_far_as_it_got(simulate, scene, **sampling)
+    response = partial_result(simulate, scene, **sampling)
     rates, speeds = {}, {}
     for pair in scene.impact_pairs:
         rate, speed = (
@@ -221,7 +221,7 @@ def _apart(
     if overlap >= UNFINISHED:
         return None
     try:
-        found: Bursts = as_far_as_it_got(bursts, scene, wanted=wanted, **sampling)
+        found: Bursts = partial_result(bursts, scene, wanted=wanted, **sampling)
     except NotApplicable:
         return None
     return found if found.apart else None

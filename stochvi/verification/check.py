@@ -17,7 +17,7 @@ from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.base import COMMON, Result, total_cost
-from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import (
@@ -254,7 +254,7 @@ def check(
     """
     check_arguments(rel_error, None, None, seed, None, budget, threads)
     deadline = Deadline.after(budget)
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         found = answers(
             scene, rel_error=rel_error, seed=seed, threads=threads, deadline=deadline,
             progress=progress,

@@ -11,7 +11,7 @@ import numpy as np
 from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.calculations import calculation
 from stochvi.results.base import Result, total_cost
-from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.intervals import normal_quantile
 from stochvi.results.progress import Progress
 from stochvi.scenes.datasets import zoo_files
@@ -259,7 +259,7 @@ def check_many(
     seeds = dict(zip(scenes, seeds_of(seed, len(scenes)), strict=True))
     found: dict[str, MethodResponses] = {}
     deadline = Deadline.after(budget)
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         for done, (name, scene) in enumerate(scenes.items()):
             if progress:
                 progress(done / len(scenes), name)

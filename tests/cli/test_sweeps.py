@@ -21,7 +21,7 @@ from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
-from stochvi.results.deadline import heeding_ctrl_c
+from stochvi.results.deadline import graceful_interrupt
 from stochvi.results.errors import Interrupted, SceneError
 from stochvi.results.estimates import format_with_error
 from stochvi.scenes.absorbers import Absorber
@@ -240,7 +240,7 @@ def test_ctrl_c_ends_a_sweep_before_its_next_row(tmp_path: Path, monkeypatch) ->
         return row(self, *arguments)
 
     monkeypatch.setattr(stochvi.sweeps.Job, "row", pressed)
-    with heeding_ctrl_c(), pytest.raises(Interrupted, match="after row 1 of 3"):
+    with graceful_interrupt(), pytest.raises(Interrupted, match="after row 1 of 3"):
         sweep(oscillator(), {R: [1.0, 0.9, 0.8]}, method="closure", out=tmp_path)
     assert len(list((tmp_path / "rows").glob("*.json"))) == 1
 

@@ -29,7 +29,7 @@ from stochvi.engine import compiling
 from stochvi.engine.compiling import Kernel, kernel
 from stochvi.engine.ingredients import Ingredients
 from stochvi.methods.compile_time import leave_out_of_budgets
-from stochvi.results.deadline import heeding_ctrl_c, stood_still
+from stochvi.results.deadline import graceful_interrupt, stood_still
 from stochvi.results.errors import Interrupted
 
 FILES = {
@@ -279,7 +279,7 @@ def test_waiting_for_another_process_stops_the_clock_and_hears_ctrl_c(
 
     monkeypatch.setattr(compiling, "_locked", lambda file, byte: False)
     turn = compiling.in_turn(Path(load().__file__).with_name("nothing.nbc"))
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         signal.raise_signal(signal.SIGINT)
         with pytest.raises(Interrupted, match="while kernels were compiled"):
             turn.__enter__()

@@ -13,7 +13,7 @@ from stochvi import ImpactPair, Isolator, Restitution, Scene, WhiteNoise
 from stochvi.isolators import size
 from stochvi.isolators.sizing import exceedances as hard
 from stochvi.isolators.sizing import sensitivity
-from stochvi.isolators.sizing.answer import Rounded, Sizing, Target
+from stochvi.isolators.sizing.answer import RoundedClearance, Sizing, Target
 from stochvi.isolators.sizing.changes import WORST, Tolerances, changed_mount
 from stochvi.isolators.sizing.method import risk_curve
 from stochvi.isolators.sizing.review import Balance
@@ -155,7 +155,7 @@ def test_limits_that_no_hit_reaches_give_way_to_those_that_hits_reach(sizing: Si
 
 @pytest.mark.parametrize("clearance", [3.088e-3, 4.9e-3, 0.31234e-3, 1.9999e-3, 2e-6, 0.7])
 def test_a_clearance_is_rounded_up_and_by_little(clearance: float) -> None:
-    made = Rounded.of(clearance)
+    made = RoundedClearance.of(clearance)
     assert clearance * (1.0 - 1e-8) <= made.value <= clearance + made.step
     assert made.step <= min(1e-4, 0.05 * clearance) * (1.0 + 1e-9)
 

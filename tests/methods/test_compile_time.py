@@ -9,7 +9,7 @@ import pytest
 
 from stochvi.methods import compile_time
 from stochvi.methods.compile_time import leave_out_of_budgets, outside_budgets
-from stochvi.results.deadline import Deadline, heeding_ctrl_c, stood_still
+from stochvi.results.deadline import Deadline, graceful_interrupt, stood_still
 from stochvi.results.errors import Interrupted
 from stochvi.results.progress import showing
 
@@ -39,7 +39,7 @@ def test_ctrl_c_ends_compiling_and_the_function_can_be_compiled_later() -> None:
         return 3.0 * x
 
     before = stood_still()
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         signal.raise_signal(signal.SIGINT)
         with pytest.raises(Interrupted, match="while kernels were compiled"):
             thrice(1.0)

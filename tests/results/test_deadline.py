@@ -15,7 +15,7 @@ from stochvi.results.deadline import (
     Deadline,
     Overdue,
     ended_by,
-    heeding_ctrl_c,
+    graceful_interrupt,
     start_clock,
     stop_clock,
 )
@@ -24,10 +24,10 @@ from stochvi.results.errors import Interrupted, NotConverged
 
 def test_ctrl_c_ends_also_what_begins_after_it_within_the_same_command() -> None:
     """A deadline that a later part of the work made for itself used to know nothing of it."""
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         assert not Deadline.after(60.0).passed()
         signal.raise_signal(signal.SIGINT)
-        with heeding_ctrl_c():
+        with graceful_interrupt():
             later = Deadline.after(60.0)
         assert later.interrupted and Deadline.after(None).passed()
     assert not Deadline.after(60.0).passed()  # another command

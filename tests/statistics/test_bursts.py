@@ -41,8 +41,8 @@ from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law
-from stochvi.statistics.burst_flights import widened
 from stochvi.statistics.bursts import Bursts, _far, bursts, chance_of
+from stochvi.statistics.cluster_paths import widened
 from stochvi.testing import assert_agrees
 from support.accuracies import rel_errors
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from stochvi.isolators.sizing.clatter import clatter
-from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted
 from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution
@@ -153,7 +153,7 @@ def test_ctrl_c_answers_with_what_there_is(name: str) -> None:
 
 
 def test_a_second_ctrl_c_ends_at_once() -> None:
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         ctrl_c()
         with pytest.raises(KeyboardInterrupt):
             ctrl_c()

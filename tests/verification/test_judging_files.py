@@ -23,7 +23,7 @@ from stochvi.verification.check import FAMILY_ALARM_RATE
 from stochvi.verification.testing.documents import problem_document
 from stochvi.verification.testing.files import problem_named
 from stochvi.verification.testing.judging import judge_returned
-from stochvi.verification.testing.truths import shipped_problems, solved, truths_of
+from stochvi.verification.testing.reference_values import shipped_problems, solved, truths_of
 from support import CHECKOUT
 from support.accuracies import quick_cases
 from support.commands import Run, one_document, refused

@@ -20,7 +20,7 @@ from stochvi.testing import (
 )
 from stochvi.verification import zoo
 from stochvi.verification.check import compare
-from stochvi.verification.testing import truths
+from stochvi.verification.testing import reference_values
 from stochvi.verification.testing.samples import PathAverages, sample_of
 from support.known import ELASTIC_STOPS, RIGID_STOPS
 
@@ -344,7 +344,7 @@ def test_a_scene_that_is_not_judged_is_found_out_before_any_is_solved(monkeypatc
     def untouched(*_: Any) -> Any:
         raise AssertionError("a scene was solved, or the integrator asked")
 
-    monkeypatch.setattr(truths, "exact", untouched)
+    monkeypatch.setattr(reference_values, "exact", untouched)
     own = zoo("linear", "spring-stops")
     for scenes in (own, ["linear", "spring-stops"]):
         with pytest.raises(NotApplicable, match="stops must be rigid"):

@@ -11,7 +11,7 @@ import numpy as np
 
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
-from stochvi.isolators.sizing.chance_at_stops import Gap, gap_of
+from stochvi.isolators.sizing.chance_at_stops import StopPositions, gap_of
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.base import Result
@@ -90,20 +90,20 @@ asks for no further step."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rounded:
+class RoundedClearance:
     """A clearance rounded up to what can be made, and the step, both in m and in mm."""
 
     value: float
     step: float
 
     @classmethod
-    def of(cls, clearance: float) -> Rounded:
+    def of(cls, clearance: float) -> RoundedClearance:
         """The clearance rounded up to 0.1 mm, or finer where it is small.
 
-        >>> found = Rounded.of(3.088e-3)
+        >>> found = RoundedClearance.of(3.088e-3)
         >>> round(found.value, 9), found.step
         (0.0031, 0.0001)
-        >>> round(Rounded.of(0.31234e-3).value, 9), round(Rounded.of(4.9e-3).value, 9)
+        >>> round(Rounded.of(0.31234e-3).value, 9), round(RoundedClearance.of(4.9e-3).value, 9)
         (0.00032, 0.0049)
         """
         digits = max(math.ceil(-math.log10(FINEST_SHARE * clearance)), -round(math.log10(COARSEST)))
@@ -114,7 +114,7 @@ class Rounded:
     def __str__(self) -> str:
         """The clearance in millimetres, with the digits that its step calls for.
 
-        >>> str(Rounded(value=4.5e-3, step=1e-4))
+        >>> str(RoundedClearance(value=4.5e-3, step=1e-4))
         '4.5 mm'
         """
         return f"{1e3 * self.value:.{self._digits}f} mm"
@@ -132,7 +132,7 @@ class Rounded:
         """Where a stop at this clearance from the static equilibrium (m) lies, in m from the
         unloaded spring as in a scene file; rounded outwards to a hundredth of the step.
 
-        >>> found = Rounded.of(3.32e-3)
+        >>> found = RoundedClearance.of(3.32e-3)
         >>> found.position(0.0, "lower"), found.position(-1.70799e-3, "lower")
         (-0.0034, -0.005108)
         """
@@ -261,7 +261,7 @@ class Sizing(Result):
     fell_short: tuple[str, ...] = ()
 
     @property
-    def made(self) -> Rounded | None:
+    def made(self) -> RoundedClearance | None:
         """The clearance to make: the calculated one or, where tolerances were asked for, the
         largest within them, rounded up. None where the largest was not found."""
         needed = self.clearance.value
@@ -269,10 +269,10 @@ class Sizing(Result):
             needed = math.nan
             if self.worst_case is not None:
                 needed = float(self.worst_case["clearance"].iloc[-1])
-        return Rounded.of(needed) if math.isfinite(needed) else None
+        return RoundedClearance.of(needed) if math.isfinite(needed) else None
 
     @property
-    def gap(self) -> Gap:
+    def gap(self) -> StopPositions:
         """Where the stops lie, and the chance of a hit on the stops of the scene."""
         return gap_of(self)
 

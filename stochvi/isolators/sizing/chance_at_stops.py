@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Gap:
+class StopPositions:
     """Where stops lie, m from the unloaded spring unless stated otherwise.
 
     Parameters
@@ -44,13 +44,13 @@ class Gap:
     probability: float | None
 
 
-def gap_of(sizing: Sizing) -> Gap:
+def gap_of(sizing: Sizing) -> StopPositions:
     """The stops of a sizing: at the clearance to make, and as the scene has them."""
     model = model_of(sizing.scene)
     rest = model.rest
     stops = {stop.name: abs(stop.position - rest) for stop in model.stops}
     made = sizing.made
-    return Gap(
+    return StopPositions(
         mean_position=rest,
         recommended={side: made.position(rest, side) for side in sizing.sides if made},
         distances=stops,

@@ -22,7 +22,7 @@ from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of, in_piece
 from stochvi.methods.monte_carlo.kernels.rows import Extremes
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
 from stochvi.model.model import model_of
-from stochvi.results.deadline import Deadline, as_far_as_it_got
+from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import GAUSSIAN_95, binomial_interval
@@ -105,7 +105,7 @@ def exceedances(
     import pandas as pd
 
     event, deadline = event or event_of(scene), Deadline.after(budget)
-    seen: list[_Seen] = []
+    seen: list[TrialExtremes] = []
     for number, clearance in enumerate(clearances):
         stopped = at_clearances(scene, clearance)
         share = deadline.part(1.0 / (len(clearances) - number))
@@ -133,7 +133,7 @@ Chance = tuple[float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen(ABC):
+class TrialExtremes(ABC):
     """Largest speeds, or accelerations, of trials at one clearance."""
 
     largest: Vector
@@ -159,7 +159,7 @@ class _Seen(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class _Bursts(_Seen):
+class _Bursts(TrialExtremes):
     """Bursts from first hits on, each with a weight."""
 
     event: str
@@ -178,7 +178,7 @@ class _Bursts(_Seen):
 
 
 @dataclass(frozen=True, eq=False)
-class _Windows(_Seen):
+class _Windows(TrialExtremes):
     """Windows of the whole motion, of this length in s, taken for independent."""
 
     window: float
@@ -211,7 +211,7 @@ class _Windows(_Seen):
         return value, low, high
 
 
-def _common(seen: Sequence[_Seen]) -> tuple[float, ...]:
+def _common(seen: Sequence[TrialExtremes]) -> tuple[float, ...]:
     """Limits of two digits whose chance is known at as many clearances as possible."""
     ends = [each for each in (one.ends() for one in seen) if each is not None]
     if not ends:
@@ -232,7 +232,7 @@ def _by_bursts(
     if marks:
         wanted = partial(Bursts.exceedance_rate, name=event, limit=marks[0])
     try:
-        found: Bursts = as_far_as_it_got(
+        found: Bursts = partial_result(
             bursts, scene, rel_error=REL_ERROR, wanted=wanted, widening=WIDENING, **asked
         )
     except NotApplicable:

@@ -12,18 +12,18 @@ from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.kernels.rows import Extremes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
-from stochvi.results.deadline import as_far_as_it_got
+from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.burst_flights import WINDOWS
 from stochvi.statistics.bursts import UNFINISHED, bursts
+from stochvi.statistics.cluster_paths import WINDOWS
 from stochvi.statistics.first_crossings import crossing_plan, deviations
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tried:
+class ClearanceTrial:
     """Rate and speed of the hits at one clearance, by bursts or by simulating the whole motion.
 
     `unknown` names, in words, the accuracy that the budget did not suffice for.
@@ -51,14 +51,14 @@ class Hits:
     seed: int
     threads: int | None
     left: Callable[[], float]
-    tried: dict[float, Tried] = field(default_factory=dict)
+    tried: dict[float, ClearanceTrial] = field(default_factory=dict)
 
     @property
     def window(self) -> float:
         """Seconds for which a burst is simulated."""
         return WINDOWS * self.curve.crossings.horizon
 
-    def at(self, clearance: float, rel_error: float | None = None) -> Tried:
+    def at(self, clearance: float, rel_error: float | None = None) -> ClearanceTrial:
         """The hits at a clearance: simulated unless they are known at least as accurately."""
         wanted = rel_error or self.rel_error
         if clearance not in self.tried or self.tried[clearance].rel_error > wanted:
@@ -74,10 +74,10 @@ class Hits:
             )
         return self.tried[clearance]
 
-    def _by_bursts(self, scene: Scene, clearance: float, rel_error: float) -> Tried | None:
+    def _by_bursts(self, scene: Scene, clearance: float, rel_error: float) -> ClearanceTrial | None:
         """The hits by bursts; None if bursts do not end or no pause separates them."""
         try:
-            found = as_far_as_it_got(
+            found = partial_result(
                 bursts, scene, rel_error=rel_error, seed=self.seed, threads=self.threads,
                 budget=self.left(),
             )  # fmt: skip
@@ -85,7 +85,7 @@ class Hits:
             return None
         if not found.apart:
             return None
-        return Tried(
+        return ClearanceTrial(
             clearance=clearance,
             rel_error=rel_error,
             hit_rate=of_events(found.hit_rate(), found.paths),
@@ -93,7 +93,7 @@ class Hits:
             hits_per_burst=found.hits_per_burst().value,
         )
 
-    def _by_simulation(self, scene: Scene, clearance: float, rel_error: float) -> Tried:
+    def _by_simulation(self, scene: Scene, clearance: float, rel_error: float) -> ClearanceTrial:
         unknown = ""
         try:
             response = simulate(
@@ -111,7 +111,7 @@ class Hits:
         hit_rate, speed = pair["collision_rate"], pair["impact_speed_mean"]
         assert isinstance(hit_rate, Estimate)
         first = self.curve.first_rate(clearance)
-        return Tried(
+        return ClearanceTrial(
             clearance=clearance,
             rel_error=rel_error,
             hit_rate=hit_rate,

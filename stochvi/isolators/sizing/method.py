@@ -27,7 +27,7 @@ from stochvi.isolators.sizing.answer import (
 )
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.exceedances import chance_in_windows
-from stochvi.isolators.sizing.hits_at_clearance import Hits, Tried, compile_kernels
+from stochvi.isolators.sizing.hits_at_clearance import ClearanceTrial, Hits, compile_kernels
 from stochvi.isolators.sizing.pairs import size_pairs
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.risk_curve import RiskCurve
@@ -36,7 +36,7 @@ from stochvi.model.calculations import calculation
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
-from stochvi.results.deadline import Deadline, as_far_as_it_got, heeding_ctrl_c
+from stochvi.results.deadline import Deadline, graceful_interrupt, partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
@@ -268,7 +268,7 @@ def size(
         names = ", ".join(each.name for each in model.pairs) or "none"
         raise ValueError(f"pair must be the name of one of several pairs ({names}), got {pair!r}")
     try:
-        with heeding_ctrl_c():
+        with graceful_interrupt():
             if not model.single:
                 limit = limit_of_pairs(scene, target, at)
                 return size_pairs(
@@ -336,7 +336,7 @@ def risk_curve(
     )
     pair = scene.impact_pairs[0] if scene.impact_pairs else None
     one_sided = pair is not None and (pair.lower is None or pair.upper is None)
-    found = as_far_as_it_got(
+    found = partial_result(
         first_crossings,
         free,
         None if one_sided else levels,
@@ -716,7 +716,7 @@ class _Job:
         name, limit = self.target.name, self.target.value
         scene = at_clearances(self.scene, clearance)
         assert self.target.exceedance is not None
-        found = as_far_as_it_got(
+        found = partial_result(
             bursts,
             scene,
             rel_error=rel_error,
@@ -739,7 +739,7 @@ class _Job:
         self.exceeded[clearance] = chance_of(rate, self.mission)
         return rate
 
-    def _hits_or_warning(self, clearance: float) -> Tried | None:
+    def _hits_or_warning(self, clearance: float) -> ClearanceTrial | None:
         """Hits for information alone; None and a warning where they are not found."""
         if self.deadline.interrupted:
             self.warnings.append(f"the hits at {1e3 * clearance:.4g} mm were not simulated")

@@ -29,7 +29,7 @@ from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.model.model import model_of
-from stochvi.results.deadline import Deadline, as_far_as_it_got
+from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
@@ -87,7 +87,7 @@ STEEP = 1e-3
 """Smallest slope of the risk of all pairs over the risk of the sized ones, both logarithmic, by
 which an error is divided: below it no clearance of the sized pairs changes the risk of all."""
 
-UNSEEN, FARTHEST, LOOKS = -8.0, 4.0, 12
+UNSEEN, FARTHEST, MAX_TRIALS = -8.0, 4.0, 12
 """Three numbers of the search by hits: the logarithm of a rate over the wanted one that is assumed
 where no hit was seen, the largest change of the logarithm of the risk from one place to the next,
 and the largest number of places."""
@@ -284,10 +284,10 @@ class _PairsJob:
         place = min(max(math.log(wanted / len(self.sized)), low), high)
         known: list[tuple[float, float]] = []
         slope, rough = 1.0, FIRST_LOOK
-        for look in range(LOOKS):
+        for look in range(MAX_TRIALS):
             if look and self.deadline.passed():
                 break
-            self.report(0.5 + 0.4 * look / LOOKS, f"hits at {look + 1} places")
+            self.report(0.5 + 0.4 * look / MAX_TRIALS, f"hits at {look + 1} places")
             risk = math.exp(place)
             found = self._expected(
                 risk, _at(risks, overlaps, risk), min(rough * self.rel_error, ROUGHEST)
@@ -366,13 +366,13 @@ class _PairsJob:
                 "raise budget or rel_error",
             )
         raise NotConverged(
-            f"{sought} were not found in {LOOKS} places; raise budget or lower rel_error", None
+            f"{sought} were not found in {MAX_TRIALS} places; raise budget or lower rel_error", None
         )
 
     def _crossings(self, rows: Matrix, share: float) -> PairCrossings:
         """First crossings at rows of distances (levels, sides, pairs), in a share of the time that
         is left."""
-        found: PairCrossings = as_far_as_it_got(
+        found: PairCrossings = partial_result(
             self.motion.crossings, rows[:, 0], rows[:, 1], mission=self.mission,
             **self._sampling(share, self.rel_error),
         )  # fmt: skip

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from stochvi.isolators.sizing.answer import (
     Clearance,
-    Rounded,
+    RoundedClearance,
     Target,
     spoken_mission,
     spoken_percent,
@@ -142,13 +142,13 @@ class PairsSizing(Result):
         name = max(factors, key=lambda each: factors[each])
         return name, float(row[name]), factors[name]
 
-    def made(self) -> dict[str, Rounded]:
+    def made(self) -> dict[str, RoundedClearance]:
         """The clearance to make of each sized pair: the calculated one or, where tolerances were
         asked for, the largest within them, rounded up."""
         needed = {name: each.value for name, each in self.clearances.items()}
         if len(self.tolerances) > 1:
             needed = {name: float(self.tolerances[name].iloc[-1]) for name in needed}
-        return {name: Rounded.of(value) for name, value in needed.items()}
+        return {name: RoundedClearance.of(value) for name, value in needed.items()}
 
     def placed(self) -> pd.DataFrame:
         """Where the stops of the sized pairs go: one row per pair.

@@ -12,7 +12,7 @@ import numpy as np
 from stochvi.isolators.clearance import predicted_rates
 from stochvi.isolators.environment import Environment, environment
 from stochvi.isolators.screening import Screening
-from stochvi.isolators.sizing.answer import Rounded, Sizing
+from stochvi.isolators.sizing.answer import RoundedClearance, Sizing
 from stochvi.isolators.sizing.chance_at_stops import probability_at, two_sided
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.clatter import clatter
@@ -264,8 +264,8 @@ class Review:
     hits: Mapping[str, HitsAt | None]
     comparisons: tuple[Comparison, ...]
     motion: MotionBetweenStops | None
-    recommended: Rounded
-    worst: Rounded | None
+    recommended: RoundedClearance
+    worst: RoundedClearance | None
     tolerances: Tolerances
     worst_case: pd.DataFrame | None
     exceedances: pd.DataFrame | None
@@ -322,7 +322,7 @@ def review(
         hits=_hits(sizing),
         comparisons=_comparisons(sizing),
         motion=motion_between_stops(sizing, path) if stopped else None,
-        recommended=Rounded.of(sizing.clearance.value),
+        recommended=RoundedClearance.of(sizing.clearance.value),
         worst=None if sizing.allowed == Tolerances() else sizing.made,
         tolerances=sizing.allowed,
         worst_case=sizing.worst_case,

@@ -20,7 +20,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
-from stochvi.results.deadline import NEVER, Deadline, as_far_as_it_got, heeding_ctrl_c
+from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt, partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged, StochviError
 from stochvi.results.progress import Progress
 from stochvi.scenes.impact_laws import Restitution
@@ -136,7 +136,7 @@ def sensitivity(
         rel_error=ROUGH_ERROR,
     )  # fmt: skip
     rows, cases = [], list(variations(sizing))
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         for number, (change, scene) in enumerate(cases):
             if progress:
                 progress(number / len(cases), change)
@@ -238,7 +238,7 @@ class Resizing:
         )
         chance = 1.0
         if min(lower.min(), upper.min()) > 0.0:
-            crossings = as_far_as_it_got(
+            crossings = partial_result(
                 PairMotion(model).crossings, lower, upper, mission=sizing.mission,
                 rel_error=self.rel_error, seed=self.seed, threads=self.threads,
                 budget=deadline.part(CURVE_SHARE),

@@ -19,7 +19,7 @@ from stochvi.isolators.sizing.changes import (
 )
 from stochvi.isolators.sizing.sensitivity import Resizing, row_of
 from stochvi.isolators.sizing.tolerance_region import Region, SameRisk
-from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NotConverged
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def worst_case(
     if not ends and not stops:
         return pd.DataFrame(rows)
 
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         try:
             linear = _linear_worst(sizing, tolerances, again.deadline)
         except (NotConverged, Interrupted) as reason:

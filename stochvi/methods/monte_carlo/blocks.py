@@ -35,7 +35,7 @@ from stochvi.methods.monte_carlo.block_results import Block, Entry, kept_results
 from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.plan import RELAXATIONS, Plan, Underway
 from stochvi.methods.monte_carlo.stop_flag import GivenUp, given_up_after
-from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
+from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
 from stochvi.results.errors import NotConverged, StochviError
 from stochvi.results.machine import thread_seconds, usable_cores
 
@@ -650,7 +650,7 @@ def sampling() -> Iterator[None]:
     wait in a loop that keeps a core from the paths: with them a simulation of three masses on two
     cores took 1.6 times as long.
     """
-    with heeding_ctrl_c(), threadpool_limits(1, user_api="blas"):
+    with graceful_interrupt(), threadpool_limits(1, user_api="blas"):
         yield
 
 

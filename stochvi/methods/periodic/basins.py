@@ -31,7 +31,7 @@ from stochvi.methods.periodic.states import States
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
-from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
@@ -283,7 +283,7 @@ def basins(
     if periods < 1:
         raise ValueError(f"periods must be at least 1, got {periods}")
     deadline = Deadline.after(budget)
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         place = Place(scene, most_impacts, deadline)
         place.finder.find()
         known = Attractors(place.finder, place.sigma)

@@ -35,7 +35,7 @@ from stochvi.methods.periodic.states import States
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
-from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
+from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.scenes.scene import Scene
@@ -253,7 +253,7 @@ def bifurcation(
     finder = finder_of(family, family.sigma(values), 1, deadline)
     if slow := too_slow(finder):
         raise NotApplicable("sine", [slow])
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         sweeps = tuple(
             _swept(finder, upwards, settling, watched, States(model_of(scene), family, 0.5), start)
             for upwards in SWEEPS[sweep]

@@ -28,7 +28,7 @@ from stochvi.methods.periodic.linearised import FORMS, linearised, not_covered
 from stochvi.methods.periodic.tracks import Track
 from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
-from stochvi.results.deadline import Deadline, heeding_ctrl_c
+from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.scenes.excitations import Sine
@@ -162,7 +162,7 @@ def harmonic_response(
     if slow := too_slow(finder):
         raise NotApplicable("sine", [slow])
     jumps, starts = list[Jump](), None
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         finder.find()
         sweeps = [Sweep(finder, upwards=upwards) for upwards in (True, False) if len(values) > 1]
         for each in sweeps:

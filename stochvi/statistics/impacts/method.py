@@ -31,7 +31,7 @@ from stochvi.methods.monte_carlo.step_bias import lossiest
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions
 from stochvi.model.model import LOWER, UPPER, Model, Pair, model_of
-from stochvi.results.deadline import Deadline, as_far_as_it_got
+from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Cost, Estimate, provenance
 from stochvi.results.intervals import ratio_and_error
@@ -451,7 +451,7 @@ def _first_hits(
     lower = None if pair.lower is None else gap.mean - pair.lower.position
     upper = None if pair.upper is None else pair.upper.position - gap.mean
     try:
-        found = as_far_as_it_got(
+        found = partial_result(
             first_crossings, scene, lower=lower, upper=upper, budget=deadline.rest, **sampled
         )
     except (NotApplicable, ValueError):  # a scene, or stops, that it does not cover

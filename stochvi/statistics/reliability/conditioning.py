@@ -14,7 +14,7 @@ import numpy as np
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
 from stochvi.model.model import model_of
-from stochvi.results.deadline import as_far_as_it_got
+from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import logarithmic_interval
@@ -52,7 +52,7 @@ def first_hit(
             )
         return None
     started = time.process_time()
-    crossings = as_far_as_it_got(
+    crossings = partial_result(
         first_crossings, scene, lower=[below], upper=[above], mission=mission,
         rel_error=jobs.rel_error, **jobs.sampling,
     )  # fmt: skip
@@ -75,7 +75,7 @@ def first_hits_of_pairs(
     kept = [[True] * len(names), *np.eye(len(names), dtype=bool)]
     if pair is not None:
         kept = [kept[1 + names.index(pair)]]
-    crossings = as_far_as_it_got(
+    crossings = partial_result(
         pair_crossings, scene, lower=np.where(kept, below, np.inf),
         upper=np.where(kept, above, np.inf), mission=mission, rel_error=jobs.rel_error,
         **jobs.sampling,
@@ -256,7 +256,7 @@ def _rate_of_bursts(scene: Scene, jobs: Jobs) -> tuple[Estimate, int] | None:
     """Hits per second by bursts, and the number of paths; None where bursts meet, or no pause
     separates them."""
     try:
-        found = as_far_as_it_got(bursts, scene, rel_error=jobs.rel_error, **jobs.sampling)
+        found = partial_result(bursts, scene, rel_error=jobs.rel_error, **jobs.sampling)
     except NotApplicable:
         return None
     return (found.hit_rate(), found.paths) if found.apart else None
@@ -268,7 +268,7 @@ def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
     if by_bursts is not None:
         rate, samples = of_events(*by_bursts), by_bursts[1]
     else:
-        response = as_far_as_it_got(simulate, scene, rel_error=jobs.rel_error, **jobs.sampling)
+        response = partial_result(simulate, scene, rel_error=jobs.rel_error, **jobs.sampling)
         simulated = response.impact_pairs[scene.impact_pairs[0].name]["collision_rate"]
         assert isinstance(simulated, Estimate)
         rate, samples, steps = simulated, response.cost.paths, response.cost.steps

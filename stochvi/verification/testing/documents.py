@@ -29,8 +29,8 @@ from stochvi.scenes.structures import Isolator, Matrices, Oscillator
 from stochvi.scenes.text_tables import read_text
 from stochvi.scenes.validation import Checked, Column, Count, Matrix, NonNegative, Number, Positive
 from stochvi.verification.testing.problems import Problem
+from stochvi.verification.testing.reference_values import truths_of
 from stochvi.verification.testing.samples import AVERAGES, FEWEST_PATHS, returnable, split
-from stochvi.verification.testing.truths import truths_of
 
 FORMAT = "stochvi problem 1"
 """Name and version of the form of a problem file."""

@@ -23,6 +23,7 @@ from stochvi.verification.testing.documents import read_problem
 from stochvi.verification.testing.judging import Judgement, judge_returned
 from stochvi.verification.testing.known_answers import known_answers
 from stochvi.verification.testing.problems import Problem
+from stochvi.verification.testing.reference_values import PATHS, RELAXATIONS, known_problems, solved
 from stochvi.verification.testing.samples import (
     AVERAGES,
     BATCHES,
@@ -33,7 +34,6 @@ from stochvi.verification.testing.samples import (
     returnable,
     split,
 )
-from stochvi.verification.testing.truths import PATHS, RELAXATIONS, known_problems, solved
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -21,9 +21,9 @@ from scipy.linalg import solve_continuous_lyapunov
 
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.estimates import Estimate, format_with_error
+from stochvi.verification.testing.fault_models import suspects_of
 from stochvi.verification.testing.problems import Problem
 from stochvi.verification.testing.samples import IMPACTS, Function, Sample, Values, split
-from stochvi.verification.testing.suspects import suspects_of
 
 SURE = 4.0
 """Number of standard errors from which a deviation is reported as a hint."""

@@ -25,6 +25,13 @@ from stochvi.verification.check import (
 from stochvi.verification.check_of_many import seeds_of
 from stochvi.verification.testing.hints import Measured, hints_of
 from stochvi.verification.testing.problems import Problem
+from stochvi.verification.testing.reference_values import (
+    PATHS,
+    RELAXATIONS,
+    known_problems,
+    size_of,
+    truths_of,
+)
 from stochvi.verification.testing.samples import (
     IMPACTS,
     Sample,
@@ -32,13 +39,6 @@ from stochvi.verification.testing.samples import (
     plain_name,
     sample_of,
     split,
-)
-from stochvi.verification.testing.truths import (
-    PATHS,
-    RELAXATIONS,
-    known_problems,
-    size_of,
-    truths_of,
 )
 
 if TYPE_CHECKING:

@@ -33,7 +33,7 @@ from stochvi.methods.monte_carlo.rigid_white import COLLAPSE_RESTITUTION, WhiteP
 from stochvi.methods.monte_carlo.stop_flag import GivenUp
 from stochvi.model.model import model_of
 from stochvi.results import Interrupted
-from stochvi.results.deadline import NEVER, Deadline, heeding_ctrl_c
+from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
 from stochvi.scenes.datasets import shipped_scene, zoo_files
 from stochvi.scenes.excitations import ConstantLoad
 from stochvi.testing import assert_agrees
@@ -193,7 +193,7 @@ def test_a_price_is_found_in_a_moment_also_where_there_is_much_time(
 
 def test_paths_are_not_begun_after_ctrl_c() -> None:
     deadline = Deadline.after(60.0)
-    with heeding_ctrl_c():
+    with graceful_interrupt():
         signal.raise_signal(signal.SIGINT)
         with pytest.raises(Interrupted, match="before any path"):
             check_price([plan_of(2e3)], 3, deadline)

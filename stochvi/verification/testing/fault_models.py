@@ -12,8 +12,8 @@ from stochvi.results.errors import StochviError
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.scene import Scene
 from stochvi.verification.testing.problems import Problem
+from stochvi.verification.testing.reference_values import solved, truths_of
 from stochvi.verification.testing.samples import Sample
-from stochvi.verification.testing.truths import solved, truths_of
 
 AGREED = 4.0
 """Number of standard errors within which every quantity must lie for a suspected problem to explain
