@@ -50,7 +50,7 @@ def build_response(
     """
     model = model_of(scene)
     # the notes hold for the response to noise alone, not for a scene with sines
-    notes = scene_notes(model) if model.single and not model.sines else []
+    notes = [] if model.sines else scene_notes(model)
     return Response(
         method=method,
         coordinates=coordinates,

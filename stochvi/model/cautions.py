@@ -23,9 +23,8 @@ an rms that is 9.8 times too large."""
 
 
 def scene_notes(model: Model) -> list[str]:
-    """Warnings on a scene of one oscillator that concern every method: numbers that are probably in
-    a wrong unit, a resonance outside the table, stops out of reach. Of any other scene, only the
-    warnings of its excitations."""
+    """Warnings on a scene that concern every method: those of its excitations and, of one mass,
+    numbers that are probably in a wrong unit, a resonance outside the table, stops out of reach."""
     if model.rates is None or model.omega == 0.0 or model.damping_rate == 0.0:
         return list(model.cautions)
     found = list(model.cautions)
@@ -57,7 +56,7 @@ def scene_notes(model: Model) -> list[str]:
                 f"the natural frequency {natural:.4g} Hz lies outside the table ({low:g} to "
                 f"{high:g} Hz): the response depends on excitation that the table does not hold"
             )
-    stops = [stop.position for stop in model.stops_per_unit_mass]
+    stops = [stop.position for stop in model.stops]
     crossing = math.sqrt(velocity / displacement) / (2.0 * math.pi) if displacement else 0.0
     if stops and crossing > BROAD_VELOCITY * natural:
         found.append(

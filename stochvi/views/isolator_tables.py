@@ -10,6 +10,7 @@ from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.views.pairs import (
     PLACES,
     TOLERANCES,
+    coordinates_in_rows,
     interval_in_words,
     pairs_in_words,
     places_in_rows,
@@ -42,32 +43,12 @@ def print_screening(console: Console, linear: Screening) -> None:
     """Print the verdict on a record, then the linear screening of coordinates and gaps with its
     notes."""
     print_record(console, linear.record)
-    table = linear.to_frame() if len(linear.coordinates) == 1 else _joined(linear.to_frame())
+    table = linear.to_frame() if len(linear.coordinates) == 1 else coordinates_in_rows(linear)
     print_frame(console, table, "linear screening, stops left out")
     if linear.impact_pairs:
         print_frame(console, linear.gaps_to_frame(), "gaps, and hits by Rice")
     for note in linear.notes:
         console.print(f"note: {note}", style="yellow", highlight=False)
-
-
-def _joined(frame: pd.DataFrame) -> pd.DataFrame:
-    """The table of coordinates with each number and its unit in one column."""
-
-    def measured(values: pd.Series[float], units: pd.Series[str]) -> list[str]:
-        return [
-            "" if math.isnan(value) else f"{value:.4g} {unit}"
-            for value, unit in zip(values.astype(float), units, strict=True)
-        ]
-
-    return frame.assign(
-        displacement=measured(frame["displacement"], frame["unit"]),
-        velocity=measured(frame["velocity"], frame["unit of velocity"]),
-        **{
-            "absolute acceleration": measured(
-                frame["absolute acceleration"], frame["unit of acceleration"]
-            )
-        },
-    ).drop(columns=["unit", "unit of velocity", "unit of acceleration"])
 
 
 CONTRADICTED = "bold red"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
+    from stochvi.isolators.screening import Screening
     from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
 
 
@@ -142,6 +144,33 @@ def required_in_rows(sizing: PairsSizing) -> pd.DataFrame:
             for head, row in asked.items()
         }
     )
+
+
+def coordinates_in_rows(linear: Screening) -> pd.DataFrame:
+    """A row per coordinate and point, with each number and its unit in one column."""
+    frame = linear.to_frame()
+
+    def measured(values: pd.Series[float], units: pd.Series[str]) -> list[str]:
+        return [
+            "" if math.isnan(value) else f"{value:.4g} {unit}"
+            for value, unit in zip(values.astype(float), units, strict=True)
+        ]
+
+    return frame.assign(
+        displacement=measured(frame["displacement"], frame["unit"]),
+        velocity=measured(frame["velocity"], frame["unit of velocity"]),
+        **{
+            "absolute acceleration": measured(
+                frame["absolute acceleration"], frame["unit of acceleration"]
+            )
+        },
+    ).drop(columns=["unit", "unit of velocity", "unit of acceleration"])
+
+
+def gaps_in_words(linear: Screening) -> pd.DataFrame:
+    """A row per gap, its numbers with four digits."""
+    table = linear.gaps_to_frame()
+    return table.map(lambda cell: cell if isinstance(cell, str) else f"{cell:.4g}")
 
 
 def plot_pairs_risk(sizing: PairsSizing, ax: Axes | None = None) -> Axes:

@@ -19,6 +19,7 @@ from stochvi import (
     RecordedNoise,
     Restitution,
     Scene,
+    linearise,
     replay,
     screen,
 )
@@ -158,8 +159,10 @@ def test_slow_drift_is_named_for_several_masses(tmp_path: Path) -> None:
     ):
         savemat(file, {"a": values})
         noise = RecordedNoise(file=str(file), variables=("a",), unit="g", fs=FS, on="base")
-        told = screen(Scene(structure=structure, excitations=[noise])).notes
+        scene = Scene(structure=structure, excitations=[noise])
+        told = screen(scene).notes
         assert any("leaves out" in each for each in told) == named
+        assert set(told) <= set(linearise(scene).warnings)
 
 
 @pytest.mark.parametrize("course", ["growing", "one half"])

@@ -11,9 +11,11 @@ import pytest
 
 from stochvi import (
     ConstantLoad,
+    ImpactPair,
     Isolator,
     Matrices,
     NotApplicable,
+    Oscillator,
     Restitution,
     Scene,
     Sine,
@@ -26,7 +28,7 @@ from stochvi.isolators.moved_stops import at_clearances
 from stochvi.results.estimates import Estimate
 from stochvi.testing import assert_agrees
 from support.commands import Run, one_document
-from support.pairs import diagonal, pair, uncoupled
+from support.pairs import LAW, diagonal, pair, uncoupled
 
 TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz", on="base")
 MOUNTS = {"a": (8.0, 0.05), "b": (12.0, 0.1), "c": (30.0, 0.2)}
@@ -82,6 +84,21 @@ def test_a_coordinate_at_rest_has_no_zero_crossings() -> None:
     assert found.coordinates["z"].zero_crossing_rate is None
     assert found.impact_pairs["z"].rice_rate == 0.0
     assert np.isfinite(found.coordinates["x"].displacement_std)
+
+
+def test_one_mass_between_the_stops_of_two_pairs() -> None:
+    """Two pairs with a stop each are one pair with both."""
+    stops = {"lower": ImpactPair(name="near", lower=-0.3, law=LAW),
+             "upper": ImpactPair(name="far", upper=25.0, law=LAW)}  # fmt: skip
+    noise = WhiteNoise(intensity=0.2)
+    unit = Oscillator(mass=1.0, damping=0.1, stiffness=1.0)
+    found = screen(Scene(structure=unit, impact_pairs=[*stops.values()], excitations=[noise]))
+    both = ImpactPair(lower=-0.3, upper=25.0, law=LAW)
+    known = screen(Scene(structure=unit, impact_pairs=[both], excitations=[noise]))
+    assert found.displacement_std == known.displacement_std
+    total = sum(gap.rice_rate for gap in found.impact_pairs.values())
+    assert total == pytest.approx(known.impact_pairs["stops"].rice_rate, rel=1e-12)
+    assert found.notes == known.notes
 
 
 def test_a_sine_is_refused() -> None:

@@ -21,6 +21,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
 from stochvi.isolators.moved_stops import at_clearances
+from stochvi.isolators.screening import screened
 from stochvi.isolators.sizing.answer import Clearance, Target
 from stochvi.isolators.sizing.box_overview import box_overview
 from stochvi.isolators.sizing.changes import Tolerances
@@ -238,6 +239,7 @@ class _PairsJob:
             required=self._required(total),
             tolerances=table,
             worst_at=worst_at,
+            screening=screened(self.scene),
             method=BY_HITS if by_hits else METHOD,
             box=box_overview(self.scene, self.mission),
             allowed=self.tolerances,

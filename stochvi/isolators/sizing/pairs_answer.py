@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from stochvi.isolators.screening import Screening
 from stochvi.isolators.sizing.answer import (
     Clearance,
     RoundedClearance,
@@ -88,6 +89,8 @@ class PairsSizing(Result):
         sized pair for the same risk under its name (m, from the nominal mean gap), `factor`, the
         largest of them over the nominal one, and `probability` of any hit at the nominal
         clearances. Without tolerances the first row, "as stated", is the only one.
+    screening
+        Linear screening.
     method
         How the clearances were found, in words.
     box
@@ -121,6 +124,7 @@ class PairsSizing(Result):
     as_given: Probability | None
     required: pd.DataFrame
     tolerances: pd.DataFrame
+    screening: Screening
     method: str
     box: BoxOverview | None = None
     allowed: Tolerances = field(default_factory=Tolerances)

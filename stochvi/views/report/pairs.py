@@ -15,7 +15,9 @@ from stochvi.views.files import try_picture, write_table
 from stochvi.views.pairs import (
     PLACES,
     TOLERANCES,
+    coordinates_in_rows,
     draw_pairs_risk,
+    gaps_in_words,
     interval_in_words,
     pairs_in_words,
     places_in_rows,
@@ -33,6 +35,7 @@ from stochvi.views.words import MM, NO_TOLERANCES, count_of
 if TYPE_CHECKING:
     import pandas as pd
 
+    from stochvi.isolators.screening import Screening
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
 
 
@@ -118,6 +121,7 @@ def pairs_page(
                 lead="The clearance of each pair for other chances of any hit, as calculated.",
                 grids=[_grid("Clearances", required_in_rows(sizing))],
             ),
+            _screening(sizing.screening),
             _tolerances(sizing),
             sensitivity_section(sensitivity),
             Section(
@@ -143,6 +147,19 @@ def _rests(sizing: PairsSizing) -> dict[str, float]:
     """Where each sized gap rests, m from the unloaded position, by pair."""
     table = sizing.placed()
     return dict(zip(table["pair"], table["mean_gap"], strict=True))
+
+
+def _screening(linear: Screening) -> Section:
+    """The motion without stops, of coordinates, points and gaps."""
+    return Section(
+        title="Linear screening",
+        lead="What the rule of three sigma rests on: the structure without stops, a Gaussian "
+        "response. Hits are those of Rice's crossings, as if hits changed nothing.",
+        grids=[
+            _grid("Coordinates and points", coordinates_in_rows(linear)),
+            _grid("Gaps and stops of the scene", gaps_in_words(linear)),
+        ],
+    )
 
 
 def _tolerances(sizing: PairsSizing) -> Section:
