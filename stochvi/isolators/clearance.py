@@ -27,6 +27,10 @@ from stochvi.scenes.scene import Scene
 SMOOTH_POINTS = 31
 """Number of clearances of a smooth curve of hit rates."""
 
+CLOSURE_SHARE = 0.5
+"""Largest share of the time of a clearance of a curve that the moment closure may take: of a
+structure of many pairs it takes seconds, and the rates that are simulated matter more."""
+
 
 def clearance_notes(linear: Screening, clearances: ArrayLike) -> tuple[str, ...]:
     """Warnings to a curve of hit rates: those of the screening, and one for each gap that a load
@@ -138,11 +142,13 @@ def clearance_curve(
                 if progress:
                     progress((number + done) / len(cases), text)
 
+            left = len(cases) - number
+            closure = _closure_rates(case.scene, deadline, CLOSURE_SHARE / left)
             try:
                 if not deadline.passed():
                     simulated = simulate(
                         case.scene, rel_error=rel_error, seed=seed, threads=threads,
-                        progress=report, budget=deadline.part(1.0 / (len(cases) - number)),
+                        progress=report, budget=deadline.part(1.0 / left),
                     )  # fmt: skip
                 else:
                     short.append(case.words)
@@ -150,7 +156,7 @@ def clearance_curve(
                 simulated = reason.response
                 short.append(case.words)
             if simulated is not None:
-                rows += case.rows(simulated)
+                rows += case.rows(simulated, closure)
     curve = pd.DataFrame(rows)
     if short:
         raise deadline.fell_short(
@@ -164,11 +170,11 @@ def clearance_curve(
 
 class _Case(NamedTuple):
     """One clearance of a curve: how messages call it, its scene, and what makes its rows from a
-    response."""
+    response and the rates of the closure."""
 
     words: str
     scene: Scene
-    rows: Callable[[Response], list[dict[str, float | str]]]
+    rows: Callable[[Response, dict[str, float]], list[dict[str, float | str]]]
 
 
 def _case(scene: Scene, linear: Screening, place: Vector) -> _Case:
@@ -176,8 +182,8 @@ def _case(scene: Scene, linear: Screening, place: Vector) -> _Case:
     stopped = at_clearances(scene, place)
     words = ", ".join(dict.fromkeys(f"{1e3 * each:.4g}" for each in place))
 
-    def rows(found: Response) -> list[dict[str, float | str]]:
-        predicted = _predicted(linear, place, _closure_rates(stopped))
+    def rows(found: Response, closure: dict[str, float]) -> list[dict[str, float | str]]:
+        predicted = _predicted(linear, place, closure)
         return [
             {**one, **_simulated(found, name)}
             for one, name in zip(predicted, linear.impact_pairs, strict=True)
@@ -234,7 +240,7 @@ def predicted_rates(
             for row in _predicted(
                 linear,
                 place,
-                {} if deadline.passed() else _closure_rates(at_clearances(scene, place)),
+                {} if deadline.passed() else _closure_rates(at_clearances(scene, place), deadline),
             )
         ]
     )
@@ -276,11 +282,14 @@ def _between(curve: pd.DataFrame, places: Vector) -> Vector:
     return np.asarray(np.exp(rates(places**2)))
 
 
-def _closure_rates(scene: Scene) -> dict[str, float]:
-    """Hits per second on each pair by the moment closure; none where it finds no solution."""
+def _closure_rates(
+    scene: Scene, deadline: Deadline = NEVER, share: float = 1.0
+) -> dict[str, float]:
+    """Hits per second on each pair by the moment closure; none where it finds no solution in a
+    share of the time that is left."""
     try:
-        found = linearise(scene).impact_pairs
-    except NotConverged:
+        found = linearise(scene, budget=deadline.part(share)).impact_pairs
+    except (NotConverged, Interrupted):
         return {}
     return {name: _value(hits.collision_rate) for name, hits in found.items()}
 

@@ -15,17 +15,24 @@ from stochvi import (
     Isolator,
     Matrices,
     NotApplicable,
+    NotConverged,
     Oscillator,
     Restitution,
     Scene,
     Sine,
     TabulatedNoise,
     WhiteNoise,
+    load_scene,
     screen,
 )
 from stochvi.isolators import clearance_curve
+from stochvi.isolators.clearance import _closure_rates
 from stochvi.isolators.moved_stops import at_clearances
+from stochvi.methods.linearisation.structure_closure import solutions
+from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Estimate
+from stochvi.scenes.datasets import shipped_scene
 from stochvi.testing import assert_agrees
 from support.commands import Run, one_document
 from support.pairs import LAW, diagonal, pair, uncoupled
@@ -150,11 +157,20 @@ def test_clearances_of_pairs_are_measured_from_their_mean_gaps() -> None:
     assert (moved.lower, moved.upper) == (pytest.approx(-1.5), pytest.approx(2.5))
 
 
+def test_a_closure_that_takes_long_is_left_out_of_a_curve() -> None:
+    """That of a box of six motions takes two seconds, which no budget counted."""
+    scene = load_scene(shipped_scene("rigid-box"))
+    with pytest.raises(NotConverged, match="before linearise:closure has converged"):
+        solutions(model_of(scene), Deadline(0.0))
+    late = Deadline.after(1e-3)
+    assert _closure_rates(scene, late) == {}
+    assert set(_closure_rates(uncoupled(pair("x", "x", 3.0)), Deadline.after(60.0))) == {"x"}
+
+
 def test_the_command_of_clearances_of_pairs(stochvi: Run, tmp_path: Path) -> None:
-    scene = Path(__file__).parents[2] / "data" / "scenes" / "rigid-box.toml"
     done = stochvi(
-        "clearance", scene, "--gaps", "1,1mm", "--rel-error", "0.2", "--budget", "3",
-        "--json", "-", "--out", tmp_path,
+        "clearance", shipped_scene("rigid-box"), "--gaps", "1,1mm", "--rel-error", "0.2",
+        "--budget", "3", "--json", "-", "--out", tmp_path,
     )  # fmt: skip
     rows = one_document(done.out)["curve"]
     assert {row["pair"] for row in rows} == {"corner 1", "corner 2", "side"}

@@ -28,6 +28,7 @@ from stochvi.model.coverage import (
 from stochvi.model.error_atlas import with_bounds
 from stochvi.model.gap import Gap
 from stochvi.model.model import Model, Stop, model_of
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Viscoelastic
@@ -99,7 +100,7 @@ def linearise(
     >>> print(f"{response.coordinates['x']['displacement_std'].value:.4f} m")
     0.5231 m
     """
-    return linearise_all(scene, form, variant)[0]
+    return linearise_all(scene, form, variant, budget=budget)[0]
 
 
 @calculation
@@ -157,7 +158,7 @@ def linearise_all(
     _check_words(form, variant)
     model = model_of(scene)
     if form == "closure" and variant == "consistent" and _is_structure(model):
-        return closure(scene)
+        return closure(scene, Deadline.after(budget))
     model, candidates = linear_oscillators(scene, form, variant)
     gap, free = Gap.of(model), not model.stops
     exact = free or (form in ("closure", "clumps") and model.elastic and not gap.coloured)

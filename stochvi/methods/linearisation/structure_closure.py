@@ -33,6 +33,7 @@ from stochvi.model.gap import Gap
 from stochvi.model.modal import EquivalentLinear, LinearLaw, ModalForm, linear_law
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.model.scales import UNSHAKEN, PairScale, scales_of
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
@@ -83,7 +84,7 @@ class _Solution(NamedTuple):
     law: LinearLaw
 
 
-def closure(scene: Scene) -> tuple[Response, ...]:
+def closure(scene: Scene, deadline: Deadline = NEVER) -> tuple[Response, ...]:
     """Approximate stationary responses of several coordinates, pairs, or signals.
 
     White, filtered and tabulated noise, sines and loads; stops of any law. Exact without stops,
@@ -97,7 +98,7 @@ def closure(scene: Scene) -> tuple[Response, ...]:
     ------
     NotApplicable, NotConverged
         With every condition that the scene does not meet; if the iteration converges from none
-        of its starts.
+        of its starts, or the deadline passes before it has.
     """
     started = time.perf_counter()
     model = model_of(scene)
@@ -106,7 +107,7 @@ def closure(scene: Scene) -> tuple[Response, ...]:
     box = loose_mass.box_of(model)
     if box is not None:
         return (loose_mass.response(scene, model, box, METHOD),)
-    found = solutions(model)
+    found = solutions(model, deadline)
     elastic = len(model.pairs) == 1 and model.elastic
     exact = not model.pairs or (elastic and model.temperature is not None)
     outline = _Outline(scene, model, 0.0 if exact else None, started)
@@ -114,13 +115,13 @@ def closure(scene: Scene) -> tuple[Response, ...]:
     return tuple(_response(outline, one, warned) for one in found)
 
 
-def solutions(model: Model) -> list[_Solution]:
+def solutions(model: Model, deadline: Deadline = NEVER) -> list[_Solution]:
     """The laws of all gaps with which the linear structure answers, by Newton's method.
 
     Raises
     ------
     NotApplicable, NotConverged
-        Where there is no stationary response; where no law was found.
+        Where there is no stationary response; where no law was found before the deadline.
     """
     modes = model.modal
     rough = scales_of(model, modes, "linearise", giving_way=True)
@@ -138,7 +139,7 @@ def solutions(model: Model) -> list[_Solution]:
         found: list[_Solution] = []
         for speeds in _starts(modes, scales, free):
             gaps = _gaps(model, scales, speeds)
-            one = _from(modes, gaps, stage, patient=not found)
+            one = _from(modes, gaps, stage, deadline, patient=not found)
             if one is not None and not any(_same(one, other) for other in found):
                 found.append(one)
             if found and not coloured:
@@ -192,11 +193,17 @@ def _gaps(model: Model, scales: Sequence[PairScale], speeds: Sequence[float]) ->
 
 
 def _from(
-    modes: ModalForm, gaps: Sequence[_PairGap], stage: int, *, patient: bool
+    modes: ModalForm, gaps: Sequence[_PairGap], stage: int, deadline: Deadline, *, patient: bool
 ) -> _Solution | None:
     """The solution near the elastic laws of the gaps, or None."""
+
+    def imbalance(unknowns: Unknowns) -> Unknowns:
+        if deadline.passed():
+            raise deadline.fell_short(f"before {METHOD} has converged", "raise budget")
+        return _imbalance(modes, gaps, stage, unknowns)
+
     start = np.concatenate([gap.form(stage).start(gap.scaled) for gap in gaps])
-    unknowns = root(lambda found: _imbalance(modes, gaps, stage, found), start, patient=patient)
+    unknowns = root(imbalance, start, patient=patient)
     if unknowns is None:
         return None
     candidates = _candidates(gaps, stage, unknowns)

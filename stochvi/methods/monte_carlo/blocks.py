@@ -333,14 +333,14 @@ def seconds_of_first_paths(
 
     Some works on paths cannot be interrupted, and the number of impacts in a step is not known in
     advance. The trials become longer until the prediction is short, or rests on a fair share of
-    the time that is left. It is 0 without a deadline, and for plans that cannot be shortened.
+    the time that is left. It is 0 without a deadline, and for plans that synthesise paths: the
+    price of their blocks does not grow with the number of steps that are asked for.
     """
     steps, wanted = FIRST_STEPS, share * plan.steps_per_path
     enough = max(min(PRICE_SHARE * deadline.left, MOST_PRICE), LEAST_PRICE)
-    while math.isfinite(deadline.moment) and steps < wanted:
+    longer = plan.shortest(MORE_STEPS * steps).steps_per_path > plan.shortest(steps).steps_per_path
+    while longer and math.isfinite(deadline.moment) and steps < wanted:
         trial = plan.shortest(steps)
-        if trial.steps_per_path < steps:
-            break
         if steps == FIRST_STEPS:  # kernels are loaded where they are called first
             _seconds_of(trial, seed, paths)
         took = _seconds_of(trial, seed, paths)

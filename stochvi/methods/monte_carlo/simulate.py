@@ -239,6 +239,8 @@ def _simulate(run: Run, asked: Asked, deadline: Deadline) -> None:
         return
     run.set_goal(asked.paths)
     if not run.reach_goal(deadline):
+        if run.fine.count < 2:
+            raise deadline.fell_short("before two paths were simulated", "raise budget")
         raise deadline.fell_short(
             f"after {run.fine.count} of {asked.paths} paths{run.cut()}",
             "raise budget",

@@ -284,15 +284,15 @@ class ContactFinder(Finder):
         for number in range(1, len(points) + 1):
             if number < len(points) and words[number] == words[first]:
                 continue
-            last = []
+            last, ahead = list[Vector](), list[Vector]()
             if number < len(points):
-                place = self._changed(points[number - 1], points[number], words[first], problem)
-                last = [] if place is None else [place]
+                around = points[number - 1], points[number]
+                last, ahead = self._changed(*around, (words[first], words[number]), problem)
             part = [*edge, *points[first:number], *last]
             labels = [GRAZING] * len(edge) + names[first:number] + [GRAZING] * len(last)
             track = self.inspected(words[first], orbit.periods, np.array(part), labels)
             found.append(self._located(track))
-            first, edge = number, last
+            first, edge = number, ahead
         return found
 
     def _word(self, u: Vector, periods: int) -> tuple[int, ...]:
@@ -300,22 +300,35 @@ class ContactFinder(Finder):
         return () if motion is None else contact_sequence(motion.log)
 
     def _changed(
+        self, start: Vector, end: Vector, words: tuple[tuple[int, ...], ...], problem: Shooting
+    ) -> list[list[Vector]]:
+        """The last regime with the first order of contacts and the first one with the second order
+        between two points of a branch, by bisection; none where none was found.
+
+        Multipliers leap at a grazing: the end of each branch is a regime of its own side.
+        """
+        last, first = self._bisected(start, end, words[0], problem)
+        if first is not None and self._word(first, problem.periods) != words[1]:
+            first, _ = self._bisected(end, first, words[1], problem)
+        return [[] if each is None else [each] for each in (last, first)]
+
+    def _bisected(
         self, start: Vector, end: Vector, word: tuple[int, ...], problem: Shooting
-    ) -> Vector | None:
-        """Where the order of contacts changes between two points of a branch, by bisection."""
+    ) -> tuple[Vector | None, Vector | None]:
+        """The last regime with an order of contacts, which is that at the first one of two points
+        of a branch, and the first regime beyond it."""
         normal = (end - start) / np.linalg.norm(end - start)
-        low, high, place = 0.0, 1.0, None
+        low, high, last, beyond = 0.0, 1.0, None, None
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             found = problem.corrected(start + middle * (end - start), normal)
             if found is None:
-                return place
-            place = found.u
-            if self._word(place, problem.periods) == word:
-                low = middle
+                break
+            if self._word(found.u, problem.periods) == word:
+                low, last = middle, found.u
             else:
-                high = middle
-        return place
+                high, beyond = middle, found.u
+        return last, beyond
 
     def inspected(
         self, stops: tuple[int, ...], periods: int, points: Matrix, names: Sequence[str]

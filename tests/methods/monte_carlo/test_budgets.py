@@ -191,6 +191,18 @@ def test_a_price_is_found_in_a_moment_also_where_there_is_much_time(
     assert price == pytest.approx(100.0) and clock[0] < 4.0 * blocks.MOST_PRICE
 
 
+@pytest.mark.parametrize("name", ["isolator-bumper", "rigid-box"])
+def test_the_price_of_synthesised_paths_is_not_that_of_their_first_samples(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a slow machine a block of three samples seemed to make 7000 as dear as 2000 blocks."""
+    monkeypatch.setattr(blocks, "_seconds_of", lambda *_: blocks.MOST_PRICE)
+    deadline = Deadline.after(1000.0)
+    synthesised = make_plan(model_of(load_scene(shipped_scene(name))))
+    assert blocks.seconds_of_first_paths(synthesised, 0, deadline) == 0.0
+    assert blocks.seconds_of_first_paths(plan_of(2e3), 0, deadline) > 1.0  # in steps
+
+
 def test_paths_are_not_begun_after_ctrl_c() -> None:
     deadline = Deadline.after(60.0)
     with graceful_interrupt():

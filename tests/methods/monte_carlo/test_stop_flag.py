@@ -153,6 +153,25 @@ def test_ctrl_c_does_not_wait_for_a_path_that_takes_long(
         solve(oscillator(-1.0, 1.0, 0.5), paths=4, duration=LONG[solve], budget=3600.0, threads=1)
 
 
+@pytest.mark.parametrize("solve", [simulate, impacts])
+def test_ctrl_c_in_the_burn_in_says_that_there_is_no_path(
+    monkeypatch: pytest.MonkeyPatch, solve: Callable[..., Any]
+) -> None:
+    """One that counted whole paths said "after 0 of 4 paths" there."""
+
+    @contextmanager
+    def pressed(_: Deadline) -> Iterator[None]:
+        signal.raise_signal(signal.SIGINT)
+        stop_flag()[0] = 1
+        yield
+        stop_flag()[0] = 0
+
+    monkeypatch.setattr(blocks, "given_up_after", pressed)
+    with pytest.raises(Interrupted, match="by Ctrl-C before two paths were simulated"):
+        solve(oscillator(-1.0, 1.0, 0.5), paths=4, budget=3600.0, threads=1)
+    check_flag()
+
+
 def test_a_block_that_is_needed_says_that_there_was_no_time_for_it() -> None:
     def give_up(*_: Any) -> None:
         raise GivenUp
