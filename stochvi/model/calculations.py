@@ -13,7 +13,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from stochvi.mathematics.arguments import CHECKS, argument_checker, shown
 from stochvi.results.base import Result
-from stochvi.results.deadline import ended_by, watched
+from stochvi.results.deadline import asked_for, ended_by, watched
 from stochvi.results.errors import Interrupted, NotConverged, SceneError
 from stochvi.results.origin import call_of
 from stochvi.results.progress import showing, shown_in_notebooks
@@ -38,8 +38,8 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
 
     Before it begins, its scene and its plain arguments are checked against their annotations. Its
     progress is shown in a notebook, with the compiling of kernels. A `budget` that is long over
-    ends it (see `ended_by`). An answer, also one that falls short, records the call in its
-    provenance.
+    ends it (see `ended_by`); messages name this budget also where a part of it has run out. An
+    answer, also one that falls short, records the call in its provenance.
     """
     check, parameters = argument_checker(function), inspect.signature(function).parameters
     budget = parameters.get("budget")
@@ -58,6 +58,7 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
                     raise ValueError(
                         f"budget must be a positive number of seconds, got {shown(seconds)}"
                     )
+                around.enter_context(asked_for(seconds))
                 if not watched():
                     around.enter_context(ended_by(seconds))
             try:

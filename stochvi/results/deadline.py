@@ -206,13 +206,13 @@ NEVER = Deadline()
 def asked_for(budget: float | None) -> Iterator[None]:
     """Let messages name this budget for all deadlines that are made within the `with` block.
 
-    Such deadlines may have only a part of the budget.
+    Such deadlines may have only a part of the budget. Of nested blocks the outermost one counts.
 
     >>> with asked_for(60.0):
     ...     str(Deadline.after(17.3).fell_short("on the way", "raise budget"))
     'the budget of 60 s ended on the way; raise budget'
     """
-    before = _asked_for.set(budget)
+    before = _asked_for.set(_asked_for.get() or budget)
     try:
         yield
     finally:

@@ -310,6 +310,19 @@ def test_the_chance_that_is_kept_already_is_told_where_it_was_seen(
     assert f"a chance of {spoken_percent(found.kept_with.value)}" in found.calculated()
 
 
+def test_a_limit_that_says_nothing_does_not_replace_a_chance_that_was_seen() -> None:
+    """Words said "over 99.9 %" of a chance that stood beside them in the picture as 1.5 %."""
+    bursts = Estimate(value=0.015, standard_error=0.008)
+    without_time = Estimate(value=0.0, upper_95=1.0, how="not one window")
+    assert method._more_telling(bursts, without_time) is bursts
+    assert method._more_telling(bursts, None) is bursts
+    windows = Estimate(value=0.011, standard_error=0.002)
+    small = Estimate(value=0.0, upper_95=0.02)
+    assert method._more_telling(bursts, windows) is windows
+    assert method._more_telling(bursts, small) is small
+    assert method._more_telling(small, without_time) is small
+
+
 def test_bursts_that_do_not_end_give_no_clearance(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: dict[str, Any] = {"impact_speed": 0.3, "mission": 40.0, "exceedance": 0.1}
     found = size(truck(HALF), **asked, rel_error=0.2, seed=4)

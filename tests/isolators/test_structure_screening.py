@@ -24,8 +24,9 @@ from stochvi import (
     WhiteNoise,
     load_scene,
     screen,
+    simulate,
 )
-from stochvi.isolators import clearance_curve
+from stochvi.isolators import clearance, clearance_curve
 from stochvi.isolators.clearance import _closure_rates
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.methods.linearisation.structure_closure import solutions
@@ -35,6 +36,7 @@ from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.testing import assert_agrees
 from support.commands import Run, one_document
+from support.known import to_toml
 from support.pairs import LAW, diagonal, pair, uncoupled
 
 TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz", on="base")
@@ -168,12 +170,31 @@ def test_a_closure_that_takes_long_is_left_out_of_a_curve() -> None:
 
 
 def test_the_command_of_clearances_of_pairs(stochvi: Run, tmp_path: Path) -> None:
+    scene = tmp_path / "two.toml"
+    document = uncoupled(pair("first", "x", 3.0), pair("second", "z", 2.0)).document()
+    scene.write_text(to_toml(document), encoding="utf-8")
     done = stochvi(
-        "clearance", shipped_scene("rigid-box"), "--gaps", "1,1mm", "--rel-error", "0.2",
-        "--budget", "3", "--json", "-", "--out", tmp_path,
+        "clearance", scene, "--gaps", "1,1500mm", "--rel-error", "0.2", "--json", "-",
+        "--out", tmp_path,
     )  # fmt: skip
+    assert done.code == 0, done.err
     rows = one_document(done.out)["curve"]
-    assert {row["pair"] for row in rows} == {"corner 1", "corner 2", "side"}
-    assert all(row["clearance_in_sigma"] == pytest.approx(1.0) for row in rows[:3])
+    assert [row["pair"] for row in rows] == ["first", "second"] * 2
+    assert [row["clearance_in_sigma"] for row in rows] == pytest.approx([1.0, 1.0, 1.5, 1.5])
     assert (tmp_path / "clearance.png").read_bytes().startswith(b"\x89PNG")
     assert "gap/sigma" in done.err
+
+
+def test_a_budget_leaves_the_rows_of_pairs_that_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By paths of a fixed number, as a clock ends where the load of the machine has it end."""
+
+    def ended(scene: Scene, **_: object) -> None:
+        answer = simulate(scene, paths=64, seed=1, threads=1)
+        raise NotConverged("the budget of 1 s ended after 64 paths; raise budget", answer)
+
+    monkeypatch.setattr(clearance, "simulate", ended)
+    with pytest.raises(NotConverged, match="before the hits at 1000 mm were known") as late:
+        clearance_curve(uncoupled(pair("x", "x", 3.0), pair("z", "z", 2.0)), [1.0], rel_error=0.01)
+    curve = late.value.response
+    assert list(curve["pair"]) == ["x", "z"]
+    assert np.isfinite(curve[["rice", "simulated", "simulated_high"]].to_numpy()).all()

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from stochvi.model.calculations import calculation
 from stochvi.results.deadline import (
     NEVER,
     Deadline,
@@ -72,6 +73,23 @@ def test_a_deadline_may_be_put_off_but_never_brought_forward_so(now: list[float]
     now[0] += 9.0
     assert deadline.in_no_less_than(3.0).left == 3.0 and deadline.left == 1.0
     assert deadline.in_no_less_than(3.0).budget == 10.0
+
+
+def test_messages_name_the_budget_that_was_asked_for_and_no_part_of_it() -> None:
+    """A part of 3.67 s was named to a user who had asked for 10 s."""
+
+    @calculation
+    def part(budget: float | None = None) -> None:
+        raise Deadline.after(budget).fell_short("on the way", "raise budget")
+
+    @calculation
+    def whole(budget: float | None = None) -> None:
+        part(budget=Deadline.after(budget).part(0.3))
+
+    with pytest.raises(NotConverged, match="the budget of 10 s ended on the way"):
+        whole(budget=10.0)
+    with pytest.raises(NotConverged, match="the budget of 3 s ended on the way"):
+        part(budget=3.0)
 
 
 def spin() -> None:

@@ -624,9 +624,9 @@ class _Job:
             )
         chance = chance_of(rate, self.mission)
         if not _within(chance, target.exceedance):
-            chance = self._by_windows(place) or chance
+            chance = _more_telling(chance, self._by_windows(place))
         if not _within(chance, target.exceedance):
-            chance = self._by_splitting(place) or chance
+            chance = _more_telling(chance, self._by_splitting(place))
         # closer stops, where hits come without the pauses that separate one burst from the next
         too_near = 0.0
         while _within(chance, target.exceedance) and place > self.nearest:
@@ -653,8 +653,8 @@ class _Job:
         if not _within(chance, target.exceedance):
             raise NotConverged(
                 f"no burst or hardly any exceeds {target.limit} at {1e3 * place:.4g} mm, but the "
-                f"budget of {self.budget:.3g} s ended before that showed a chance below "
-                f"{spoken_percent(target.exceedance)}; raise budget",
+                f"budget of {self.deadline.budget or self.budget:.3g} s ended before that showed a "
+                f"chance below {spoken_percent(target.exceedance)}; raise budget",
                 answer,
             )
         return answer
@@ -863,3 +863,12 @@ def _excess(found: Estimate, wanted: float) -> tuple[float, float]:
 def _within(chance: Estimate, accepted: float) -> bool:
     """Whether a chance, or its upper limit where it has one, is at most the accepted one."""
     return (chance.value if chance.upper_95 is None else chance.upper_95) <= accepted
+
+
+def _more_telling(known: Estimate, found: Estimate | None) -> Estimate:
+    """A chance that was found in another way, unless it is a limit that says less than what was
+    known: one without time for a single window is at most 1."""
+    if found is None or found.upper_95 is None:
+        return found or known
+    most = known.value + known.half_width_95() if known.upper_95 is None else known.upper_95
+    return found if found.upper_95 < most else known
