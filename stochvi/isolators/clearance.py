@@ -145,7 +145,7 @@ def clearance_curve(
             left = len(cases) - number
             closure = _closure_rates(case.scene, deadline, CLOSURE_SHARE / left)
             try:
-                if not deadline.passed():
+                if not (number and deadline.passed()):
                     simulated = simulate(
                         case.scene, rel_error=rel_error, seed=seed, threads=threads,
                         progress=report, budget=deadline.part(1.0 / left),

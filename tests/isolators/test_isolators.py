@@ -88,7 +88,8 @@ def test_clearances_share_a_budget_and_those_without_an_answer_are_named() -> No
         clearance_curve(scene, [2e-3, 3e-3], rel_error=0.01, budget=1e-3)
     curve = late.value.response
     assert list(curve["clearance"]) == [2e-3]  # the second was not begun
-    assert np.isfinite(curve["simulated"][0])  # in so short a time hits may or may not be seen
+    # in so short a time hits may not be seen: their rate is then below a limit
+    assert 0.0 <= curve["simulated"][0] <= curve["simulated_high"][0] > 0.0
 
 
 def test_clearance_is_measured_from_where_the_mass_hangs() -> None:
