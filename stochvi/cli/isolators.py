@@ -44,7 +44,7 @@ def fail_unless_gaussian(record: RecordVerdict | None) -> None:
 @click.argument("scene")
 @common("budget", "json", "out", "quiet")
 def screen(options: Common, scene: str) -> None:
-    """Linear screening: rms, 3 sigma, Rice's rate of hits; Miles' equation for an isolator."""
+    """Linear screening: rms, 3 sigma, Rice's rate of impacts; Miles' equation for an isolator."""
     from stochvi.isolators.screening import screen as solve
     from stochvi.scenes.scene import load_scene
     from stochvi.views.isolator_tables import print_screening
@@ -129,10 +129,10 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     "--probability",
     type=CHANCE,
     metavar="P",
-    help="Goal: chance of any hit in the mission, 0.01 or 1%.",
+    help="Goal: probability of any impact in the mission, 0.01 or 1%.",
 )
 @click.option(
-    "--rate", type=RATE, metavar="F", help="Goal: rate of hits on all stops, 2 (1/s) or 0.1/h."
+    "--rate", type=RATE, metavar="F", help="Goal: rate of impacts on all stops, 2 (1/s) or 0.1/h."
 )
 @click.option(
     "--impact-speed",
@@ -143,7 +143,7 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
 @click.option(
     "--peak-acceleration",
     metavar="A[g]",
-    help="Goal: largest absolute acceleration during a hit in the mission, m/s^2 or g (80g).",
+    help="Goal: largest absolute acceleration during an impact in the mission, m/s^2 or g (80g).",
 )
 @click.option(
     "--exceedance",
@@ -151,7 +151,7 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     default=0.01,
     show_default=True,
     metavar="P",
-    help="Accepted chance that a speed or acceleration is exceeded.",
+    help="Accepted probability that a speed or acceleration is exceeded.",
 )
 @click.option(
     "--mission",

@@ -233,7 +233,7 @@ class Chance(click.ParamType):  # type: ignore[type-arg]
             return float(number) / (100.0 if value.strip().endswith("%") else 1.0)
         except ValueError:
             raise ValueError(
-                f"{param.opts[0]} must be a chance such as 0.01 or 1%, got {value!r}"
+                f"{param.opts[0]} must be a probability such as 0.01 or 1%, got {value!r}"
             ) from None
 
 

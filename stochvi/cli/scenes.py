@@ -14,6 +14,7 @@ KINDS = {
     "road": "isolator-road",
     "vehicle": "isolator-vehicle",
     "record": "isolator-record",
+    "potholes": "isolator-potholes",
     "absorber": "absorber-on-a-tower",
     "sine": "isolator-sine",
     "rigid-body": "rigid-box",
@@ -122,6 +123,7 @@ def new(file: Path, kind: str) -> None:
     written = ", ".join(str(path) for path in (file, *(file.parent / t.name for t in tables)))
     try_it = {
         "any": f"check {file}",
+        "potholes": f"screen {file}",
         "absorber": f"absorber {file} --out out",
         "sine": f"sine {file} --from 60 --to 120 --out out",
         "hammer": f"sine {file} --from 8 --to 16 --out out, and stochvi impacts {file}",

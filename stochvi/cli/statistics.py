@@ -63,7 +63,7 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
 @click.option("--duration", type=TIME, help="Length of each path after its burn-in, with --paths.")
 @click.option("--speed-threshold", type=SPEED, help="Slowest impact that counts, m/s.")
 @click.option("--slow-impacts", is_flag=True, help="Resolve impacts down to the threshold.")
-@click.option("--first-hits", is_flag=True, help="Simulate the rate of first hits, too.")
+@click.option("--first-hits", is_flag=True, help="Simulate the rate of first impacts, too.")
 @keeping
 @common("open budget", "seed", "threads", "json", "out", "quiet")
 def impacts(options: Common, scene: str, **asked: Any) -> None:
@@ -155,7 +155,7 @@ def history(
     "--at", metavar="NAME",
     help="Coordinate or named point of that acceleration; default: all of them.",
 )  # fmt: skip
-@click.option("--pair", metavar="NAME", help="Of several pairs: hits of this one alone.")
+@click.option("--pair", metavar="NAME", help="Of several pairs: impacts of this one alone.")
 @click.option(
     "--start", type=click.Choice(["rest", "stationary"]), default="stationary", show_default=True,
     help="Start at rest, or in the stationary motion.",
@@ -173,7 +173,7 @@ def reliability(
     options: Common, scene: str, barrier: str | None, peak_acceleration: str | None,
     way: str | None, **asked: Any,
 ) -> None:  # fmt: skip
-    """P(any hit), P(too hard a hit) and expected hits in a mission, down to 1e-9.
+    """P(any impact), P(too hard an impact) and expected impacts in a mission, down to 1e-9.
 
     Example: stochvi reliability box.toml --mission 3600 --impact-speed 0.5 --start rest
     """

@@ -55,15 +55,18 @@ def _check_options(method: str, given: Mapping[str, Any]) -> None:
     help="Method that is applied to each scene.",
 )  # fmt: skip
 @click.option(
-    "--probability", type=CHANCE, metavar="P", help="size: chance of any hit, 0.01 or 1%."
+    "--probability", type=CHANCE, metavar="P", help="size: probability of any impact, 0.01 or 1%."
 )
-@click.option("--rate", type=RATE, metavar="F", help="size: hits on all stops, 2 (1/s), 0.1/h.")
+@click.option("--rate", type=RATE, metavar="F", help="size: impacts on all stops, 2 (1/s), 0.1/h.")
 @click.option("--impact-speed", type=SPEED, metavar="V", help="size, reliability: limit, m/s.")
 @click.option(
     "--peak-acceleration", metavar="A[g]", help="size, reliability: limit, m/s^2 or g (40g)."
 )
 @click.option(
-    "--exceedance", type=CHANCE, metavar="P", help="size: chance of exceeding the limit [0.01]."
+    "--exceedance",
+    type=CHANCE,
+    metavar="P",
+    help="size: probability of exceeding the limit [0.01].",
 )
 @click.option("--mission", type=TIME, metavar="TIME", help="size [1h], reliability: 3600 (s), 10h.")
 @click.option(

@@ -160,7 +160,7 @@ def clearance_curve(
     curve = pd.DataFrame(rows)
     if short:
         raise deadline.fell_short(
-            f"before the hits at {', '.join(short)} were known to a relative error of "
+            f"before the impacts at {', '.join(short)} were known to a relative error of "
             f"{rel_error:g}",
             "raise budget or rel_error",
             curve if rows else None,

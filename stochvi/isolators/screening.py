@@ -174,7 +174,7 @@ class Screening(Result):
             ("Miles' equation for it", self.miles, g, "g rms"),
             ("zero up-crossings", self.zero_crossing_rate, 1.0, "Hz"),
             ("3 sigma clearance, per side", 3.0 * sigma, mm, "mm"),
-            ("hits on it by Rice, both sides", self.rice_rate(3.0 * sigma), 3600.0, "per hour"),
+            ("impacts on it by Rice, both sides", self.rice_rate(3.0 * sigma), 3600.0, "per hour"),
         ]
         return pd.DataFrame(
             [
@@ -208,11 +208,11 @@ class Screening(Result):
                     "pair": name,
                     "gap (mm rms)": 1e3 * gap.displacement_std,
                     "3 sigma (mm)": 1e3 * gap.three_sigma,
-                    "hits on it per hour": 3600.0 * gap.three_sigma_rate,
+                    "impacts on it per hour": 3600.0 * gap.three_sigma_rate,
                     "its stops (mm)": " and ".join(
                         f"{1e3 * distance:.4g}" for distance in gap.stops.values()
                     ),
-                    "hits on them per hour": 3600.0 * gap.rice_rate,
+                    "impacts on them per hour": 3600.0 * gap.rice_rate,
                 }
                 for name, gap in self.impact_pairs.items()
             ]

@@ -172,14 +172,14 @@ class Bursts:
         )
         if not value:
             most = upper_limit_unseen(1.0) * float(self.weight.max() / self.weight.sum())
-            how = f"none of {len(self.path)} bursts"
+            how = f"none of {len(self.path)} clusters"
             return Estimate(value=0.0, bias=None, how=how, upper_95=self.first_rate.value * most)
         known = (self.first_rate.bias or 0.0) / self.first_rate.value
         return Estimate(
             value=value,
             standard_error=relative * value,
             bias=(known + self.overlap) * value,
-            how=f"{len(self.path)} bursts; bias: bursts that meet",
+            how=f"{len(self.path)} clusters; bias: clusters that meet",
         )
 
     def _mean(self, what: Vector) -> Estimate:
@@ -193,7 +193,7 @@ class Bursts:
             for each in (above, below)
         )
         value, error = jackknife_ratio(top, bottom)
-        return Estimate(value=value, standard_error=error, how=f"{len(self.path)} bursts")
+        return Estimate(value=value, standard_error=error, how=f"{len(self.path)} clusters")
 
 
 def chance_of(rate: Estimate, mission: float, reach: float = 0.0) -> Estimate:

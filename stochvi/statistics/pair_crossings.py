@@ -270,7 +270,7 @@ def pressed_pairs(model: Model, below: Vector, above: Vector) -> list[str]:
             f"the mean gap of {pair.name} must lie between its stops: without them it would be "
             f"{-distance:.4g} m beyond its {side} stop, so that it is pressed onto it from the "
             "start; move that stop, ask after other pairs without this one in the scene, or let "
-            "simulate count its hits"
+            "simulate count its impacts"
             for side, distance in zip(("lower", "upper"), distances, strict=True)
             if distance <= 0.0
         ]
@@ -286,7 +286,7 @@ def same_gaps(model: Model) -> list[str]:
             if np.linalg.norm(pair.direction - earlier.direction) <= ALIKE * size:
                 found.append(
                     f"{earlier.name} and {pair.name} have the same gap: where their stops are "
-                    "equally far, both are hit at once, and share the hits"
+                    "equally far, both are hit at once, and share the impacts"
                 )
                 break
     return found

@@ -401,7 +401,7 @@ def kinds_of(
         for stop in model.stops_per_unit_mass
     ]
     if not stops or min(place for _, place in stops) <= 0.0:
-        raise NotApplicable("rare hits", ["needs a stop, and none beyond the mean position"])
+        raise NotApplicable("rare impacts", ["needs a stop, and none beyond the mean position"])
     own = int(np.random.SeedSequence([seed, STREAM]).generate_state(1, np.uint64)[0] >> 1)
     near = np.array([place for _, place in stops])
     records = Records(plan, own, near[:1], near[:1])
@@ -690,7 +690,7 @@ class _Question:
             words = f"seen {TOO_FEW}: {count} repetitions"
             return self._at_most(kind, levels, count, upper, words)
         if not levels.reached:
-            words = f"the chance of exceeding {levels.levels[-1]:.4g}, {count} repetitions"
+            words = f"the probability of exceeding {levels.levels[-1]:.4g}, {count} repetitions"
             return self._at_most(kind, levels, count, upper, words)
         at_twice = float(risk(np.array([coarse.mean(), late.mean(), scored.mean()])))
         step = kind.plan.step_bias("impact_speed_rate", abs(at_twice - value))

@@ -134,9 +134,9 @@ class Check(Result):
             return next(reason for reason in self.left_out if reason.startswith(STOPPED_EARLY))
         if not judged and self._without_hits():
             return (
-                "nothing could be judged: no hit was seen in the simulated time, and no second "
+                "nothing could be judged: no impact was seen in the simulated time, and no second "
                 "method that claims to be right covers this scene; raise budget, or ask "
-                "reliability or size, which find rare hits"
+                "reliability or size, which find rare impacts"
             )
         if not judged:
             return "nothing could be judged: no method that claims to be right covers this scene"

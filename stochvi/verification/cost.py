@@ -261,7 +261,7 @@ class WorkPrecision(Result):
             return f"the price is unknown: {'; '.join(self.left_out)}"
         text = f"CPU time of one core: {self._spoken(rates=False)}"
         if self.of_step(self.steps[0], rates=True):
-            text += f"; hits: {self._spoken(rates=True)}"
+            text += f"; impacts: {self._spoken(rates=True)}"
         return text
 
     def _spoken(self, *, rates: bool) -> str:

@@ -40,7 +40,7 @@ def print_absorber_sine(console: Console, found: AbsorberSine) -> None:
         "ratio: largest displacement with the absorber over that without; the least and the "
         "largest of the motions that may last",
         "regime: one with impacts is stable; idle: loose masses may rest in their boxes, and do "
-        "nothing; bursts: no regime is reached, impacts come and go",
+        "nothing; clusters: no regime is reached, impacts come and go",
     ):
         console.print(line, style="dim", highlight=False)
     for warning in found.warnings:

@@ -45,7 +45,7 @@ def print_absorber(console: Console, found: AbsorberReport) -> None:
         "interval holds the bias of the step",
         "peak factor: largest displacement from the mean in 100 periods, over the rms",
         "0.43774(94) is 0.43774 with a standard error of 0.00094",
-        "hits: of all units together; wall force: mean over time of its magnitude, all walls; "
+        "impacts: of all units together; wall force: mean over time of its magnitude, all walls; "
         "absorbed: share of the supplied power that impacts take",
         "peak force: mean over contacts of the largest force in each; largest: of 100 periods, as "
         "a force and as the acceleration that it gives the structure; rigid walls have neither",
@@ -108,7 +108,7 @@ def _level_row(each: Performance) -> dict[str, str]:
 def _impact_row(each: Performance) -> dict[str, str]:
     row = {
         "level (dB)": f"{each.level_db:+g}",
-        "hits per period": with_error(each.impacts_per_period),
+        "impacts per period": with_error(each.impacts_per_period),
         "wall force (N)": with_error(each.wall_force),
         "impulse (N s)": with_error(each.impulse),
         "absorbed": with_error(each.absorbed_share),

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from stochvi.scenes.scene import Scene
 
 SMALLEST_CHANCE = 1e-6
-"""Chance of a hit below which all snubbers have the same colour."""
+"""Probability of an impact below which all snubbers have the same colour."""
 
 
 def modes_in_rows(box: BoxOverview) -> pd.DataFrame:
@@ -78,9 +78,9 @@ def draw_box(scene: Scene, chances: Mapping[str, float] | None = None) -> Axes:
     ----------
     scene
         A scene of a rigid body.
-    chances
-        Probability of a hit by the name of the pair, which colours the snubbers; without it they
-        have one colour.
+    probabilities
+        Probability of an impact by the name of the pair, which colours the snubbers; without it
+        they have one colour.
     """
     import matplotlib.pyplot as plt
 
@@ -139,7 +139,7 @@ def _draw_snubbers(
         norm=LogNorm(SMALLEST_CHANCE, 1.0), **style,
     )  # fmt: skip
     ax.get_figure().colorbar(
-        seen, ax=ax, shrink=0.7, label="probability of a hit, the largest of the snubbers there"
+        seen, ax=ax, shrink=0.7, label="probability of an impact, the largest of the snubbers there"
     )
 
 

@@ -41,7 +41,7 @@ def plot_clearance_curve(
         ax.plot([], [], color="0.4", linewidth=1.0, label="moment closure")
     ax.set_yscale("log")
     ax.set_xlabel(_sigma_label(curve))
-    ax.set_ylabel(f"hits on the stops{' of a pair' if several else ''} (1/s)")
+    ax.set_ylabel(f"impacts on the stops{' of a pair' if several else ''} (1/s)")
     add_grid(ax)
     ax.legend(frameon=False)
     if not several:
@@ -89,7 +89,7 @@ def draw_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str) -> 
     below: Axes = axes[1]
     plot_clearance_curve(curve, predicted, above).set_xlabel("")
     plot_clearance_ratio(curve, predicted, below)
-    figure.suptitle(title or "hits against clearance")
+    figure.suptitle(title or "impacts against clearance")
     return above
 
 

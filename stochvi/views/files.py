@@ -215,7 +215,7 @@ def try_picture(draw: Callable[[], Axes], path: Path) -> None:
 
 
 def write_clearance(curve: pd.DataFrame, predicted: pd.DataFrame, title: str, folder: Path) -> None:
-    """Write the hit rate against clearance as `clearance.csv` and `clearance.png`.
+    """Write the impact rate against clearance as `clearance.csv` and `clearance.png`.
 
     `curve` comes from `clearance_curve`, `predicted` from `predicted_curve`.
     """

@@ -54,7 +54,7 @@ def plot_first_passage(found: FirstPassage, ax: Axes | None = None) -> Axes:
     ax.set_xscale("log")
     ax.set_yscale("log")
     low = min(chances[shown].min(), -np.expm1(-found.decay_rate.value * grid[0]))
-    # a chance is never above 1
+    # a probability is never above 1
     ax.set_ylim(max(low / 2.0, FAINTEST * chances[shown].max()), 2.0)
     ax.set_xlabel("time (s)")
     ax.set_ylabel("P(first passage before t)")

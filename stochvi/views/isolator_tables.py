@@ -46,7 +46,7 @@ def print_screening(console: Console, linear: Screening) -> None:
     table = linear.to_frame() if len(linear.coordinates) == 1 else coordinates_in_rows(linear)
     print_frame(console, table, "linear screening, stops left out")
     if linear.impact_pairs:
-        print_frame(console, linear.gaps_to_frame(), "gaps, and hits by Rice")
+        print_frame(console, linear.gaps_to_frame(), "gaps, and impacts by Rice")
     for note in linear.notes:
         console.print(f"note: {note}", style="yellow", highlight=False)
 
@@ -76,7 +76,7 @@ CLEARANCE_COLUMNS = {
 
 
 def print_clearance(console: Console, curve: pd.DataFrame, notes: Sequence[str] = ()) -> None:
-    """Print the hit rate against clearance, as `clearance_curve` returns it, and the notes on
+    """Print the impact rate against clearance, as `clearance_curve` returns it, and the notes on
     it."""
     limits = zip(curve["simulated_low"], curve["simulated_high"], strict=True)
     shown = curve.assign(
@@ -87,7 +87,7 @@ def print_clearance(console: Console, curve: pd.DataFrame, notes: Sequence[str] 
         shown[[name for name in CLEARANCE_COLUMNS if name in shown]].rename(
             columns=CLEARANCE_COLUMNS
         ),
-        "hits per second on both stops, and mean impact speed",
+        "impacts per second on both stops, and mean impact speed",
         {"gap/sigma": ".2f"},
     )
     for note in notes:
@@ -125,11 +125,11 @@ def _print_one(console: Console, sizing: Sizing) -> None:
     table = new_table(
         f"at 3 sigma = {1e3 * three.clearance:.4g} mm, in {mission}", ["quantity", "value"]
     )
-    table.add_row("chance of any hit", spoken_percent(three.probability.value))
-    table.add_row("hits by Rice", f"{three.rice_hits:.4g}")
-    table.add_row("first hits (bursts)", value_with_error(three.first_hits))
+    table.add_row("probability of any impact", spoken_percent(three.probability.value))
+    table.add_row("impacts by Rice", f"{three.rice_hits:.4g}")
+    table.add_row("first impacts (clusters)", value_with_error(three.first_hits))
     if three.hits is not None:
-        table.add_row("hits, simulated", value_with_error(three.hits))
+        table.add_row("impacts, simulated", value_with_error(three.hits))
     if three.impact_speed_mean is not None:
         table.add_row("mean impact speed (m/s)", value_with_error(three.impact_speed_mean))
     print_table(console, table)
@@ -141,7 +141,7 @@ def _print_one(console: Console, sizing: Sizing) -> None:
             clearance=1e3 * sizing.required["clearance"],
             interval=[f"{1e3 * low:.4g} to {1e3 * high:.4g}" for low, high in limits],
         )[list(REQUIRED_COLUMNS)].rename(columns=REQUIRED_COLUMNS),
-        f"chance of any hit in {mission}",
+        f"probability of any impact in {mission}",
     )
     _print_hits(console, sizing)
 
@@ -163,7 +163,8 @@ def _print_changes(console: Console, table: pd.DataFrame, title: str) -> None:
     print_frame(
         console,
         shown[list(columns)].rename(columns=columns),
-        f"{title}: clearance for the same target, and chance of any hit at the calculated one",
+        f"{title}: clearance for the same target, and probability of any impact at the "
+        "calculated one",
     )
     for change, note in zip(table["change"], table["note"], strict=True):
         if note:
@@ -178,7 +179,7 @@ def _print_pairs(console: Console, sizing: PairsSizing) -> None:
     print_line(console, sizing.calculated())
     print_frame(console, pairs_in_words(sizing), f"pair by pair, as calculated, in {mission}")
     table = new_table(
-        f"chance that any pair is hit in {mission}", ["stops", "chance", "95 % interval"]
+        f"probability that any pair is hit in {mission}", ["stops", "probability", "95 % interval"]
     )
     known = {
         "as sized": sizing.probability,
@@ -192,7 +193,7 @@ def _print_pairs(console: Console, sizing: PairsSizing) -> None:
     print_frame(
         console,
         required_in_rows(sizing),
-        f"clearances for other chances of any hit in {mission}",
+        f"clearances for other probabilities of any impact in {mission}",
     )
     if len(sizing.tolerances) > 1:
         print_frame(console, tolerances_in_rows(sizing), TOLERANCES)
@@ -201,23 +202,23 @@ def _print_pairs(console: Console, sizing: PairsSizing) -> None:
 
 
 def _print_hits(console: Console, sizing: Sizing) -> None:
-    """Print the hits at 3 sigma and at the answer; other clearances were steps of the search."""
+    """Print the impacts at 3 sigma and at the answer; other clearances were steps of the search."""
     if len(sizing.simulated):
         places = [sizing.three_sigma.clearance, sizing.clearance.value]
         table = sizing.simulated[sizing.simulated["clearance"].isin(places)]
         print_frame(
             console,
-            table.assign(clearance=1e3 * table["clearance"])[list(HIT_COLUMNS)].rename(
-                columns=HIT_COLUMNS
-            ),
-            "hits on all stops, with the stop law",
+            table.assign(
+                clearance=1e3 * table["clearance"], by=table["by"].replace("bursts", "clusters")
+            )[list(HIT_COLUMNS)].rename(columns=HIT_COLUMNS),
+            "impacts on all stops, with the stop law",
         )
         print_line(console, HITS_PER_FIRST_HIT)
     print_line(console, LAST_DIGITS)
 
 
 REQUIRED_COLUMNS = {
-    "probability": "chance",
+    "probability": "probability",
     "clearance": "clearance (mm)",
     "interval": "95 % interval",
     "clearance_in_sigma": "in sigma",
@@ -226,15 +227,15 @@ REQUIRED_COLUMNS = {
 
 CHANGE_COLUMNS = {
     "clearance_change": "by",
-    "probability": "chance of any hit",
+    "probability": "probability of any impact",
 }
 
 
 HIT_COLUMNS = {
     "clearance": "clearance (mm)",
     "clearance_in_sigma": "in sigma",
-    "hit_rate": "hits (1/s)",
-    "hits_per_first_hit": "hits per first hit",
+    "hit_rate": "impacts (1/s)",
+    "hits_per_first_hit": "impacts per first impact",
     "impact_speed_mean": "mean speed (m/s)",
     "by": "by",
 }

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def interval_in_words(chance: Probability) -> str:
-    """The interval of a chance in per cent."""
+    """The interval of a probability in per cent."""
     low = spoken_percent(chance.lower) if chance.lower > 0.0 else "0"
     return f"{low} to {spoken_percent(chance.upper)}"
 
@@ -44,8 +44,8 @@ def pairs_in_words(sizing: PairsSizing) -> pd.DataFrame:
                 "in sigma": f"{each['clearance_in_sigma']:.3g}",
                 "3 sigma (mm)": f"{3.0 * MM * each['sigma']:.4g}",
                 "hit, if it alone had stops": spoken_percent(each["probability_alone"]),
-                "of first hits": f"{100.0 * each['share_of_first_hits']:.3g} %",
-                "expected hits": _known(each["expected_hits"]),
+                "of first impacts": f"{100.0 * each['share_of_first_hits']:.3g} %",
+                "expected impacts": _known(each["expected_hits"]),
                 "mean speed (m/s)": _known(each["impact_speed_mean"]),
             }
         )
@@ -97,7 +97,7 @@ def _known(value: float) -> str:
 
 def tolerances_in_rows(sizing: PairsSizing) -> pd.DataFrame:
     """A row per change: the clearance that each sized pair needs for the same risk (mm), and the
-    chance of any hit at the calculated ones."""
+    probability of any impact at the calculated ones."""
     import pandas as pd
 
     table = sizing.tolerances
@@ -108,7 +108,9 @@ def tolerances_in_rows(sizing: PairsSizing) -> pd.DataFrame:
                 f"{name} (mm)": [four_digits(MM * needed) for needed in table[name]]
                 for name in sizing.clearances
             },
-            "chance of any hit": [spoken_percent(chance) for chance in table["probability"]],
+            "probability of any impact": [
+                spoken_percent(chance) for chance in table["probability"]
+            ],
         }
     )
 
@@ -122,14 +124,15 @@ def worst_places(sizing: PairsSizing) -> list[str]:
 
 
 TOLERANCES = (
-    "within the tolerances, by linear theory: clearances for the same risk, and the chance of any "
+    "within the tolerances, by linear theory: clearances for the same risk, and the "
+    "probability of any "
     "hit at the calculated ones; last, the largest of each column over the whole region"
 )
 """Heading of the table of tolerances."""
 
 
 def required_in_rows(sizing: PairsSizing) -> pd.DataFrame:
-    """A row per sized pair: its clearance (mm) for other chances of any hit."""
+    """A row per sized pair: its clearance (mm) for other probabilities of any impact."""
     import pandas as pd
 
     asked = {
@@ -174,7 +177,7 @@ def gaps_in_words(linear: Screening) -> pd.DataFrame:
 
 
 def plot_pairs_risk(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
-    """Chance of any hit against the clearance of each pair, all of which change together.
+    """Probability of any impact against the clearance of each pair, all of which change together.
 
     The dashed line takes the pairs for independent of each other.
     """
@@ -200,7 +203,7 @@ def plot_pairs_risk(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
     ax.axhline(sizing.probability.value, color="0.5", linewidth=0.8)
     ax.set_yscale("log")
     ax.set_xlabel(f"clearance per side ({name})")
-    ax.set_ylabel(f"chance of any hit in {spoken_mission(sizing.mission)}")
+    ax.set_ylabel(f"probability of any impact in {spoken_mission(sizing.mission)}")
     add_grid(ax)
     ax.legend(
         frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2

@@ -77,8 +77,8 @@ def plot(found: Result, ax: Axes | None = None) -> Axes:
 
 def plot_response(found: Response, ax: Axes | None = None) -> Axes:
     """Mean and one standard deviation of each coordinate and gap between its stops, and the rates
-    and mean speeds of the hits. A response holds no density: `history` and the pictures of `exact`
-    and `fokker-planck` on the command line do."""
+    and mean speeds of the impacts. A response holds no density: `history` and the pictures of
+    `exact` and `fokker-planck` on the command line do."""
     rows: list[tuple[str, Any, Any]] = [
         (name, each.displacement_mean, each.displacement_std)
         for name, each in found.coordinates.items()
@@ -122,7 +122,8 @@ def plot_response(found: Response, ax: Axes | None = None) -> Axes:
 def _draw_stops_of(
     hits: PairResponse | None, pair: Mapping[str, Any], row: int, unit: float, ax: Axes
 ) -> None:
-    """The stops of a pair in a row of a list, with the rate of their hits, and the mean speed."""
+    """The stops of a pair in a row of a list, with the rate of their impacts, and the mean
+    speed."""
     for side, align in (("lower", "right"), ("upper", "left")):
         place = pair.get(side)
         if place is None:
@@ -130,7 +131,7 @@ def _draw_stops_of(
         ax.plot([place / unit] * 2, [row - 0.38, row + 0.38], color=COLOURS["stop"], linewidth=5)
         rate = getattr(hits, f"collision_rate_{side}", None)
         speed = hits.impact_speed_mean if hits is not None else None
-        words = [] if rate is None else [f"{value_with_error(rate)} hits/s"]
+        words = [] if rate is None else [f"{value_with_error(rate)} impacts/s"]
         words += [] if speed is None or rate is None else [f"mean {float(speed):.2g} m/s"]
         ax.annotate(
             "\n".join(words), (place / unit, row), xytext=(8 if side == "upper" else -8, 0),
@@ -259,7 +260,8 @@ def plot_motion(found: History, ax: Axes | None = None) -> Axes:
 
 
 def plot_replay(found: Replay, ax: Axes | None = None) -> Axes:
-    """x(t) at one clearance, where its samples were kept; else hits and speeds over clearances."""
+    """x(t) at one clearance, where its samples were kept; else impacts and speeds over
+    clearances."""
     single = found.single
     if single is None or single.histories is None:
         return plot_clearances(found, ax)

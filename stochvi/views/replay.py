@@ -1,4 +1,4 @@
-"""Replays on a terminal and as pictures: x(t) with stops and hits, hits against clearance."""
+"""Replays on a terminal and as pictures: x(t) with stops and impacts, impacts against clearance."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from stochvi.methods.replay import Replay, ReplayAt
 
 MOST_ON_LINEAR_AXIS = 50
-"""Number of hits up to which single ones can be read off a linear axis."""
+"""Number of impacts up to which single ones can be read off a linear axis."""
 
 HEADROOM = 1.15
 """Top of an axis over its largest value, so that no marker or number is cut."""
@@ -40,7 +40,7 @@ ROWS = {
     "displacement_std": ("standard deviation of displacement (mm)", MM),
     "displacement_kurtosis": ("kurtosis of the displacement", 1.0),
     "acceleration_max": ("largest absolute acceleration (g)", G),
-    "hits": ("hits", 1.0),
+    "hits": ("impacts", 1.0),
     "impact_speed_max": ("largest impact speed (m/s)", 1.0),
     "peak_force": ("largest force of a stop (N)", 1.0),
     "contact_time": ("time in contact (s)", 1.0),
@@ -92,11 +92,11 @@ def _print_many(console: Console, found: Replay) -> None:
         speed, force = pair.impact_speed_max, pair.peak_force
         rows.append(
             {
-                "gap (mm)": four_digits(MM * each.clearance),
-                "hits": f"{float(pair.hits):.0f}",
+                "clearance (mm)": four_digits(MM * each.clearance),
+                "impacts": f"{float(pair.hits):.0f}",
                 "max speed (m/s)": UNKNOWN if speed is None else f"{float(speed):.4g}",
                 "max force (N)": UNKNOWN if force is None else f"{float(force):.4g}",
-                "max |acc.| (g)": f"{G * float(motion.acceleration_max):.4g}",
+                "peak acc. (g)": f"{G * float(motion.acceleration_max):.4g}",
                 "from (mm)": four_digits(MM * float(motion.displacement_min)),
                 "to (mm)": four_digits(MM * float(motion.displacement_max)),
             }
@@ -133,10 +133,10 @@ def _plot_shock(each: ReplayAt, ax: Axes, *, whole: bool = False, legend: bool =
             ]
             if not len(hit):
                 continue  # markers that are not clipped take the whole figure where there are none
-            named = "hits" in ax.get_legend_handles_labels()[1]
+            named = "impacts" in ax.get_legend_handles_labels()[1]
             ax.plot(hit["time"], np.full(len(hit), place / unit), "v", markersize=4.5,
                     color=COLOURS["linearise:closure"], clip_on=False, zorder=3,
-                    label=None if named else "hits")  # fmt: skip
+                    label=None if named else "impacts")  # fmt: skip
     ax.margins(x=0.0)
     ax.set_xlabel(seconds_of(part, kept.time))
     ax.set_ylabel(f"displacement ({name})")
@@ -155,7 +155,7 @@ def _shock(each: ReplayAt) -> float | None:
 
 
 def plot_clearances(found: Replay, ax: Axes | None = None) -> Axes:
-    """Hits against clearance; the largest impact speed stands at each point."""
+    """Impacts against clearance; the largest impact speed stands at each point."""
     ax = axes_or_new(ax)
     places = np.array([each.clearance for each in found.clearances], dtype=float)
     order = np.argsort(places)
@@ -179,14 +179,14 @@ def plot_clearances(found: Replay, ax: Axes | None = None) -> Axes:
             )  # fmt: skip
     ax.margins(x=0.12)
     ax.set_xlabel(f"clearance ({name})")
-    ax.set_ylabel("hits, largest speed")
+    ax.set_ylabel("impacts, largest speed")
     add_grid(ax)
     return ax
 
 
 def draw_replay(found: Replay, title: str = "") -> Axes:
     """x(t) around the shock with the stops, above the whole record; over several clearances x(t)
-    around the shock at some of them, then hits over clearances."""
+    around the shock at some of them, then impacts over clearances."""
     import matplotlib.pyplot as plt
 
     single = found.single

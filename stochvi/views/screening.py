@@ -19,14 +19,14 @@ SIGMAS = np.linspace(1.0, 6.0, 101)
 
 
 def plot_screening(found: Screening, ax: Axes | None = None) -> Axes:
-    """Three sigma of every gap beside its stops; of one mass, hits by Rice's formula against
+    """Three sigma of every gap beside its stops; of one mass, impacts by Rice's formula against
     clearance."""
     one = len(found.coordinates) == 1 and len(found.impact_pairs) < 2
     return _plot_rice(found, ax) if one else _plot_gaps(found, ax)
 
 
 def _plot_rice(found: Screening, ax: Axes | None) -> Axes:
-    """Hits by Rice's formula against the clearance of one mass, three sigma marked."""
+    """Impacts by Rice's formula against the clearance of one mass, three sigma marked."""
     ax = axes_or_new(ax)
     sigma = found.displacement_std
     # of a scene with stops, hits are those on the stops that it has
@@ -38,7 +38,7 @@ def _plot_rice(found: Screening, ax: Axes | None) -> Axes:
         [rate(place) for place in places],
         color=COLOURS["exact"],
         linestyle="--",
-        label="Rice, hits change nothing",
+        label="Rice, impacts change nothing",
     )
     ax.plot(
         3.0 * sigma / unit,
@@ -48,7 +48,7 @@ def _plot_rice(found: Screening, ax: Axes | None) -> Axes:
         label="3 sigma",
     )
     ax.set_xlabel(f"clearance per side ({name})")
-    ax.set_ylabel("hits per second")
+    ax.set_ylabel("impacts per second")
     add_grid(ax)
     ax.legend(frameon=False)
     return ax

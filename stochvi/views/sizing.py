@@ -65,10 +65,11 @@ def _marks(sizing: Sizing) -> list[tuple[str, str, float]]:
 
 
 def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
-    """Chance in the mission that the target limits against clearance, 3 sigma and the calculated
-    clearance marked: that of any hit or, of a target with a limit, that a hit exceeds it.
+    """Probability in the mission that the target limits against clearance, 3 sigma and the
+    calculated clearance marked: that of any impact or, of a target with a limit, that an impact
+    exceeds it.
 
-    The dashed line takes Rice's crossings for independent hits. Bands and bars are the 95 %
+    The dashed line takes Rice's crossings for independent impacts. Bands and bars are the 95 %
     intervals.
     """
     ax = axes_or_new(ax, (6.8, 4.6))
@@ -82,11 +83,11 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
     if wanted.exceedance is None:
         lowest = _plot_any_hit(ax, sizing, unit)
         end = float(curve["clearance"][curve["probability"] > lowest].iloc[-1]) / unit
-        what = "chance of any hit"
+        what = "probability of any impact"
     else:
         lowest = _plot_limit(ax, sizing, unit)
         end = 1.25 * max(places.values()) / unit
-        what = f"chance of {with_article(wanted.name.replace('_', ' '))}\nabove {wanted.limit}"
+        what = f"probability of {with_article(wanted.name.replace('_', ' '))}\nabove {wanted.limit}"
     shown = {"3 sigma": COLOURS["linearise:closure"], name_of_answer(sizing): own}
     for words, place in places.items():
         label = f"{words}: {place / unit:.4g} {name}"
@@ -118,7 +119,7 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
 
 
 def _plot_any_hit(ax: Axes, sizing: Sizing, unit: float) -> float:
-    """Draw the chance of any hit; returns the smallest chance that is shown."""
+    """Draw the probability of any impact; returns the smallest probability that is shown."""
     curve = sizing.curve
     x = curve["clearance"] / unit
     expected = curve["rice_rate"] * sizing.mission
@@ -143,15 +144,16 @@ def _plot_any_hit(ax: Axes, sizing: Sizing, unit: float) -> float:
 
 
 def _plot_limit(ax: Axes, sizing: Sizing, unit: float) -> float:
-    """Draw the chance that the limit of the target is exceeded at the clearances that were tried,
-    with that of any hit for comparison; returns the smallest chance that is shown."""
+    """Draw the probability that the limit of the target is exceeded at the clearances that were
+    tried, with that of any impact for comparison; returns the smallest probability that is
+    shown."""
     accepted, table = sizing.target.exceedance, sizing.exceeding
     assert accepted is not None
     lowest = 0.1 * accepted
     curve = sizing.curve
     ax.plot(
         curve["clearance"] / unit, curve["probability"], color="0.6", linewidth=1.0,
-        label="any hit, however soft",
+        label="any impact, however soft",
     )  # fmt: skip
     ax.axhline(accepted, color="0.3", linestyle=":", label=f"accepted: {spoken_percent(accepted)}")
     if table is None or not len(table):
@@ -163,7 +165,7 @@ def _plot_limit(ax: Axes, sizing: Sizing, unit: float) -> float:
         ax.errorbar(
             known["clearance"] / unit, value,
             yerr=[value - known["probability_low"], known["probability_high"] - value],
-            color=colour, marker="o", capsize=3.0, label="a hit beyond the limit, simulated",
+            color=colour, marker="o", capsize=3.0, label="an impact beyond the limit, simulated",
         )  # fmt: skip
         lowest = min(lowest, 0.3 * float(value.min()))
     unseen = table[table["probability"].isna()]
@@ -270,7 +272,7 @@ def plot_histogram(review: Review, ax: Axes | None = None) -> Axes:
 
 
 def plot_hit_rate(review: Review, ax: Axes | None = None) -> Axes:
-    """Hits per second against clearance: Rice, first hits, closure, Monte Carlo with 95 %."""
+    """Impacts per second against clearance: Rice, first impacts, closure, Monte Carlo with 95 %."""
     ax = axes_or_new(ax, PAGE)
     sizing, closure = review.sizing, review.closure
     curve, mm = sizing.curve, 1e3
@@ -278,7 +280,7 @@ def plot_hit_rate(review: Review, ax: Axes | None = None) -> Axes:
             linewidth=1.3, label="Rice, no impacts")  # fmt: skip
     known = curve[curve["first_hit_rate_low"] > 0.0]
     ax.plot(mm * known["clearance"], known["first_hit_rate"], color=COLOURS["fokker-planck"],
-            linewidth=1.6, label="first hits")  # fmt: skip
+            linewidth=1.6, label="first impacts")  # fmt: skip
     ax.fill_between(mm * known["clearance"], known["first_hit_rate_low"],
                     known["first_hit_rate_high"], color=COLOURS["fokker-planck"], alpha=0.25,
                     linewidth=0)  # fmt: skip
@@ -295,7 +297,7 @@ def plot_hit_rate(review: Review, ax: Axes | None = None) -> Axes:
         )  # fmt: skip
     ax.set_yscale("log")
     _mark_clearances(ax, sizing)
-    label_for_page(ax, "clearance per side (mm)", "hits per second")
+    label_for_page(ax, "clearance per side (mm)", "impacts per second")
     return ax
 
 
@@ -312,14 +314,14 @@ def plot_impact_speeds(review: Review, ax: Axes | None = None) -> Axes:
                 linestyle="--", linewidth=1.3, label="Rice, no impacts")  # fmt: skip
     ax.semilogy(speeds, faster, color=CLEARANCES["three_sigma"], linewidth=1.6,
                 drawstyle="steps-post",
-                label=f"{count_of(motion.hits)} hits at 3 sigma")  # fmt: skip
+                label=f"{count_of(motion.hits)} impacts at 3 sigma")  # fmt: skip
     ax.set_ylim(0.5 / motion.duration, 3.0 * max(faster.max(), rice))
     label_for_page(ax, "impact speed w (m/s)", "impacts faster than w, per second")
     return ax
 
 
 def plot_exceedances(review: Review, ax: Axes | None = None) -> Axes:
-    """Chance that the hardest hit of the mission exceeds a limit against the limit, for the
+    """Probability that the hardest impact of the mission exceeds a limit against the limit, for the
     smallest, the recommended and the largest clearance; each line bears its clearance."""
     ax = axes_or_new(ax, PAGE)
     table, factor, words = _hard_hits(review)
@@ -337,7 +339,7 @@ def plot_exceedances(review: Review, ax: Axes | None = None) -> Axes:
 
 
 def plot_exceedances_over_clearance(review: Review, ax: Axes | None = None) -> Axes:
-    """The chance of exceeding a limit against clearance; each line bears its limit."""
+    """The probability of exceeding a limit against clearance; each line bears its limit."""
     ax = axes_or_new(ax, PAGE)
     table, factor, words = _hard_hits(review)
     unit = words[words.index("(") + 1 : -1]
@@ -357,8 +359,8 @@ def plot_exceedances_over_clearance(review: Review, ax: Axes | None = None) -> A
 
 
 def _hard_hits(review: Review) -> tuple[pd.DataFrame, float, str]:
-    """The table of chances of hard hits, the factor from SI to the unit of their axis, and its
-    label."""
+    """The table of probabilities of hard impacts, the factor from SI to the unit of their axis,
+    and its label."""
     table = review.exceedances
     assert table is not None
     if table["event"].iloc[0] == "peak_acceleration":
@@ -367,7 +369,7 @@ def _hard_hits(review: Review) -> tuple[pd.DataFrame, float, str]:
 
 
 def _chance_label(review: Review) -> str:
-    return f"chance in {spoken_mission(review.sizing.mission)}"
+    return f"probability in {spoken_mission(review.sizing.mission)}"
 
 
 def _chance_limits(table: pd.DataFrame) -> tuple[float, float]:
@@ -375,13 +377,13 @@ def _chance_limits(table: pd.DataFrame) -> tuple[float, float]:
 
 
 LEAST_CHANCE = 1e-9
-"""Lower end of a picture of chances of hard hits."""
+"""Lower end of a picture of probabilities of hard impacts."""
 
 
 def _chance_line(
     ax: Axes, x: Any, rows: pd.DataFrame, colour: str, label: str, marker: str = ""
 ) -> None:
-    """Draw chances with their 95 % band, and the label at the end of the line."""
+    """Draw probabilities with their 95 % band, and the label at the end of the line."""
     y = rows["probability"].to_numpy()
     ax.plot(x, y, color=colour, linewidth=1.6, marker=marker, markersize=4)
     ax.fill_between(x, np.maximum(rows["probability_low"], LEAST_CHANCE), rows["probability_high"],

@@ -30,7 +30,7 @@ would all be 9."""
 
 SURELY = 0.9
 """Lower end of an interval that reaches to 1, from which on "over" and that end are printed; where
-it is lower the chance is hardly known, and the interval is printed."""
+it is lower the probability is hardly known, and the interval is printed."""
 
 
 def print_spectrum(console: Console, found: ResponseSpectrum) -> None:
@@ -67,15 +67,15 @@ def chance_in_words(value: float, error: float, lower: float) -> str:
 
 
 def _print_pairs(console: Console, found: Reliability) -> None:
-    """Print the risk of each of several pairs, and the chances for single coordinates and
+    """Print the risk of each of several pairs, and the probabilities for single coordinates and
     points."""
     table = new_table(
         "pair by pair",
         [
             "pair",
             "hit, if it alone had stops",
-            "of first hits",
-            "expected hits",
+            "of first impacts",
+            "expected impacts",
             "mean speed (m/s)",
         ],
     )
@@ -108,7 +108,7 @@ def _number(estimate: Estimate | None) -> str:
 
 
 def _chance(chance: Estimate) -> str:
-    """A chance with its standard error, or its upper limit."""
+    """A probability with its standard error, or its upper limit."""
     if chance.upper_95 is not None:
         return f"at most {chance.upper_95:.3g}" if chance.upper_95 < NEAR_ONE else "unknown"
     return chance_in_words(
@@ -117,7 +117,7 @@ def _chance(chance: Estimate) -> str:
 
 
 def print_reliability(console: Console, found: Reliability, limit_in_g: str | None = None) -> None:
-    """Print the chances with their intervals, how each was found, and the price.
+    """Print the probabilities with their intervals, how each was found, and the price.
 
     `limit_in_g` is the limit of the acceleration as the user gave it, where that was in g.
     """
@@ -154,11 +154,11 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
     if found.pairs:
         _print_pairs(console, found)
     if "expected_hits" in found.missing and found.hits is None:
-        console.print("expected hits not found", highlight=False)
+        console.print("expected impacts not found", highlight=False)
     if found.hits is not None and found.hits_interval is not None:
         lower, upper = found.hits_interval
         ends = "" if found.hits.upper_95 is not None else f", {lower:.4g} to {upper:.4g}"
-        console.print(f"expected hits {_number(found.hits)}{ends}", highlight=False)
+        console.print(f"expected impacts {_number(found.hits)}{ends}", highlight=False)
     for chance in found.chances.values():
         print_line(console, f"{chance.event.replace('_', ' ')}: {chance.why}")
     for warning in found.warnings:

@@ -45,7 +45,7 @@ SUMMARY_UNITS = {
     "impact_speed": "1",
     "peak_acceleration": "1",
 }
-"""Units of quantities of replays, sizings and reliabilities; those of events are chances."""
+"""Units of quantities of replays, sizings and reliabilities; those of events are probabilities."""
 
 GOVERNED = (
     "displacement_std", "acceleration_std", "collision_rate", "impact_speed_mean", "peak_force",
@@ -58,7 +58,7 @@ GOVERNED = (
 ON_TERMINAL = (
     "displacement_std", "collision_rate", "impact_speed_rate", "clearance", "three_sigma",
     "expected_hits", "hit", "passage", "impact_speed", "peak_acceleration", "displacement_max",
-    "displacement_min", "hits", "impact_speed_max",
+    "displacement_min", "acceleration_max", "hits", "impact_speed_max",
 )  # fmt: skip
 """The ones among these quantities that the table on the terminal shows."""
 
@@ -71,14 +71,15 @@ PAGE_UNITS = {"m": (MM, "mm"), "m/s^2": (G, "g")}
 EVENT_NAMES = {
     "clearance": "clearance per side",
     "three_sigma": "3 sigma",
-    "expected_hits": "expected hits",
-    "hit": "chance of any hit",
-    "passage": "chance of a passage",
-    "impact_speed": "chance of too fast a hit",
-    "peak_acceleration": "chance of too sharp a hit",
-    "displacement_max": "largest displacement",
-    "displacement_min": "smallest displacement",
-    "acceleration_max": "largest acceleration",
+    "expected_hits": "expected impacts",
+    "hit": "probability of any impact",
+    "passage": "probability of a passage",
+    "impact_speed": "probability of too fast an impact",
+    "peak_acceleration": "probability of too sharp an impact",
+    "displacement_max": "largest x",
+    "displacement_min": "smallest x",
+    "acceleration_max": "peak acceleration",
+    "hits": "impacts",
     "impact_speed_max": "largest impact speed",
 }
 """Quantities of sizings, reliabilities and replays in words."""
@@ -97,10 +98,14 @@ def quantities(table: pd.DataFrame) -> list[str]:
 
 
 def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
-    """The table as a terminal shows it: keys, main quantities with standard errors, seconds."""
+    """The table as a terminal shows it: keys, and main quantities with standard errors.
 
-    def cell(value: float, *others: float) -> str:
-        error, bias, limit = (None if pd.isna(each) else float(each) for each in others)
+    Lengths are in mm and accelerations in g.
+    """
+
+    def cell(factor: float, value: float, *others: float) -> str:
+        value *= factor
+        error, bias, limit = (None if pd.isna(each) else factor * float(each) for each in others)
         if pd.isna(value):
             return NO_VALUE
         estimate = Estimate(value=value, standard_error=error or 0.0, bias=bias, upper_95=limit)
@@ -111,8 +116,11 @@ def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
         if quantity.rsplit(".", 1)[1] in ON_TERMINAL:
             shown = [quantity, *(f"{quantity}.{end}" for end in (ERROR, BIAS, LIMIT))]
             columns = table.reindex(columns=shown).itertuples(index=False, name=None)
-            found[_named(table, quantity)] = [cell(*numbers) for numbers in columns]
-    return found.assign(seconds=table["seconds"])
+            name = quantity.rsplit(".", 1)[1]
+            factor, unit = PAGE_UNITS.get(UNITS.get(name, "1"), (1.0, None))
+            heading = _named(table, quantity, unit)
+            found[heading] = [cell(factor, *numbers) for numbers in columns]
+    return found
 
 
 def unseen(table: pd.DataFrame) -> pd.Series:

@@ -27,9 +27,9 @@ QUANTITY_NAMES = {
     "velocity_mean_square": "mean square velocity",
     "acceleration_std": "rms abs. acceleration",
     "upcrossing_rate": "up-crossings of mean",
-    "collision_rate": "hits, all stops",
-    "collision_rate_lower": "hits, lower stop",
-    "collision_rate_upper": "hits, upper stop",
+    "collision_rate": "impacts, all stops",
+    "collision_rate_lower": "impacts, lower stop",
+    "collision_rate_upper": "impacts, upper stop",
     "impact_speed_mean": "mean impact speed",
     "impact_speed_rate": "F1, sum of w per s",
     "impact_speed_square_rate": "F2, sum of w^2 per s",
@@ -161,8 +161,8 @@ def print_frame(
 
 
 LAST_DIGITS = (
-    "in brackets: the standard error of the last digits, 607(20) is 607 +- 20; behind +-: a bias "
-    "that widens the 95 % interval by more than a tenth, ? where it is not known"
+    "607(20) means 607 with a standard error of 20; a number behind +- is a bias, shown where it "
+    "widens the 95 % interval by more than a tenth (? where it is not known)"
 )
 """Explanation of the notation of an `Estimate`."""
 

@@ -121,7 +121,7 @@ def names_of_places(sizing: Sizing) -> dict[str, str]:
 
 
 def chance_of_stops(sizing: Sizing) -> str:
-    """Probability of any hit with the stops of the scene, in words."""
+    """Probability of any impact with the stops of the scene, in words."""
     chance = sizing.gap.probability
     return UNKNOWN if chance is None else chance_in_words(chance)
 
@@ -148,8 +148,8 @@ def clearances_of_changes(table: pd.DataFrame) -> dict[str, str]:
 
 
 def places_of_stops(sizing: Sizing) -> str:
-    """The line to copy into a scene file, and the chance of a hit on the stops of the scene at
-    their places."""
+    """The line to copy into a scene file, and the probability of an impact on the stops of the
+    scene at their places."""
     texts = []
     if copied := sizing.stops_to_copy():
         hangs = f"; {equilibrium_in_words(sizing)}" if sizing.gap.mean_position else ""
@@ -158,7 +158,7 @@ def places_of_stops(sizing: Sizing) -> str:
         distances = " and ".join(f"{1e3 * distance:.4g}" for distance in stops.values())
         texts.append(
             f"stops of the scene, {distances} mm from the static equilibrium: "
-            f"{chance_of_stops(sizing)} in {spoken_mission(sizing.mission)} (any hit)"
+            f"{chance_of_stops(sizing)} in {spoken_mission(sizing.mission)} (any impact)"
         )
     return "\n".join(texts)
 

@@ -85,7 +85,7 @@ def test_quiet_is_silent(stochvi: Run, command):
 def test_the_table_goes_to_stdout_without_json(stochvi: Run):
     code, out, err = stochvi("exact", ELASTIC)
     assert (code, err) == (0, "")
-    assert "hits, all stops" in out
+    assert "impacts, all stops" in out
     assert "0.2828002" in out
 
 

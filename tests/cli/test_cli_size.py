@@ -56,9 +56,9 @@ def test_the_clearance_and_what_three_sigma_buys(
         position = document["gap"]["recommended"][side]
         assert f"{side} = {position:g}" in done.err
         assert position - document["gap"]["mean_position"] == pytest.approx(sign * made["value"])
-    assert "hits, simulated" in done.err
+    assert "impacts, simulated" in done.err
     told = " ".join(done.err.split())
-    assert told.count("the standard error of the last digits, 607(20) is 607 +- 20") == 1
+    assert told.count("607(20) means 607 with a standard error of 20") == 1
     assert told.count("impacts above the speed threshold alone") == 1
     assert clearance["value"] == by_python.clearance.value
     for name in ("risk.csv", "required.csv", "hits.csv", "size.json"):
@@ -152,9 +152,12 @@ def test_the_picture_holds_rice_three_sigma_and_the_answer(by_python: Sizing) ->
         (("--probability", "2"), "probability must be in (0, 0.999], got 2; 1 % is 0.01"),
         (
             ("--probability", "0,1,2%"),
-            "--probability must be a chance such as 0.01 or 1%, got '0,1,2%'",
+            "--probability must be a probability such as 0.01 or 1%, got '0,1,2%'",
         ),
-        (("--probability", "one"), "--probability must be a chance such as 0.01 or 1%, got 'one'"),
+        (
+            ("--probability", "one"),
+            "--probability must be a probability such as 0.01 or 1%, got 'one'",
+        ),
         (("--probability", "100%"), "probability must be in (0, 0.999], got 1"),
         (
             ("--peak-acceleration", "30 apples"),
@@ -190,7 +193,7 @@ def test_the_stops_of_the_scene_are_judged_where_they_are() -> None:
     near, far = 1e3 * (rest + 9e-3), 1e3 * (5e-3 - rest)
     line = (
         f"stops of the scene, {near:.4g} and {far:.4g} mm from the static equilibrium: "
-        f"{spoken_percent(chance)} in 1 h (any hit)"
+        f"{spoken_percent(chance)} in 1 h (any impact)"
     )
     assert line in printed(sizing)
 

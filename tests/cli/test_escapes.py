@@ -58,7 +58,7 @@ def test_files_of_a_sweep_stay_in_its_folder_whatever_a_pair_is_called(
         change.setattr("stochvi.views.sweep.changes", lambda _, name: name.endswith("rate"))
         code, text, errors = stochvi("sweep", scene, *VARY, "--out", out)
     assert (code, errors) == (0, "")
-    assert "hits" in text
+    assert "impacts" in text
     written = files_below(tmp_path) - before
     assert all(path.is_relative_to(out.relative_to(tmp_path)) for path in written)
     assert sum(path.suffix == ".png" for path in written) > 0

@@ -425,7 +425,7 @@ def test_a_line_for_each_combination_of_the_other_keys() -> None:
     ax = draw_sweep(table, list(vary), "stops.collision_rate")
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert labels == ["structure.damping 0.1", "structure.damping 0.4"]
-    assert ax.get_ylabel() == "hits, all stops (1/s)"
+    assert ax.get_ylabel() == "impacts, all stops (1/s)"
     assert ax.get_xlabel() == "impact_pair.upper (mm)" and ax.get_title() == "exact"
 
 
@@ -464,7 +464,7 @@ def test_a_sizing_for_each_row(stochvi: Run, tmp_path: Path) -> None:
         "sweep", scene, "--vary", "structure.Q=4,5", "--method", "size", "--probability", "5%",
         "--mission", "10min", "--rel-error", "0.3", "--threads", "1", "--out", tmp_path / "out",
     )  # fmt: skip
-    assert done.code == 0 and "clearance per side (m)" in done.out
+    assert done.code == 0 and "clearance per side (mm)" in done.out
     written = pd.read_csv(tmp_path / "out" / "sweep.csv")
     assert written["size.clearance_m"].tolist() == table["size.clearance"].tolist()
     assert [path.name for path in (tmp_path / "out").glob("*.png")] == ["sweep.png"]
@@ -529,7 +529,7 @@ def test_options_of_other_methods_are_refused(
 def test_a_table_and_a_picture_tell_the_errors(tmp_path: Path) -> None:
     table = sweep(oscillator(), {GAP: [0.5, 1.0]}, paths=64, duration=20.0, threads=1)
     value, error = (table[f"stops.collision_rate{end}"][0] for end in ("", ".standard_error"))
-    assert terminal_table(table, [GAP])["hits, all stops (1/s)"][0] == format_with_error(
+    assert terminal_table(table, [GAP])["impacts, all stops (1/s)"][0] == format_with_error(
         value, error
     )
     told = draw_sweep(table, [GAP], "stops.collision_rate", "a box").get_title()

@@ -83,7 +83,7 @@ def test_a_closure_that_no_time_is_left_for_is_left_out() -> None:
 def test_clearances_share_a_budget_and_those_without_an_answer_are_named() -> None:
     scene = white_mount(10.0, 10.0, 0.01)
     with pytest.raises(
-        NotConverged, match=r"the hits at 2 mm, 3 mm were known to .* 0\.01"
+        NotConverged, match=r"the impacts at 2 mm, 3 mm were known to .* 0\.01"
     ) as late:
         clearance_curve(scene, [2e-3, 3e-3], rel_error=0.01, budget=1e-3)
     curve = late.value.response

@@ -308,7 +308,7 @@ def test_many_pairs_read_by_their_ends_and_alike_ones_are_one_line(both: PairsSi
 def test_columns_of_what_is_not_known_are_left_out(both: PairsSizing) -> None:
     unknown = both.pairs.assign(expected_hits=math.nan, impact_speed_mean=math.nan)
     left = set(pairs_in_words(both)) - set(pairs_in_words(replace(both, pairs=unknown)))
-    assert left == {"expected hits", "mean speed (m/s)"}
+    assert left == {"expected impacts", "mean speed (m/s)"}
 
 
 def test_the_worst_tolerances_stand_in_the_verdict(both: PairsSizing) -> None:

@@ -279,14 +279,16 @@ def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_ju
     verdict = found.verdict()
     assert verdict.startswith(f"clearance: {found.made} from the static equilibrium is enough")
     assert "any impact speed of 1 h exceeds 5 m/s is below 1 %" in verdict
-    assert "95 % limit of the chance: 0.002 %" in found.calculated()
+    assert "95 % limit of the probability: 0.002 %" in found.calculated()
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["kept_with"]["value"] == 0.0
 
     def too_short(scene: Scene, **asked: Any) -> None:
         raise NotConverged("the budget ended", None)
 
     monkeypatch.setattr(method, "reliability", too_short)
-    with pytest.raises(NotConverged, match="ended before that showed a chance below 1 %") as short:
+    with pytest.raises(
+        NotConverged, match="ended before that showed a probability below 1 %"
+    ) as short:
         size(truck(HALF), impact_speed=5.0, rel_error=0.2)
     assert short.value.response.clearance == found.clearance
     assert "is not known well enough" in short.value.response.verdict()
@@ -307,7 +309,7 @@ def test_the_chance_that_is_kept_already_is_told_where_it_was_seen(
     assert found.kept_with is not None and found.kept_with.upper_95 is None
     assert 0.0 < found.kept_with.value < 0.5
     assert "is below 50 %" in found.verdict()
-    assert f"a chance of {spoken_percent(found.kept_with.value)}" in found.calculated()
+    assert f"a probability of {spoken_percent(found.kept_with.value)}" in found.calculated()
 
 
 def test_a_limit_that_says_nothing_does_not_replace_a_chance_that_was_seen() -> None:
@@ -327,7 +329,7 @@ def test_bursts_that_do_not_end_give_no_clearance(monkeypatch: pytest.MonkeyPatc
     asked: dict[str, Any] = {"impact_speed": 0.3, "mission": 40.0, "exceedance": 0.1}
     found = size(truck(HALF), **asked, rel_error=0.2, seed=4)
     monkeypatch.setattr(Bursts, "unfinished", 2.0 * UNFINISHED)
-    with pytest.raises(NotConverged, match=r"had not ended after .* s: the chance") as refused:
+    with pytest.raises(NotConverged, match=r"had not ended after .* s: the probability") as refused:
         size(truck(HALF), **asked, rel_error=0.2, seed=4)
     assert refused.value.response.clearance.value == pytest.approx(found.clearance.value, rel=0.05)
 
@@ -354,7 +356,7 @@ def test_a_chance_that_is_not_known_gives_no_clearance() -> None:
 def test_warnings_speak_of_the_answer_and_of_three_sigma_alone() -> None:
     found = size(truck(HALF), rate=0.3, rel_error=1e-3, budget=1.0, seed=4)
     places = [1e3 * place for place in (found.clearance.value, 3.0 * found.sigma)]
-    unknown = [text for text in found.warnings if "before the hits" in text]
+    unknown = [text for text in found.warnings if "before the impacts" in text]
     assert len(unknown) == 2 < len(found.simulated)
     for place in places:
         assert any(f"at {place:.4g} mm" in text for text in unknown)
@@ -534,9 +536,9 @@ def test_the_picture_of_a_limit_shows_the_chance_of_that_limit() -> None:
     assert table is not None and len(table)
     ax = plot_risk(found)
     labels = dict(zip(*reversed(ax.get_legend_handles_labels()), strict=True))
-    drawn = labels["a hit beyond the limit, simulated"].lines[0]
+    drawn = labels["an impact beyond the limit, simulated"].lines[0]
     assert drawn.get_ydata() == pytest.approx(table["probability"])
-    assert "peak acceleration" in ax.get_ylabel() and "any hit" not in ax.get_ylabel()
+    assert "peak acceleration" in ax.get_ylabel() and "any impact" not in ax.get_ylabel()
     # any hit at all is some ten times as likely there
     hit = found.curve.set_index("clearance")["probability"]
     assert np.interp(found.clearance.value, hit.index, hit) > 5.0 * 0.01

@@ -188,7 +188,7 @@ def test_the_picture_of_a_response_tells_its_stops_and_hits() -> None:
     words = " ".join(text.get_text() for text in ax.texts)
     pair = found.impact_pairs["stops"]
     for rate in (pair.collision_rate_lower, pair.collision_rate_upper):
-        assert f"{value_with_error(rate)} hits/s" in words
+        assert f"{value_with_error(rate)} impacts/s" in words
     assert f"{value_with_error(found.coordinates['x'].displacement_std)} m" in words
     plt.close("all")
 

@@ -111,7 +111,7 @@ def test_missions_shorter_than_what_settles_them() -> None:
     assert moment.chances["hit"].estimate.value > 10.0 * moment.hits.value
     (note,) = moment.warnings
     outside = math.erfc(2.5 / math.sqrt(2.0))
-    assert f"{outside:.3g} of it is the chance" in note
+    assert f"{outside:.3g} of it is the probability" in note
 
 
 def test_what_was_found_is_told_with_what_is_missing() -> None:
@@ -151,7 +151,7 @@ def test_expected_hits_are_the_rate_times_the_mission() -> None:
     document = to_json(found.to_dict())
     assert "expected_hits" in document
     assert list(found.to_frame()["event"]) == ["hit", "impact_speed"]
-    assert "expected hits" in repr(found)
+    assert "expected impacts" in repr(found)
 
 
 def test_accelerations_need_stops_that_give_way() -> None:
@@ -275,7 +275,7 @@ def test_the_command(stochvi: Run, tmp_path: Any) -> None:
     fast = document["chances"]["impact_speed"]
     assert 0.0 < fast["lower"] < fast["estimate"]["value"] < fast["upper"] < 1.0
     assert document["expected_hits"]["value"] > fast["estimate"]["value"]
-    assert "impact speed > 2 m/s" in done.err and "expected hits" in done.err
+    assert "impact speed > 2 m/s" in done.err and "expected impacts" in done.err
     assert (tmp_path / "reliability.csv").exists()
     done = stochvi(
         "reliability", scene, "--mission", "30", "--impact-speed", "9", "--budget", "0.02",

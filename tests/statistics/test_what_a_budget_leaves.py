@@ -150,9 +150,9 @@ QUESTIONS: dict[str, tuple[Callable[[int], Ends], Callable[[], float]]] = {
     "rate, impacts": (counted_impacts, exact_rate),
     # two-sided S0 / (2 pi b^2) per rad/s at resonance; one-sided per hertz
     "density, spectrum": (sampled_spectrum, lambda: 2.0 * 0.2 / 0.1**2),
-    "hits of missions, reliability": (hits_of_missions, lambda: 100.0 * exact_rate()),
-    "chance by splitting, reliability": (split_chance, exact_chance),
-    "hits of bursts, reliability": (hits_of_bursts, long_bursts),
+    "impacts of missions, reliability": (hits_of_missions, lambda: 100.0 * exact_rate()),
+    "probability by splitting, reliability": (split_chance, exact_chance),
+    "impacts of clusters, reliability": (hits_of_bursts, long_bursts),
     "acceleration, clatter": (clatter_of_windows, long_clatter),
 }
 """An interval from little work, by seed, and the truth."""

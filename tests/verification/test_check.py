@@ -137,7 +137,7 @@ def test_a_scene_without_hits_names_what_finds_rare_ones() -> None:
         replace(simulate(each, paths=8, duration=2.0, threads=1), identities={})
         for each in (mount, free)
     ]
-    assert ["no hit was seen" in compare([each]).summary() for each in found] == [True, False]
+    assert ["no impact was seen" in compare([each]).summary() for each in found] == [True, False]
 
 
 def test_nothing_to_judge_is_no_pass() -> None:

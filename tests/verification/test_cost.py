@@ -323,7 +323,7 @@ def test_the_cheapest_step_is_the_longest_whose_bias_allows_it() -> None:
     assert (hundredth.step, hundredth.simulated) == (0.1, False)
     assert found.cheapest(0.01, rates=True) is None
     assert "0.1 % takes 1 s to 4 s (step 0.2 s), more paths tell" in found.summary()
-    assert "hits: 1 % out of known reach" in found.summary()
+    assert "impacts: 1 % out of known reach" in found.summary()
 
 
 # The scene --------------------------------------------------------------------------------

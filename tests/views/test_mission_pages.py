@@ -42,8 +42,10 @@ def test_a_replay_has_a_page_that_names_its_record(stochvi: Run, tmp_path: Path)
         assert hashlib.sha256(file.read_bytes()).hexdigest() in text
     pair = document["impact_pairs"]["stops"]
     assert pair["hits"]["value"] > 5.0
-    assert f"{pair['hits']['value']:.0f} hits on stops" in text
-    assert text.index("hits on stops") < text.index("Motion and hits") < text.index("Approved")
+    assert f"{pair['hits']['value']:.0f} impacts on stops" in text
+    assert (
+        text.index("impacts on stops") < text.index("Motion and impacts") < text.index("Approved")
+    )
     assert 'class="verdict alarm"' in text  # a sine is no Gaussian noise
     # the same question may be asked again, another one not
     assert stochvi("replay", scene, "--out", out, "--quiet").code == 0
@@ -53,7 +55,9 @@ def test_a_replay_has_a_page_that_names_its_record(stochvi: Run, tmp_path: Path)
     text = page_in(out)
     assert "at 1.000 mm" in text and "at 3.000 mm" in text
     # what the record needs comes first, then the hits at each clearance
-    assert text.index("The record itself needs") < text.index(": hits ") < text.index("Motion and")
+    assert (
+        text.index("The record itself needs") < text.index(": impacts ") < text.index("Motion and")
+    )
 
 
 @pytest.mark.usefixtures("blank_pictures")
@@ -68,11 +72,11 @@ def test_a_reliability_has_a_page_with_its_chances(stochvi: Run, tmp_path: Path)
     assert done.code in (0, 1)
     text, document = page_in(out), json.loads((out / "reliability.json").read_text("utf-8"))
     assert document["report"]["command"].startswith("stochvi reliability")
-    for name, words in (("hit", "any hit"), ("impact_speed", "a hit faster than 0.1 m/s")):
+    for name, words in (("hit", "any impact"), ("impact_speed", "an impact faster than 0.1 m/s")):
         chance = document["chances"][name]["estimate"]["value"]
         assert chance > 0.0
         assert f"{words}: " in text[text.index('class="verdict') : text.index("<dl")]
-    assert "Expected hits in 1 min" in text
+    assert "Expected impacts in 1 min" in text
 
 
 @pytest.mark.parametrize("command", ["replay", "reliability"])

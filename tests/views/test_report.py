@@ -172,7 +172,7 @@ def test_the_verdict_comes_first_and_every_part_is_there(sizing: Sizing, html: s
     reader = read(html)
     assert reader.tags.count("h1") == 1
     assert reader.identifiers == [
-        "required-clearance", "tolerances", "with-stops", "hard-hits", "peak-accelerations",
+        "required-clearance", "tolerances", "with-stops", "hard-impacts", "peak-accelerations",
         "linear-screening", "environment", "isolator", "gap-and-stops", "verification", "limits",
         "inputs", "signatures",
     ]  # fmt: skip
@@ -464,19 +464,20 @@ def test_cards_tell_the_limit_that_is_kept(reviewed: Review) -> None:
     sizing = replace(reviewed.sizing, target=target)
     found = replace(reviewed, sizing=sizing)
     cards = {card.name: card for card in page_of(found).cards}
-    assert cards["Chance of exceeding 30 g in 1 h"].value == "1 %"
+    assert cards["Probability of exceeding 30 g in 1 h"].value == "1 %"
     kept = replace(sizing, kept_with=Estimate(value=0.0, upper_95=1e-3))
     page = page_of(replace(reviewed, sizing=kept))
     cards = {card.name: card for card in page.cards}
-    assert cards["Chance of exceeding 30 g in 1 h"].value == "below 1 %"
+    assert cards["Probability of exceeding 30 g in 1 h"].value == "below 1 %"
     doubtful = replace(sizing, kept_with=Estimate(value=0.0, upper_95=0.1))
     risk = {card.name: card for card in page_of(replace(reviewed, sizing=doubtful)).cards}
-    assert risk["Chance of exceeding 30 g in 1 h"].value == "not known well enough"
+    assert risk["Probability of exceeding 30 g in 1 h"].value == "not known well enough"
     assert "enough, and less may be" in cards["Clearance to make"].remark
     assert "95 %" not in cards["Calculated as stated"].remark
     said = " ".join(page.statements)
     assert (
-        "95 % limit of the chance: 0.1 %" in said and "is enough, and less may be" in page.verdict
+        "95 % limit of the probability: 0.1 %" in said
+        and "is enough, and less may be" in page.verdict
     )
 
 
@@ -489,7 +490,7 @@ def test_stops_far_beyond_the_curve_have_a_limit_of_their_chance(
     limit = f"under {spoken_percent(TINY)}"
     assert chance_of_stops(moved) == limit
     told = facts(gap_section(replace(reviewed, sizing=moved)))[
-        "Any hit with the stops of the scene"
+        "Any impact with the stops of the scene"
     ][0]
     assert told == limit
 

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 
 HITS_PER_FIRST_HIT = (
-    "hits per first hit: the first one and those that follow from it, impacts above the speed "
+    "impacts per first impact: the first one and those that follow from it, impacts above the "
+    "speed "
     "threshold alone"
 )
 """Definition of the column of hits per first hit, in words."""
@@ -67,13 +68,13 @@ class Target:
         """What the clearance keeps in a mission (s), in words."""
         spoken = spoken_mission(mission)
         if self.name == "probability":
-            return f"the chance of any hit in {spoken} at {spoken_percent(self.value)}"
+            return f"the probability of any impact in {spoken} at {spoken_percent(self.value)}"
         if self.name == "rate":
-            return f"the hits at {self.value:.3g} per second"
+            return f"the impacts at {self.value:.3g} per second"
         assert self.exceedance is not None
         return (
             f"every {self.name.replace('_', ' ')} of {spoken} below {self.limit} but "
-            f"for a chance of {spoken_percent(self.exceedance)}"
+            f"for a probability of {spoken_percent(self.exceedance)}"
         )
 
 
@@ -306,7 +307,7 @@ class Sizing(Result):
             )
         if self.kept_with is not None and target.exceedance is not None:
             kept = (
-                f"the chance that any {target.name.replace('_', ' ')} of "
+                f"the probability that any {target.name.replace('_', ' ')} of "
                 f"{spoken_mission(mission)} exceeds {target.limit} is {self.kept_chance()} there"
             )
             return (
@@ -342,11 +343,13 @@ class Sizing(Result):
         place = f"3 sigma = {1e3 * three.clearance:.4g} mm"
         mission = spoken_mission(self.mission)
         there = (
-            [] if hits is None else [f"{hits.value:.3g} hits are to be expected there in {mission}"]
+            []
+            if hits is None
+            else [f"{hits.value:.3g} impacts are to be expected there in {mission}"]
         )
         if self.target.name == "probability":
             chance = spoken_percent(three.probability.value)
-            rule = [f"{place} is hit with a chance of {chance} in {mission}"]
+            rule = [f"{place} is hit with a probability of {chance} in {mission}"]
         else:
             rule = [] if three.hits is None else [f"{three.hits.value:.3g} at {place}"]
         joint = "; " if self.target.name == "probability" else ", "
@@ -371,9 +374,9 @@ class Sizing(Result):
         if self.kept_with is None:
             interval = f"{mm * c.lower:.4g} to {mm * c.upper:.4g} mm, 95 %"
             return f"{first} ({interval}), {in_sigma}"
-        shown = f"a chance of {spoken_percent(self.kept_with.value)}"
+        shown = f"a probability of {spoken_percent(self.kept_with.value)}"
         if self.kept_with.upper_95 is not None:
-            shown = f"95 % limit of the chance: {spoken_percent(self.kept_with.upper_95)}"
+            shown = f"95 % limit of the probability: {spoken_percent(self.kept_with.upper_95)}"
         return f"{first}, {in_sigma}, {shown}"
 
     def kept_chance(self) -> str:

@@ -104,7 +104,7 @@ class Hits:
                 raise
             response = reason.response
             unknown = (
-                f"the budget ended before the hits at {1e3 * clearance:.4g} mm were known to a "
+                f"the budget ended before the impacts at {1e3 * clearance:.4g} mm were known to a "
                 f"relative error of {rel_error:g}"
             )
         pair = response.impact_pairs[scene.impact_pairs[0].name]

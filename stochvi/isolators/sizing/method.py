@@ -147,11 +147,13 @@ BY_FIRST_CROSSINGS = (
     "impact law enters"
 )
 BY_HITS = (
-    "hits with the stop law: bursts simulated from first hits on where these are rare, else the "
+    "impacts with the stop law: clusters simulated from first impacts on where these are "
+    "rare, else the "
     "whole motion; the same random numbers at every clearance"
 )
 BY_BURSTS = (
-    "bursts of hits simulated with the stop law from first hits on; fast first hits drawn more "
+    "clusters of impacts simulated with the stop law from first impacts on; fast first "
+    "impacts drawn more "
     "often, and weighted"
 )
 
@@ -389,13 +391,15 @@ class _Job:
         reached = largest_error(self.curve.crossings, self.mission)
         if reached > SEARCH.most_error:
             raise self.deadline.fell_short(
-                f"at a relative error of {reached:.2g} of the chance of a hit: hardly any first "
+                f"at a relative error of {reached:.2g} of the probability of an impact: "
+                "hardly any first "
                 "hit was seen",
                 "raise budget",
             )
         if reached > self.rel_error:
             self._short(
-                f"the budget ended at a relative error of {reached:.2g} of the chance of a hit"
+                f"the budget ended at a relative error of {reached:.2g} of the probability of "
+                "an impact"
             )
         self.hits = Hits(
             scene=self.scene,
@@ -493,7 +497,7 @@ class _Job:
                 [
                     f"peak_acceleration of {self.target.value:.4g} m/s^2 is exceeded without any "
                     f"stop: the spring alone brings {spring * needed:.4g} m/s^2 with a "
-                    f"chance of {exceedance:g}"
+                    f"probability of {exceedance:g}"
                 ],
             )
 
@@ -565,7 +569,7 @@ class _Job:
         answer = Clearance(value=value, lower=max(value - half, 0.0), upper=value + half)
         if place in self.unfinished:
             raise NotConverged(
-                f"{self.unfinished[place]}; size for a probability or a rate of hits instead",
+                f"{self.unfinished[place]}; size for a probability or a rate of impacts instead",
                 answer,
             )
         error = found.standard_error / found.value
@@ -573,7 +577,8 @@ class _Job:
             return answer
         beyond = "" if self.target.exceedance is None else " beyond the limit"
         reached = (
-            f"the budget ended at a relative error of {error:.2g} of the rate of hits{beyond} at "
+            f"the budget ended at a relative error of {error:.2g} of the rate of "
+            f"impacts{beyond} at "
             f"{1e3 * place:.4g} mm"
         )
         if self.target.exceedance is not None:
@@ -652,9 +657,9 @@ class _Job:
         answer = Clearance(value=place, lower=0.0, upper=place)
         if not _within(chance, target.exceedance):
             raise NotConverged(
-                f"no burst or hardly any exceeds {target.limit} at {1e3 * place:.4g} mm, but the "
+                f"no cluster or hardly any exceeds {target.limit} at {1e3 * place:.4g} mm, but the "
                 f"budget of {self.deadline.budget or self.budget:.3g} s ended before that showed a "
-                f"chance below {spoken_percent(target.exceedance)}; raise budget",
+                f"probability below {spoken_percent(target.exceedance)}; raise budget",
                 answer,
             )
         return answer
@@ -707,7 +712,7 @@ class _Job:
     def _hit_rate(self, clearance: float, rel_error: float) -> Estimate:
         found = self.hits.at(clearance, rel_error).hit_rate
         if TOO_FEW in found.how:
-            where = f"when hits at {1e3 * clearance:.4g} mm had been seen {TOO_FEW}"
+            where = f"when impacts at {1e3 * clearance:.4g} mm had been seen {TOO_FEW}"
             raise self.deadline.fell_short(where, "raise budget")
         return found
 
@@ -730,8 +735,9 @@ class _Job:
         )
         if found.unfinished > UNFINISHED:
             self.unfinished[clearance] = (
-                f"bursts of hits at {1e3 * clearance:.4g} mm had not ended after "
-                f"{found.window:.3g} s: the chance of exceeding {name} is larger than calculated"
+                f"clusters of impacts at {1e3 * clearance:.4g} mm had not ended after "
+                f"{found.window:.3g} s: the probability of exceeding {name} is larger than "
+                "calculated"
             )
         else:
             self.unfinished.pop(clearance, None)
@@ -742,14 +748,14 @@ class _Job:
     def _hits_or_warning(self, clearance: float) -> ClearanceTrial | None:
         """Hits for information alone; None and a warning where they are not found."""
         if self.deadline.interrupted:
-            self.warnings.append(f"the hits at {1e3 * clearance:.4g} mm were not simulated")
+            self.warnings.append(f"the impacts at {1e3 * clearance:.4g} mm were not simulated")
             return None
         try:
             return self.hits.at(clearance)
         except (NotApplicable, NotConverged, Interrupted) as reason:
             known = isinstance(reason, NotApplicable)
             (self.warnings.append if known else self._short)(
-                f"the hits at {1e3 * clearance:.4g} mm are not known: {reason}"
+                f"the impacts at {1e3 * clearance:.4g} mm are not known: {reason}"
             )
             return None
 
@@ -835,7 +841,7 @@ class _Job:
             self.warnings += scene_notes(model)
         if not self.scene.impact_pairs:
             self.warnings.append(
-                "the scene has no stops, so the hits and their speeds are not known"
+                "the scene has no stops, so the impacts and their speeds are not known"
             )
         for place in (3.0 * self.sigma, clearance):
             tried = self.hits.tried.get(place)
@@ -847,8 +853,10 @@ class _Job:
             if tried.hits_per_burst > SEARCH.pumped and over_rice > SEARCH.more_than_rice:
                 self.warnings.append(
                     f"stops pump this mount: at {1e3 * place:.4g} mm ({place / self.sigma:.3g} "
-                    f"sigma) a first hit leads to {tried.hits_per_burst:.3g} hits on average, "
-                    f"{over_rice:.3g} times what Rice's rate says; the chance of any hit is right "
+                    f"sigma) a first impact leads to {tried.hits_per_burst:.3g} impacts on "
+                    "average, "
+                    f"{over_rice:.3g} times what Rice's rate says; the probability of any "
+                    "impact is right "
                     "all the same"
                 )
 

@@ -115,7 +115,8 @@ METHOD = (
 
 
 BY_HITS = (
-    "hits with all stops: bursts from first hits on where these are rare, else windows of the "
+    "impacts with all stops: clusters from first impacts on where these are rare, else "
+    "windows of the "
     "whole motion; the same random numbers at all clearances"
 )
 
@@ -262,7 +263,7 @@ class _PairsJob:
 
     def _hits_at(self, stops: Matrix, overlap: float) -> HitCounts | None:
         """Hits at the clearances of the answer; None and a note where they are not found."""
-        self.report(0.9, "hits at the clearances found")
+        self.report(0.9, "impacts at the clearances found")
         try:
             if self.deadline.passed():
                 raise NotConverged("the budget ended", None)
@@ -270,7 +271,7 @@ class _PairsJob:
                 at_clearances(self.scene, stops), overlap, **self._sampling(1.0, self.rel_error)
             )
         except (NotApplicable, NotConverged, Interrupted) as reason:
-            note = f"the hits at these clearances are not known: {reason}"
+            note = f"the impacts at these clearances are not known: {reason}"
             self.notes.append(note)
             self.short += [] if isinstance(reason, NotApplicable) else [note]
             return None
@@ -289,7 +290,7 @@ class _PairsJob:
         for look in range(MAX_TRIALS):
             if look and self.deadline.passed():
                 break
-            self.report(0.5 + 0.4 * look / MAX_TRIALS, f"hits at {look + 1} places")
+            self.report(0.5 + 0.4 * look / MAX_TRIALS, f"impacts at {look + 1} places")
             risk = math.exp(place)
             found = self._expected(
                 risk, _at(risks, overlaps, risk), min(rough * self.rel_error, ROUGHEST)
@@ -325,7 +326,8 @@ class _PairsJob:
             raise NotApplicable(
                 "size",
                 [f"peak_acceleration of {self.target.limit} is exceeded without any stop, with a "
-                 f"chance of {alone:.3g} at least: make the mounts softer, or raise the limit"],
+                 f"probability of {alone:.3g} at least: make the mounts softer, or raise the "
+                 "limit"],
             )  # fmt: skip
 
     def _expected(self, risk: float, overlap: float, rel_error: float) -> Estimate:
@@ -468,8 +470,9 @@ class _PairsJob:
             raise NotApplicable(
                 "size",
                 [
-                    f"no clearance of {self.pair} keeps the chance of any hit at "
-                    f"{self.target.value:g}: the other stops ({others}) are hit with a chance of "
+                    f"no clearance of {self.pair} keeps the probability of any impact at "
+                    f"{self.target.value:g}: the other stops ({others}) are hit with a "
+                    "probability of "
                     f"{total.least:.3g} (one of them alone with {most:.3g}); size all pairs "
                     "together, or move the others farther away"
                 ],
@@ -537,13 +540,17 @@ class _PairsJob:
         reached = largest_error(together, self.mission)
         if reached > MOST_ERROR:
             raise self.deadline.fell_short(
-                f"at a relative error of {reached:.2g} of the chance of a hit: hardly any first "
+                f"at a relative error of {reached:.2g} of the probability of an impact: "
+                "hardly any first "
                 "hit was seen",
                 "raise budget",
             )
         late = []
         if reached > MISSED * self.rel_error:
-            late = [f"the budget ended at a relative error of {reached:.2g} of the chance of a hit"]
+            late = [
+                f"the budget ended at a relative error of {reached:.2g} of the probability of "
+                "an impact"
+            ]
         self.short += late
         return (*late, *self.model.cautions)
 
@@ -589,7 +596,8 @@ class _Total:
         wanted = math.log(-math.log1p(-probability))
         if not self.logs[0] <= wanted <= self.logs[-1]:
             raise ValueError(
-                f"probability must be in [{self.least:.3g}, {self.most:.3g}], the chances at the "
+                f"probability must be in [{self.least:.3g}, {self.most:.3g}], the "
+                "probabilities at the "
                 f"clearances that are looked at for this mission, got {probability:g}; ask for "
                 "another probability or mission"
             )

@@ -107,7 +107,7 @@ class RiskCurve:
         low, high = self.clearances[[0, -1]]
         if wanted > self.first_rate(low):
             raise ValueError(
-                f"first hits {wanted:.3g} times a second belong to a clearance below "
+                f"first impacts {wanted:.3g} times a second belong to a clearance below "
                 f"{1e3 * low:.4g} mm, the smallest that is looked at"
             )
         return float(brentq(lambda c: self.first_rate(c) - wanted, low, high))
@@ -140,7 +140,8 @@ class RiskCurve:
         usable = (chance > 0.0) & (chance < KNOWN)
         if usable.sum() < 2:
             raise ValueError(
-                f"the chance of a hit in {self.mission:g} s is 0 or 1 at all clearances that were "
+                f"the probability of an impact in {self.mission:g} s is 0 or 1 at all "
+                "clearances that were "
                 "tried; change the mission"
             )
         half = _half_widths(self.probabilities)[usable]

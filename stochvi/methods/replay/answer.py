@@ -250,14 +250,14 @@ class Replay(Result):
                 f"{1e3 * (each.clearance or 0.0):.4g} mm"
                 for each in self.clearances
             ]
-            return f"replay of {self.duration:.4g} s of record: hits {', '.join(hits)} per side"
+            return f"replay of {self.duration:.4g} s of record: impacts {', '.join(hits)} per side"
         moved = [
             f"{name} from {1e3 * float(each.displacement_min):.4g} to "
             f"{1e3 * float(each.displacement_max):.4g} mm"
             for name, each in self.coordinates.items()
         ]
         hit = [
-            f"{float(each.hits):.0f} hits on {name}"
+            f"{float(each.hits):.0f} impacts on {name}"
             + (
                 f", up to {float(each.impact_speed_max):.4g} m/s"
                 if each.impact_speed_max is not None

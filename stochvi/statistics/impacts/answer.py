@@ -194,7 +194,7 @@ def _rows(name: str, pair: PairStatistics) -> list[dict[str, Any]]:
             add(f"Rice without stops, {side}", "1/s", Estimate(value=pair.rice_rates[side]))
     if pair.clump_rate is not None:
         add("clumps without stops (Vanmarcke)", "1/s", Estimate(value=pair.clump_rate))
-    add("first hits without stops", "1/s", pair.first_hit_rate)
+    add("first impacts without stops", "1/s", pair.first_hit_rate)
     add("variance / mean of counts", "1", pair.dispersion)
     add("rms impact speed", "m/s", pair.speed_rms)
     add("energy lost per impact", pair.energy_unit, pair.energy)

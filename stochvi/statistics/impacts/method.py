@@ -108,7 +108,7 @@ for."""
 FOR_FIRST_HITS = 0.3
 """Share of the time that is kept for the rate of first hits, where that is asked for."""
 
-NO_FIRST_HITS = "no time was left for the rate of first hits; raise budget"
+NO_FIRST_HITS = "no time was left for the rate of first impacts; raise budget"
 """Note where the deadline passed before the rate of first hits was found."""
 
 MOST_UNSEEN = 2**17
@@ -294,7 +294,8 @@ def _fell_short(
         return partial(
             NotConverged,
             f"no impact was seen in {done} paths, so that no rate is known to {asked:g}; give "
-            "paths and duration to look further, or ask reliability for the chance of a hit",
+            "paths and duration to look further, or ask reliability for the probability of an "
+            "impact",
         )
     if deadline.passed():
         where = f"at a relative standard error of {error:.2g}, asked for {asked:g}"

@@ -184,10 +184,10 @@ class Reliability(Result):
             for name, chance in self.chances.items()
         ]
         if self.hits is not None:
-            lines.append(f"  expected hits = {self.hits!r}")
+            lines.append(f"  expected impacts = {self.hits!r}")
         lines += [
             f"  {name} alone: {risk.probability.value:.4g}, "
-            f"{100.0 * risk.share_of_first_hits:.3g} % of first hits"
+            f"{100.0 * risk.share_of_first_hits:.3g} % of first impacts"
             for name, risk in self.pairs.items()
         ]
         lines += [

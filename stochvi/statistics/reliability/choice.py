@@ -191,7 +191,7 @@ class Jobs:
 
     def hits(self, plan: MissionPlan, way: Way | None, missions: float = 1.0) -> Hits:
         """Expected impacts in so many missions of the plan, and their interval."""
-        found = self._found(plan, "expected hits", way, hits=True)
+        found = self._found(plan, "expected impacts", way, hits=True)
         fine = found.fine
         estimate = of_events(
             Estimate(

@@ -105,9 +105,10 @@ def harder_hits_of_pairs(
     if estimate.value == 0.0:
         rule, upper = f"upper limit: {estimate.how}", estimate.upper_95 or 1.0
     why = {
-        "bursts": "bursts: first hits of all pairs are given, those that are fast more often, and "
+        "bursts": "clusters: first impacts of all pairs are given, those that are fast more "
+        "often, and "
         "what follows them is simulated with all stops",
-        "windows": "windows: hits hardly pause here, so that windows of the whole motion are "
+        "windows": "windows: impacts hardly pause here, so that windows of the whole motion are "
         "simulated with all stops",
     }[found.way]
     chance = Chance(
@@ -173,7 +174,7 @@ def _from_crossings(
         rule=f"Student's, of the logarithm, from a jackknife over {paths} paths",
         way="first crossings",
         why=(
-            "first crossings: before the first hit the motion is stationary and Gaussian, and "
+            "first crossings: before the first impact the motion is stationary and Gaussian, and "
             "crossings that are given need not be waited for, however rare"
         ),
         trials=paths,
@@ -224,15 +225,16 @@ def exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Jobs
     way, why = (
         "bursts",
         (
-            "bursts: first hits are given, what follows them is simulated, and a splitting finds "
-            "those bursts in which any hit exceeds the limit"
+            "clusters: first impacts are given, what follows them is simulated, and a "
+            "splitting finds "
+            "those clusters in which any impact exceeds the limit"
         ),
     )
     if isinstance(found.kind, Windows):
         way, why = (
             "windows",
             (
-                "windows: hits hardly pause here, so that the whole motion is simulated, and a "
+                "windows: impacts hardly pause here, so that the whole motion is simulated, and a "
                 "splitting finds those pieces of it that exceed the limit"
             ),
         )

@@ -311,7 +311,7 @@ def _of_pairs(
             hits, risks = hits_of_pairs(stopped, mission, overlap, risks, jobs)
             missing |= _inaccurate({"expected_hits": hits.estimate}, jobs)
     except NotApplicable as reason:
-        unknown.append(f"expected hits are not calculated: {'; '.join(reason.conditions)}")
+        unknown.append(f"expected impacts are not calculated: {'; '.join(reason.conditions)}")
     except (NotConverged, Interrupted) as error:
         missing["expected_hits"] = str(error)
     found = Reliability(
@@ -329,7 +329,7 @@ def _of_pairs(
         ],
         warnings=[
             f"peak_acceleration of {limit.value:.4g} m/s^2 is exceeded without any stop, with a "
-            f"chance of {alone:.3g} at least; only contacts are counted here"
+            f"probability of {alone:.3g} at least; only contacts are counted here"
             for limit in limits
             if limit.event == "peak_acceleration"
             and (alone := without_stops(model_of(scene), limit, mission)) >= AS_MUCH
@@ -445,7 +445,8 @@ def _barriers(model: Model, barrier: float | Ends | None) -> Ends:
     if model.pairs:
         if barrier is not None:
             raise ValueError(
-                "barrier is for scenes without stops: a hit of the stops is what is asked after "
+                "barrier is for scenes without stops: an impact of the stops is what is asked "
+                "after "
                 "here; leave barrier out, or take impact_pair out of the scene"
             )
         pair = model.pairs[0]
@@ -519,7 +520,8 @@ def _assumptions(scene: Scene, start: str) -> list[str]:
         found.append("missions start at rest, where spring and load balance")
     else:
         found.append(
-            "missions start in the stationary motion: for a hit or a passage in that without stops "
+            "missions start in the stationary motion: for an impact or a passage in that "
+            "without stops "
             "and barriers, beyond which it has happened at once; for all else in that with stops"
         )
     found.append("intervals cover statistical errors; the bias of the step is stated apart")
@@ -547,12 +549,13 @@ def _beyond_at_the_start(
         return []
     beyond = "the stops" if chance.event == "hit" else "the barriers"
     apart = (
-        "; expected hits, and all else, belong to the motion with the stops, and may be fewer"
+        "; expected impacts, and all else, belong to the motion with the stops, and may be fewer"
         if chance.event == "hit"
         else ""
     )
     return [
-        f"{chance.event}: {outside:.3g} of it is the chance that the motion without {beyond} is "
+        f"{chance.event}: {outside:.3g} of it is the probability that the motion without "
+        f"{beyond} is "
         f"beyond them at the start already{apart}; start at rest to leave that out"
     ]
 

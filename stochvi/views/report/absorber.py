@@ -135,7 +135,7 @@ def sine_page(found: AbsorberSine, origin: Origin) -> Page:
                 title="What is left",
                 lead="Ratios are those of the largest displacements with and without the absorber, "
                 "by exact periodic regimes, and by simulated sweeps where none is reached: there "
-                "the absorber works in bursts. A loose mass may also lie idle in its box.",
+                "the absorber works in clusters. A loose mass may also lie idle in its box.",
                 grids=[
                     _table("over frequency", ranges(curve)),
                     *([_table("best tuning", tunings(found))] if found.tuning else []),

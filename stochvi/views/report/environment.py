@@ -135,9 +135,9 @@ def gap_section(review: Review) -> Section:
             )
         facts.append(
             Fact(
-                "Any hit with the stops of the scene",
+                "Any impact with the stops of the scene",
                 chance_of_stops(sizing),
-                f"chance in {spoken_mission(sizing.mission)}, each side by its own distance",
+                f"probability in {spoken_mission(sizing.mission)}, each side by its own distance",
             )
         )
     rest = (
@@ -150,8 +150,9 @@ def gap_section(review: Review) -> Section:
         title="Gap and stops",
         lead="A clearance is the distance of a stop from the static equilibrium, where the mass "
         "hangs, relative to the base. Positions in a scene file (lower, upper) count from the "
-        f"unloaded spring; {rest}. The chance of any hit does not depend on the law of the stops; "
-        "what the hits do depends on it.",
+        f"unloaded spring; {rest}. The probability of any impact does not depend on the law "
+        "of the stops; "
+        "what the impacts do depends on it.",
         facts=facts,
         pictures=[
             shown(

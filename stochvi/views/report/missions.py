@@ -1,5 +1,5 @@
-"""Pages of a reliability, with the chances of a mission, and of a replay, with the motion under a
-record."""
+"""Pages of a reliability, with the probabilities of a mission, and of a replay, with the motion
+under a record."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from stochvi.statistics.reliability import Chance, Reliability
 
 EVENTS = {
-    "hit": "any hit",
+    "hit": "any impact",
     "passage": "any passage of the barrier",
-    "impact_speed": "a hit faster than",
+    "impact_speed": "an impact faster than",
     "peak_acceleration": "a peak acceleration above",
 }
 """Events of a mission in words."""
@@ -56,7 +56,7 @@ def write_reliability_report(
 def reliability_page(
     found: Reliability, scene: Scene, record: RecordVerdict | None, origin: Origin
 ) -> Page:
-    """The page of the chances of a mission."""
+    """The page of the probabilities of a mission."""
     mission = spoken_mission(found.mission)
     chances = list(found.chances.values())
     sentences = [f"{_event(each)}: {_chance(each)}" for each in chances]
@@ -68,27 +68,36 @@ def reliability_page(
     first = f"{record.sentence()}. " if record is not None and doubtful else ""
     return Page(
         title=scene.title or "Reliability of a mission",
-        subtitle=f"Chances in a mission of {mission}, {_start(found)}",
-        verdict=f"{first}Chance in {mission} of " + "; of ".join([*sentences, *missing]) + ".",
+        subtitle=f"Probabilities in a mission of {mission}, {_start(found)}",
+        verdict=f"{first}Probability in {mission} of " + "; of ".join([*sentences, *missing]) + ".",
         alarm=doubtful or bool(found.missing),
-        statements=[] if found.hits is None else [f"Expected hits in {mission}: {_hits(found)}."],
+        statements=[]
+        if found.hits is None
+        else [f"Expected impacts in {mission}: {_hits(found)}."],
         cards=[
-            *(Fact(f"Chance of {_event(each)}", _value(each), _interval(each)) for each in chances),
-            Fact("Expected hits", UNKNOWN if found.hits is None else _hits(found), f"in {mission}"),
+            *(
+                Fact(f"Probability of {_event(each)}", _value(each), _interval(each))
+                for each in chances
+            ),
+            Fact(
+                "Expected impacts", UNKNOWN if found.hits is None else _hits(found), f"in {mission}"
+            ),
         ],
         warnings=list(found.warnings),
         sections=[
             Section(
                 title="Chances",
                 lead=f"Intervals at {100.0 * found.confidence:g} % hold the statistical errors "
-                "alone; a chance that was never seen has an upper limit.",
+                "alone; a probability that was never seen has an upper limit.",
                 grids=[
                     _chances_grid(found),
                     *([_pairs_grid(found)] if found.pairs else []),
                     *([_outputs_grid(found)] if found.outputs else []),
                 ],
                 pictures=[
-                    shown(lambda: plot_chances(found), f"Chances in {mission}, with intervals.")
+                    shown(
+                        lambda: plot_chances(found), f"Probabilities in {mission}, with intervals."
+                    )
                 ]
                 if chances
                 else [],
@@ -128,7 +137,7 @@ def _value(chance: Chance) -> str:
 
 
 def _below(upper: float) -> str:
-    """An upper limit of a chance in words; unknown where that limit is nearly 1."""
+    """An upper limit of a probability in words; unknown where that limit is nearly 1."""
     return UNKNOWN if upper > NEAR_ONE else f"below {spoken_percent(upper)}"
 
 
@@ -151,7 +160,7 @@ def _hits(found: Reliability) -> str:
 
 def _chances_grid(found: Reliability) -> Grid:
     return Grid(
-        caption="How each chance was found",
+        caption="How each probability was found",
         headings=["event", "way", "chance", "interval", "trials", "CPU s"],
         rows=[
             [
@@ -170,10 +179,18 @@ def _chances_grid(found: Reliability) -> Grid:
 
 def _pairs_grid(found: Reliability) -> Grid:
     return Grid(
-        caption="Pair by pair: the chance of a hit if this pair alone had stops, and its share of "
-        "the first hits of a mission; its expected hits there and their mean speed, with all stops "
+        caption="Pair by pair: the probability of an impact if this pair alone had stops, and "
+        "its share of "
+        "the first impacts of a mission; its expected impacts there and their mean speed, "
+        "with all stops "
         "where they are",
-        headings=["pair", "chance alone", "of first hits", "expected hits", "mean speed (m/s)"],
+        headings=[
+            "pair",
+            "probability alone",
+            "of first impacts",
+            "expected impacts",
+            "mean speed (m/s)",
+        ],
         rows=[
             [
                 name,
@@ -216,7 +233,7 @@ def _outputs_grid(found: Reliability) -> Grid:
 
 
 def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:
-    """Each chance with its interval on a logarithmic axis; an upper limit as an arrow."""
+    """Each probability with its interval on a logarithmic axis; an upper limit as an arrow."""
     ax = axes_or_new(ax, PAGE)
     for place, chance in enumerate(found.chances.values()):
         value, low, high = chance.estimate.value, chance.lower, chance.upper
@@ -233,7 +250,7 @@ def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:
     ax.margins(x=0.4)
     ax.set_ylim(-0.6, len(found.chances) - 0.2)
     ax.set_yticks([])
-    label_for_page(ax, f"chance in {spoken_mission(found.mission)}", "", legend=False)
+    label_for_page(ax, f"probability in {spoken_mission(found.mission)}", "", legend=False)
     return ax
 
 
@@ -277,7 +294,7 @@ def replay_page(found: Replay, scene: Scene, record: RecordVerdict | None, origi
         warnings=list(found.warnings),
         sections=[
             Section(
-                title="Motion and hits",
+                title="Motion and impacts",
                 lead="One record, one answer: nothing is sampled, every impact is located in time.",
                 grids=[_replay_grid(found)],
                 pictures=_replay_pictures(found),
@@ -289,7 +306,7 @@ def replay_page(found: Replay, scene: Scene, record: RecordVerdict | None, origi
                 notes=[
                     *(f"{text[0].upper()}{text[1:].rstrip('.')}." for text in found.assumptions),
                     "Another record of the same kind does something else: the peaks of one record "
-                    "are no chance.",
+                    "are no probability.",
                 ],
             ),
         ],
@@ -306,7 +323,7 @@ def _replay_cards(found: Replay) -> list[Fact]:
         for name, each in found.coordinates.items()
     ]
     cards += [
-        Fact(f"Hits on {name}", f"{float(each.hits):.0f}", f"in {found.duration:.4g} s")
+        Fact(f"Impacts on {name}", f"{float(each.hits):.0f}", f"in {found.duration:.4g} s")
         for name, each in found.impact_pairs.items()
     ]
     return cards
@@ -342,7 +359,7 @@ def _replay_pictures(found: Replay) -> list[Picture]:
         return [
             shown(
                 lambda: plot_clearances(found, axes_or_new(None, PAGE)),
-                "Hits and the largest speed against clearance.",
+                "Impacts and the largest speed against clearance.",
             )
         ]
     if found.histories is None:
@@ -350,6 +367,6 @@ def _replay_pictures(found: Replay) -> list[Picture]:
     return [
         shown(
             lambda: plot_history(single, axes_or_new(None, PAGE)),
-            "The motion with its stops and hits.",
+            "The motion with its stops and impacts.",
         )
     ]

@@ -1,4 +1,4 @@
-"""The page of a sizing of several pairs: clearance by clearance, and the risk of any hit."""
+"""The page of a sizing of several pairs: clearance by clearance, and the risk of any impact."""
 
 from __future__ import annotations
 
@@ -71,18 +71,18 @@ def pairs_page(
     mission = spoken_mission(sizing.mission)
     return Page(
         title=sizing.scene.title or "Clearances of several pairs",
-        subtitle=f"Chance that any of {len(sizing.pairs)} pairs is hit in {mission}",
+        subtitle=f"Probability that any of {len(sizing.pairs)} pairs is hit in {mission}",
         verdict=f"{sizing.verdict()[0].upper()}{sizing.verdict()[1:]}.",
         statements=[f"{sizing.calculated()[0].upper()}{sizing.calculated()[1:]}."],
         cards=[
             *_clearance_cards(sizing),
             Fact(
-                "Chance of any hit",
+                "Probability of any impact",
                 spoken_percent(sizing.probability.value),
                 f"{interval_in_words(sizing.probability)}, 95 %; as calculated",
             ),
             *(
-                [Fact("Expected hits", count_of(sizing.expected_hits.value), f"in {mission}")]
+                [Fact("Expected impacts", count_of(sizing.expected_hits.value), f"in {mission}")]
                 if sizing.expected_hits is not None
                 else []
             ),
@@ -92,7 +92,8 @@ def pairs_page(
         sections=[
             Section(
                 title="Pair by pair",
-                lead="Pairs share the risk equally: each alone would be hit with the same chance."
+                lead="Pairs share the risk equally: each alone would be hit with the same "
+                "probability."
                 if sizing.pair is None
                 else "One pair is sized; the stops of the others stay where the scene has them.",
                 grids=[
@@ -111,14 +112,15 @@ def pairs_page(
                     ),
                     shown(
                         lambda: plot_pairs_risk(sizing),
-                        "Chance of any hit as all clearances change.",
+                        "Probability of any impact as all clearances change.",
                     ),
                 ],
             ),
             *_box_sections(sizing),
             Section(
                 title="Other risks",
-                lead="The clearance of each pair for other chances of any hit, as calculated.",
+                lead="The clearance of each pair for other probabilities of any impact, as "
+                "calculated.",
                 grids=[_grid("Clearances", required_in_rows(sizing))],
             ),
             _screening(sizing.screening),
@@ -131,7 +133,7 @@ def pairs_page(
                     f"{text[0].upper()}{text[1:].rstrip('.')}."
                     for text in (
                         *sizing.scene.assumptions(),
-                        f"the chance comes from {sizing.method}",
+                        f"the probability comes from {sizing.method}",
                         "clearances are measured from the static equilibrium",
                         *([] if len(sizing.tolerances) > 1 else [NO_TOLERANCES]),
                     )
@@ -202,7 +204,8 @@ def _box_sections(sizing: PairsSizing) -> list[Section]:
         Section(
             title="The box",
             lead="Three sigma of one axis is the clearance that sizing the box as one oscillator "
-            "along each axis would give; the chance there is that of a hit of the snubber alone, "
+            "along each axis would give; the probability there is that of an impact of the "
+            "snubber alone, "
             "by Rice's rate of crossings of the gap as it moves on the real box.",
             grids=[
                 _grid("Snubber by snubber, against one oscillator", one_axis_in_rows(sizing)),

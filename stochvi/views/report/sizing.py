@@ -165,7 +165,7 @@ def _sentence(text: str) -> str:
 
 
 def _statements(review: Review) -> list[str]:
-    """Sentences on the verdict: the line to copy, what the number rests on, expected hits, and
+    """Sentences on the verdict: the line to copy, what the number rests on, expected impacts, and
     risks at the calculated clearance and at 3 sigma."""
     sizing = review.sizing
     rounded = ""
@@ -186,16 +186,16 @@ def _statements(review: Review) -> list[str]:
 
 
 def _hits_statement(review: Review) -> str:
-    """Expected hits in the mission at the recommended clearance, and at 3 sigma."""
+    """Expected impacts in the mission at the recommended clearance, and at 3 sigma."""
     sizing, mission = review.sizing, spoken_mission(review.sizing.mission)
     here, there = (review.hits.get(name) for name in ("recommended", "three_sigma"))
     if here is None:
         return ""
     if here.expected is None:
-        text = f"below {count_of(here.expected_high)} hits (none was seen, or too few)"
+        text = f"below {count_of(here.expected_high)} impacts (none was seen, or too few)"
     else:
         text = (
-            f"{count_of(here.expected)} hits are to be expected "
+            f"{count_of(here.expected)} impacts are to be expected "
             f"({count_of(here.expected_low)} to {count_of(here.expected_high)}, 95 %)"
         )
     at_three_sigma = ""
@@ -211,7 +211,7 @@ def _at(clearance: float) -> str:
 
 
 def _risk_statement(review: Review) -> str:
-    """The chance that the target limits, at the recommended clearance and at 3 sigma."""
+    """The probability that the target limits, at the recommended clearance and at 3 sigma."""
     sizing = review.sizing
     target, three = sizing.target, sizing.three_sigma
     mission = spoken_mission(sizing.mission)
@@ -221,25 +221,25 @@ def _risk_statement(review: Review) -> str:
     if target.exceedance is None:
         here = _chance(review.chances["recommended"].any_hit)
         there = spoken_percent(three.probability.value)
-        return f"Chance of any hit in {mission}: {here} {places[0]}, {there} {places[1]}."
+        return f"Probability of any impact in {mission}: {here} {places[0]}, {there} {places[1]}."
     there = exceeding_in_words(review.exceeding.get("three_sigma"))
     what = target.name.replace("_", " ")
     same = math.isclose(sizing.clearance.value, three.clearance, rel_tol=1e-3)
     beside = "" if same else f", {there} {places[1]}"
     return (
-        f"Chance that any {what} of {mission} exceeds {limit_in_words(target)}: "
+        f"Probability that any {what} of {mission} exceeds {limit_in_words(target)}: "
         f"{sizing.kept_chance()} {places[0]}{beside}."
     )
 
 
 def _worst_statement(review: Review) -> str:
-    """The chance of a hit at the calculated clearance in the worst case, in a sentence."""
+    """The probability of an impact at the calculated clearance in the worst case, in a sentence."""
     if review.worst is None or review.worst_case is None:
         return ""
     row = review.worst_case.iloc[-1]
     return (
         f"{row['change'][0].upper()}{row['change'][1:]} needs {_at(row['clearance'])}; the "
-        f"calculated {_at(review.sizing.clearance.value)} is then hit with a chance of "
+        f"calculated {_at(review.sizing.clearance.value)} is then hit with a probability of "
         f"{spoken_percent(row['probability'])} in {spoken_mission(review.sizing.mission)}."
     )
 
@@ -263,7 +263,7 @@ def _failed_balances(review: Review) -> list[str]:
 def _cards(review: Review) -> list[Fact]:
     sizing = review.sizing
     three = sizing.three_sigma
-    hits = "as if hits changed nothing" if three.hits is None else "with these stops"
+    hits = "as if impacts changed nothing" if three.hits is None else "with these stops"
     count = three.rice_hits if three.hits is None else three.hits.value
     gaussian = [_clearance_card(sizing), _calculated_card(sizing)]
     own = _record_card(sizing)
@@ -273,7 +273,7 @@ def _cards(review: Review) -> list[Fact]:
         Fact(
             "3 sigma",
             millimetres(three.clearance),
-            f"three times the linear rms; {count_of(count)} hits expected in "
+            f"three times the linear rms; {count_of(count)} impacts expected in "
             f"{spoken_mission(sizing.mission)}, {hits}",
         ),
     ]
@@ -309,17 +309,19 @@ def _calculated_card(sizing: Sizing) -> Fact:
 
 
 def _risk_card(review: Review) -> Fact:
-    """The chance of exceeding the limit of the target or, without a limit, of any hit."""
+    """The probability of exceeding the limit of the target or, without a limit, of any impact."""
     sizing = review.sizing
     target, mission = sizing.target, spoken_mission(sizing.mission)
     hits = review.hits["recommended"]
     count = UNKNOWN if hits is None or hits.expected is None else count_of(hits.expected)
-    remark = f"at the calculated clearance; expected hits there: {count}"
+    remark = f"at the calculated clearance; expected impacts there: {count}"
     if target.exceedance is None:
         chance = _chance(review.chances["recommended"].any_hit)
-        return Fact(f"Chance of any hit in {mission}", chance, remark)
+        return Fact(f"Probability of any impact in {mission}", chance, remark)
     return Fact(
-        f"Chance of exceeding {limit_in_words(target)} in {mission}", sizing.kept_chance(), remark
+        f"Probability of exceeding {limit_in_words(target)} in {mission}",
+        sizing.kept_chance(),
+        remark,
     )
 
 
@@ -349,15 +351,16 @@ def _screening(review: Review) -> Section:
         Fact(
             "Zero up-crossings",
             f"{linear.zero_crossing_rate or 0.0:.4g} Hz",
-            f"natural frequency {review.mount.natural_frequency_hz:.4g} Hz; far above it one hit "
-            "starts a burst",
+            f"natural frequency {review.mount.natural_frequency_hz:.4g} Hz; far above it one "
+            "impact "
+            "starts a cluster",
         ),
         *_miles(linear, more),
         Fact("3 sigma", millimetres(three.clearance), "per side, three times s_x"),
         Fact(
-            "Hits at 3 sigma by Rice",
+            "Impacts at 3 sigma by Rice",
             f"{count_of(three.rice_hits)}",
-            f"in {spoken_mission(sizing.mission)}, {sides}, as if hits changed nothing; "
+            f"in {spoken_mission(sizing.mission)}, {sides}, as if impacts changed nothing; "
             f"{more.rice_rate_at_three_sigma:.4g} per second",
         ),
         Fact(
@@ -412,29 +415,38 @@ def _risk(review: Review) -> Section:
         for row in sizing.required.to_dict("records")
     ]
     grid = Grid(
-        caption=f"Clearance per side by the chance of any hit in {spoken_mission(sizing.mission)}",
-        headings=["chance of any hit", "clearance (mm)", "95 % of the calculation", "sigma"],
+        caption="Clearance per side by the probability of any impact in "
+        f"{spoken_mission(sizing.mission)}",
+        headings=[
+            "probability of any impact",
+            "clearance (mm)",
+            "95 % of the calculation",
+            "sigma",
+        ],
         rows=rows,
     )
     pictures = [
         shown(
             lambda: plot_risk(sizing, axes_or_new(None, PAGE)),
-            "Chance of any hit in the mission against clearance. "
-            "Dashed: Rice's crossings taken for independent hits."
+            "Probability of any impact in the mission against clearance. "
+            "Dashed: Rice's crossings taken for independent impacts."
             if sizing.target.exceedance is None
-            else "Chance in the mission that a hit exceeds the limit, against clearance, as "
-            "simulated with the stops; grey: that of any hit.",
+            else "Probability in the mission that an impact exceeds the limit, against "
+            "clearance, as "
+            "simulated with the stops; grey: that of any impact.",
         ),
         shown(
             lambda: plot_hit_rate(review),
-            "Hits per second (of all stops) against "
-            "clearance: by Rice, the rate of first hits, and simulated with the stops.",
+            "Impacts per second (of all stops) against "
+            "clearance: by Rice, the rate of first impacts, and simulated with the stops.",
         ),
     ]
     return Section(
         title="Required clearance",
-        lead="The chance of any hit depends on the motion without stops alone: nothing has been "
-        "hit before the first hit. Intervals are those of the calculation; they do not hold what "
+        lead="The probability of any impact depends on the motion without stops alone: "
+        "nothing has been "
+        "hit before the first impact. Intervals are those of the calculation; they do not "
+        "hold what "
         "is unknown of the mount and the environment: tolerances are for that.",
         grids=[grid],
         pictures=pictures,
@@ -470,7 +482,7 @@ def _verification(review: Review) -> Section:
         )
     facts.append(
         Fact(
-            "Records for the chance of any hit",
+            "Records for the probability of any impact",
             f"{sizing.cost.paths}",
             f"the sizing took {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads",
         )

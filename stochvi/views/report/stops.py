@@ -1,4 +1,4 @@
-"""Sections of a clearance report on the motion with stops: hits, speeds, peak accelerations."""
+"""Sections of a clearance report on the motion with stops: impacts, speeds, peak accelerations."""
 
 from __future__ import annotations
 
@@ -36,12 +36,13 @@ if TYPE_CHECKING:
     from stochvi.isolators.sizing.review import Chance, Exceeding, HitsAt, Review
 
 SMALLEST_CHANCE = 1e-6
-"""Smallest chance of no hit that is stated as a number; smaller ones are stated to lie below it."""
+"""Smallest probability of no impact that is stated as a number; smaller ones are stated to lie
+below it."""
 
 NOTABLE_CHANGE = 0.1
 """Relative change of the transmissibility by the stops from which on it is drawn."""
 
-NO_HIT = "no hit seen"
+NO_HIT = "no impact seen"
 
 
 class _Row(NamedTuple):
@@ -64,7 +65,7 @@ ROWS = {
 
 
 def stops_section(review: Review) -> Section:
-    """Hits at 3 sigma and at the recommended clearance; empty where the scene has no stops."""
+    """Impacts at 3 sigma and at the recommended clearance; empty where the scene has no stops."""
     title, motion = "With stops", review.motion
     if motion is None:
         return Section(title=title)
@@ -72,7 +73,7 @@ def stops_section(review: Review) -> Section:
     if motion.impacts is not None:
         grids.append(_impacts_grid(motion, motion.impacts))
     notes = [
-        f"Pictures and percentiles: a path of {motion.duration:.4g} s, {motion.hits} hits; "
+        f"Pictures and percentiles: a path of {motion.duration:.4g} s, {motion.hits} impacts; "
         f"kurtosis of its displacement {motion.kurtosis:.2f} (3 without stops).",
         f"{HITS_PER_FIRST_HIT[0].upper()}{HITS_PER_FIRST_HIT[1:]}.",
     ]
@@ -90,7 +91,7 @@ def stops_section(review: Review) -> Section:
     return Section(
         title=title,
         lead="Simulated with the law of the stops; 95 % intervals below the values. Rms hides "
-        "hits, speeds and peaks show them.",
+        "impacts, speeds and peaks show them.",
         grids=grids,
         pictures=_pictures(review, motion),
         notes=notes,
@@ -124,21 +125,21 @@ def _pictures(review: Review, motion: MotionBetweenStops) -> list[Picture]:
 
 
 def _hit_rows(review: Review) -> list[list[str]]:
-    """Rows of the table of hits: one for each quantity, a column for each clearance."""
+    """Rows of the table of impacts: one for each quantity, a column for each clearance."""
 
     def row(words: str, text: Callable[[HitsAt], str]) -> list[str]:
         return [words, "", *(UNKNOWN if hits is None else text(hits) for hits in found)]
 
     found = review.hits.values()
     return [
-        row("hits per second", lambda hits: _count(hits.rate, hits.rate_low, hits.rate_high)),
+        row("impacts per second", lambda hits: _count(hits.rate, hits.rate_low, hits.rate_high)),
         row(
-            "hits in the mission",
+            "impacts in the mission",
             lambda hits: _count(hits.expected, hits.expected_low, hits.expected_high),
         ),
-        row("hits per first hit", lambda hits: _seen(hits.hits_per_first_hit)),
+        row("impacts per first impact", lambda hits: _seen(hits.hits_per_first_hit)),
         row("mean impact speed (m/s)", lambda hits: _seen(hits.impact_speed_mean)),
-        row("hits found by", lambda hits: hits.by),
+        row("impacts found by", lambda hits: hits.by),
     ]
 
 
@@ -155,7 +156,7 @@ def _comparison_grid(review: Review) -> Grid:
     places = {"three_sigma": sizing.three_sigma.clearance, "recommended": sizing.clearance.value}
     rows = [
         ["clearance per side (mm)", "none", *(f"{MM * place:.4g}" for place in places.values())],
-        ["no hit in the mission", "", *(_no_hit(review.chances[name]) for name in places)],
+        ["no impact in the mission", "", *(_no_hit(review.chances[name]) for name in places)],
         *_hit_rows(review),
     ]
     for found in review.comparisons:
@@ -166,7 +167,7 @@ def _comparison_grid(review: Review) -> Grid:
         rows.append([words, first, *(with_interval(each, factor) for each in estimates)])
     sides = "both sides together" if two_sided(sizing.scene) else "one stop"
     return Grid(
-        caption=f"Without and with stops, a column for each clearance; hits on {sides}",
+        caption=f"Without and with stops, a column for each clearance; impacts on {sides}",
         headings=["", "no stops (linear)", *names_of_places(sizing).values()],
         rows=rows,
     )
@@ -206,7 +207,7 @@ def limit_in_words(target: Target) -> str:
 
 
 def exceeding_in_words(found: Exceeding | None) -> str:
-    """A chance of exceeding a limit with its 95 % interval."""
+    """A probability of exceeding a limit with its 95 % interval."""
     if found is None or found.probability is None or found.low is None or found.high is None:
         return UNKNOWN
     interval = f"{spoken_percent(found.low)} to {spoken_percent(found.high)}, 95 %"
@@ -214,8 +215,8 @@ def exceeding_in_words(found: Exceeding | None) -> str:
 
 
 def hard_hits_section(review: Review) -> Section:
-    """Chances that the hardest hit of the mission exceeds a limit, with their pictures."""
-    title, table = "Hard hits", review.exceedances
+    """Probabilities that the hardest impact of the mission exceeds a limit, with their pictures."""
+    title, table = "Hard impacts", review.exceedances
     if table is None or not len(table):
         return Section(title=title)
     peak = table["event"].iloc[0] == "peak_acceleration"
@@ -233,13 +234,16 @@ def hard_hits_section(review: Review) -> Section:
     mission = spoken_mission(review.sizing.mission)
     return Section(
         title=title,
-        lead=f"The chance that any hit of the mission ({mission}) has {with_article(what)} above "
-        "a limit, with the law of the stops; 95 % intervals below. Bursts of hits were simulated "
-        "with fast first hits drawn more often and weighted; where hits hardly pause, the whole "
+        lead=f"The probability that any impact of the mission ({mission}) has "
+        f"{with_article(what)} above "
+        "a limit, with the law of the stops; 95 % intervals below. Clusters of impacts were "
+        "simulated "
+        "with fast first impacts drawn more often and weighted; where impacts hardly pause, "
+        "the whole "
         "motion.",
         grids=[
             Grid(
-                caption=f"Chance in {mission} that the largest {what} exceeds a limit",
+                caption=f"Probability in {mission} that the largest {what} exceeds a limit",
                 headings=[
                     "clearance (mm)",
                     *(f"above {factor * mark:.3g} {unit}" for mark in marks),
@@ -250,7 +254,7 @@ def hard_hits_section(review: Review) -> Section:
         pictures=[
             shown(
                 lambda: plot_exceedances(review),
-                f"Chance that the largest {what} of the mission exceeds a limit, at three "
+                f"Probability that the largest {what} of the mission exceeds a limit, at three "
                 "clearances.",
             ),
             shown(
@@ -283,7 +287,7 @@ def peaks_section(review: Review) -> Section:
     grid = Grid(
         caption="Absolute acceleration with the forces of the stops. Largest: the mean over "
         f"windows of {review.peak_window:g} s of the largest in a window, not the largest of the "
-        "mission, whose chances stand above",
+        "mission, whose probabilities stand above",
         headings=[
             "stops at",
             "clearance (mm)",
@@ -307,7 +311,7 @@ def peaks_section(review: Review) -> Section:
         ]
     return Section(
         title=title,
-        lead="What an rms value hides: a few hits change it little, and multiply the peak.",
+        lead="What an rms value hides: a few impacts change it little, and multiply the peak.",
         grids=[grid],
         pictures=pictures,
         notes=[

@@ -526,7 +526,7 @@ def test_a_mean_over_the_hits_of_one_path_is_hardly_known() -> None:
             seen.append((rate.upper_95, mean.standard_error / mean.value))
     # fewer than five clusters give no rate, and an error of a fifth at least
     few = [error for of_rate, error in seen if of_rate is not None]
-    assert max(few) > 0.8, "in none of the runs a single path had all the hits"
+    assert max(few) > 0.8, "in none of the runs a single path had all the impacts"
     assert min(few) > 1.0 / FEWEST_CLUSTERS
     assert min(error for _, error in seen) < 0.4  # more paths that hit know it better
 
