@@ -31,15 +31,23 @@ extensions = [
     "numpydoc",
     "sphinx_click",
     "sphinx_copybutton",
+    "sphinxcontrib.bibtex",
     "sphinx_design",
     "mathml",
+    "typed",
     "reference",
 ]
-exclude_patterns = ["_build", "_extensions", "inventories"]
+exclude_patterns = ["_build", "_extensions", "inventories", "pictures/make.py"]
 nitpicky = True
 default_role = "code"
 
-autodoc_typehints = "none"
+autodoc_typehints = "none"  # `typed` writes them as the source has them
+python_maximum_signature_line_length = 88
+# names in annotations that have no page here
+nitpick_ignore_regex = [("py:class", r"[^.]+|(np|pd|collections|typing)\..*|.*[\[~].*")]
+bibtex_bibfiles = ["references.bib"]
+bibtex_default_style = "unsrt"
+bibtex_reference_style = "author_year"
 numpydoc_show_class_members = False
 numpydoc_class_members_toctree = False
 

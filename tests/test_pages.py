@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import click
+import pandas as pd
 import pytest
 
 from stochvi.cli import main
@@ -24,6 +25,9 @@ from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import scene_from
 from support import CHECKOUT
 from support.commands import Run
+
+sys.path.insert(0, str(CHECKOUT / "docs" / "_extensions"))
+import shown
 
 README = CHECKOUT / "README.md"
 MANUAL = sorted(
@@ -56,8 +60,8 @@ FRAME = {
 }
 """What a scene has beside the part that a block of a page shows."""
 
-SHOWN_ONLY = {"text", "json", ""}
-"""Languages of blocks that hold nothing to run: what a program prints or writes."""
+SHOWN_ONLY = {"text", "json", "console", ""}
+"""Languages of blocks of which nothing is run here; `console` blocks have a test of their own."""
 
 
 class Block(NamedTuple):
@@ -136,7 +140,10 @@ def test_commands_run_as_printed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("block", list(blocks("toml")), ids=lambda block: block.page.stem)
-def test_scenes_and_parts_of_scenes_are_valid(block: Block) -> None:
+def test_scenes_and_parts_of_scenes_are_valid(
+    block: Block, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(CHECKOUT / "data" / "scenes")  # where the tables lie that they name
     part = tomllib.loads(block.text)
     if "cross_density" in part:  # of a body with several axes
         box = shipped_scene("rigid-box")
@@ -168,6 +175,56 @@ def test_every_block_of_a_page_is_run() -> None:
         assert directive or block.language in run_here | SHOWN_ONLY, block
 
 
+CONSOLE = [page for page in (README, *MANUAL) if "```console" in page.read_text(encoding="utf-8")]
+
+
+@pytest.mark.parametrize("page", CONSOLE, ids=lambda page: page.stem)
+def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path) -> None:
+    found = shown.run_page(page, tmp_path)
+    assert found
+    for each, now in found:
+        assert shown.differences(each.output, now) == [], each.command
+
+
+def test_a_page_that_shows_something_else_is_noticed() -> None:
+    said = "hits 607(20), 11.21 mm; cost: 3 s"
+    assert shown.differences(said, "hits 611(20), 11.21 mm; cost: 3 s") == []
+    assert shown.differences(said, "impacts 607(20), 11.21 mm; cost: 3 s")
+    assert shown.differences(said, "hits 907(20), 11.21 mm; cost: 3 s")
+    assert shown.differences("11.21 mm", "11.41 mm")
+
+
+def test_numbers_of_the_first_screen_are_those_of_the_studies() -> None:
+    text = README.read_text(encoding="utf-8")
+    rule = pd.read_csv(CHECKOUT / "studies" / "07_three_sigma_rule" / "result.csv")
+    hits = rule["hits_per_hour"]
+    low, high = (f"{each:,.0f}" for each in (round(hits.min(), -1), round(hits.max(), -4)))
+    assert f"{low} to {high} times an hour".replace(",", " ") in text
+    sigmas = rule["clearance_in_sigma"]
+    assert f"{sigmas.min():.1f} to {sigmas.max():.1f} sigma" in text.replace("\n", " ")
+    below = rule[rule["miles_over_rms"].isna()]
+    ratio = below["hits_per_hour"] / below["hits_by_rice_per_hour"]
+    assert f"{ratio.min():.0f} to {ratio.max():.0f} times more" in text
+    records = pd.read_csv(CHECKOUT / "studies" / "17_records_of_the_field" / "result.csv")
+    worst = records[records["kind"] == "two potholes, 9 g"].iloc[0]
+    assert f"{worst['gaussian_mm']:.1f} mm" in text and f"{worst['needed_mm']:.1f} mm" in text
+    boxes = pd.read_csv(CHECKOUT / "studies" / "19_box_against_one_axis" / "result.csv")
+    assert f"up to {boxes['ratio'].max():.0f} times" in text
+
+
+def test_numbers_of_the_gallery_stand_in_its_studies() -> None:
+    tasks = tomllib.loads((CHECKOUT / "docs" / "tasks.toml").read_text(encoding="utf-8"))["task"]
+    assert len(tasks) >= 10
+    for task in tasks:
+        study = CHECKOUT / "studies" / task["study"] / "README.md"
+        numbers = set(re.findall(r"\d[\d.e-]*", study.read_text(encoding="utf-8")))
+        for number in re.findall(r"\d[\d.e-]*", task["answer"]):
+            assert number.rstrip(".") in {each.rstrip(".") for each in numbers}, (task, number)
+        name, *_ = task["command"].split()[1:]
+        assert main.get_command(click.Context(main), name), task
+        shipped_scene(task["scene"])
+
+
 def sentences_of_the_code() -> str:
     """The source of the package, in which texts that run over several lines are one."""
     sources = (path.read_text(encoding="utf-8") for path in (CHECKOUT / "stochvi").rglob("*.py"))
@@ -187,7 +244,7 @@ def test_messages_that_the_manual_explains_are_those_of_the_code() -> None:
 
 def test_the_readme_is_short_and_what_it_names_exists() -> None:
     text = README.read_text(encoding="utf-8")
-    assert len(text.splitlines()) <= 150
+    assert len(text.splitlines()) <= 120
     for target in re.findall(r"\]\(([^)]+)\)", text):
         assert (CHECKOUT / target).exists(), target
     makefile = (CHECKOUT / "Makefile").read_text(encoding="utf-8")

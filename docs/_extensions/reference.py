@@ -21,16 +21,40 @@ from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.schema import scene_schema
 
-ROOMS = (
-    "scenes", "results", "methods.closed_form", "methods.fokker_planck", "methods.linearisation",
-    "methods.averaging", "methods.monte_carlo", "methods.periodic", "methods.replay", "statistics",
-    "isolators", "absorbers", "verification", "testing", "views.density",
-)  # fmt: skip
-"""Packages of public names, in the order in which a scene goes through them."""
+SUBJECTS = {
+    "scenes": "Scenes, structures and stops",
+    "scenes.excitations": "Excitations and records",
+    "isolators": "Screening and sizing",
+    "methods.replay": "Replay of records",
+    "methods.monte_carlo": "Simulation",
+    "statistics": "Impacts, spectra and rare events",
+    "methods.closed_form": "Closed forms",
+    "methods.fokker_planck": "Fokker-Planck equation and first passages",
+    "methods.linearisation": "Linearisation",
+    "methods.averaging": "Averaging",
+    "methods.periodic": "Motion under a sine",
+    "absorbers": "Impact absorbers",
+    "verification": "Checks, price and explanation",
+    "testing": "Judges of other integrators",
+    "results": "Answers, estimates and errors",
+    "views.density": "Pictures of densities",
+}
+"""Packages of public names and their subjects, in the order in which a reader needs them."""
+
+HOMES = {
+    "sweeps": "scenes",
+    "verification.testing": "testing",
+    "model": "results",
+    "views": "views.density",
+}
+"""Subjects of names at the top of the package whose own package has no page."""
 
 
 def write_pages(app: Sphinx) -> None:
-    """Write every page; one that has not changed is left alone, so that it is not built again."""
+    """Write every page, and remove those of an earlier build that are no more.
+
+    A page that has not changed is left alone, so that it is not built again.
+    """
     folder = Path(app.srcdir) / "generated"
     folder.mkdir(exist_ok=True)
     pages = dict(api_pages()) | {
@@ -38,6 +62,9 @@ def write_pages(app: Sphinx) -> None:
         "judges.md": judges_page(Path(app.srcdir) / "judges.toml"),
     }  # fmt: skip
     pages |= study_pages()
+    for old in folder.rglob("*"):
+        if old.is_file() and old.relative_to(folder).as_posix() not in pages:
+            old.unlink()
     for name, text in pages.items():
         path = folder / name
         path.parent.mkdir(exist_ok=True)
@@ -46,16 +73,36 @@ def write_pages(app: Sphinx) -> None:
 
 
 def api_pages() -> Iterator[tuple[str, str]]:
-    """A page of the names at the top of the package, and one of each room with its other names."""
+    """A page for each subject: the names that its package offers, those at the top included."""
     top = [name for name in stochvi.__all__ if not inspect.ismodule(getattr(stochvi, name))]
-    yield "stochvi.rst", api_page("stochvi", top)
-    at_top = {getattr(stochvi, name) for name in top}
-    for room in ROOMS:
+    at_top = {id(getattr(stochvi, name)): name for name in top}
+    for room, title in SUBJECTS.items():
         package = importlib.import_module(f"stochvi.{room}")
         names = list(getattr(package, "__all__", ())) or public_names(package)
-        own = [name for name in names if getattr(package, name) not in at_top]
-        also = [name for name in names if name not in own]
-        yield f"stochvi.{room}.rst", api_page(f"stochvi.{room}", own, also)
+        own = [
+            f"stochvi.{room}.{name}" for name in names
+            if id(getattr(package, name)) not in at_top
+            and (room != "scenes" or home_of(getattr(package, name)) == room)
+        ]  # fmt: skip
+        if room == "scenes.excitations":
+            scenes = importlib.import_module("stochvi.scenes")
+            own = [
+                f"stochvi.scenes.{name}" for name in scenes.__all__
+                if home_of(getattr(scenes, name)) == room
+                and id(getattr(scenes, name)) not in at_top
+            ]  # fmt: skip
+        first = [f"stochvi.{name}" for name in top if home_of(getattr(stochvi, name)) == room]
+        yield f"api/{room}.rst", api_page(room, title, first, own)
+
+
+def home_of(each: Any) -> str:
+    """The subject of a public name, by the module that defines it."""
+    module = getattr(each, "__module__", "").removeprefix("stochvi.")
+    if module.startswith(("scenes.excitations", "scenes.record")):
+        return "scenes.excitations"
+    known = [room for room in (*SUBJECTS, *HOMES) if f"{module}.".startswith(f"{room}.")]
+    found = max(known, key=len, default="results")
+    return HOMES.get(found, found)
 
 
 def public_names(module: Any) -> list[str]:
@@ -66,25 +113,32 @@ def public_names(module: Any) -> list[str]:
     ]  # fmt: skip
 
 
-def api_page(place: str, names: list[str], also: list[str] = []) -> str:  # noqa: B006
-    """The page of a package: what it is, and every name with its signature and docstring."""
+def api_page(room: str, title: str, first: list[str], own: list[str]) -> str:
+    """The page of a subject: what it is, and every name with its signature and docstring."""
+    place = f"stochvi.{room}"
     module = importlib.import_module(place)
     summary = inspect.cleandoc(module.__doc__ or "").split("\n\n")[0].replace("\n", " ")
-    parts = [place, "=" * len(place), "", re.sub(r"`([^`]+)`", r"``\1``", summary), ""]
-    if also:
-        links = ", ".join(f":py:obj:`stochvi.{name}`" for name in also)
-        parts += [f"Documented at the top of the package: {links}.", ""]
-    parts += [f".. currentmodule:: {place}", ""]
-    for name in names:
-        each = getattr(module, name)
-        if inspect.isclass(each):
-            parts += [f".. autoclass:: {name}", "   :members:", "   :exclude-members: model_config"]
-        elif callable(each):
-            parts += [f".. autofunction:: {name}"]
-        else:
-            parts += [f".. autodata:: {name}", "   :no-value:"]
-        parts += [""]
+    parts = [title, "=" * len(title), "", re.sub(r"`([^`]+)`", r"``\1``", summary), ""]
+    for heading, names in (("Names most programs use", first), (f"More in ``{place}``", own)):
+        if not names:
+            continue
+        parts += [heading, "-" * len(heading), ""]
+        for name in names:
+            parts += directive_of(name)
     return "\n".join(parts)
+
+
+def directive_of(name: str) -> list[str]:
+    """The lines that let Sphinx document a name."""
+    package, _, last = name.rpartition(".")
+    each = getattr(importlib.import_module(package), last)
+    if inspect.isclass(each):
+        body = [f".. autoclass:: {name}", "   :members:", "   :exclude-members: model_config"]
+    elif callable(each):
+        body = [f".. autofunction:: {name}"]
+    else:
+        body = [f".. autodata:: {name}", "   :no-value:"]
+    return [*body, ""]
 
 
 def scene_file_page() -> str:
@@ -180,28 +234,78 @@ def type_of(schema: Mapping[str, Any]) -> str:
     return names.get(schema.get("type", ""), "any") + limit
 
 
+DEVELOPERS = ("02", "05", "11", "13", "14", "15", "16", "23")
+"""Studies of the package itself, which users do not need."""
+
+
 def study_pages() -> dict[str, str]:
-    """A page of each study, and one that shows the pictures and questions of all."""
-    found, listed = {}, []
+    """A page of each study, the gallery of tasks, and the lists of studies."""
+    found: dict[str, str] = {}
+    listed: dict[str, list[str]] = {"users": [], "developers": []}
     for readme in sorted(STUDIES.glob("*/README.md")):
         folder = readme.parent.name
         text = readme.read_text(encoding="utf-8")
         title = text.partition("\n")[0].removeprefix("# ")
         question = re.search(r"\*\*Question\.\*\* (.*?)\n\n", text, re.DOTALL)
-        picture = f"../../../studies/{folder}/figure.png"
         text = re.sub(r"\]\((\w+\.png)\)", rf"](../../../studies/{folder}/\1)", text)
+        text = text.replace("![figure]", f"![{title}]")
         found[f"studies/{folder}.md"] = f"{text}\nThe study lies in `studies/{folder}`.\n"
         asked = " ".join(question[1].split()) if question else ""
-        listed += [f"## [{title}](studies/{folder}.md)", "", asked, ""]
-        if (readme.parent / "figure.png").exists():
-            listed += [f"![{title}]({picture.removeprefix('../')})", ""]
-    found["gallery.md"] = "\n".join([
-        "# Gallery of studies", "",
+        reader = "developers" if folder[:2] in DEVELOPERS else "users"
+        listed[reader] += [f"## [{title}](studies/{folder}.md)", "", asked, ""]
+    found["studies.md"] = "\n".join([
+        "# Studies", "",
         "Each study is a question, an answer with its error, the command that makes it, and its "
         "numbers in `result.csv`. `make studies` makes all of them again.", "",
-        *listed, "```{toctree}", ":hidden:", ":glob:", "", "studies/*", "```", "",
+        *listed["users"], *toctree(sorted(name for name in found if name[8:10] not in DEVELOPERS)),
     ])  # fmt: skip
+    found["bench.md"] = "\n".join([
+        "# Studies of the package itself", "",
+        "Price, calibration, faults and budgets: for those who work on stochvi.", "",
+        *listed["developers"], *toctree(sorted(
+            name for name in found if name[8:10] in DEVELOPERS and name.startswith("studies/"))),
+    ])  # fmt: skip
+    found["gallery.md"] = gallery_page()
     return found
+
+
+def toctree(names: list[str]) -> list[str]:
+    """A hidden table of contents of pages."""
+    return [
+        "```{toctree}",
+        ":hidden:",
+        "",
+        *(name.removesuffix(".md") for name in names),
+        "```",
+        "",
+    ]
+
+
+def gallery_page() -> str:
+    """The gallery of tasks: scene file, picture, command, numbers and time of each."""
+    source = Path(__file__).parents[1] / "tasks.toml"
+    tasks = tomllib.loads(source.read_text(encoding="utf-8"))["task"]
+    text = [
+        "# Gallery of tasks",
+        "",
+        "Each task has a scene file to download, the command, the numbers of its study, and the "
+        "time of the command on two cores. Tables that a scene names lie beside it in the package: "
+        "`stochvi new` writes both.",
+        "",
+    ]
+    for task in tasks:
+        readme = (STUDIES / task["study"] / "README.md").read_text(encoding="utf-8")
+        title = readme.partition("\n")[0].removeprefix("# ")
+        text += [
+            f"## {task['title']}", "",
+            f"![{task['title']}: {title}](../../studies/{task['study']}/figure.png)", "",
+            task["answer"], "",
+            f"```\n{task['command']}\n```", "",
+            f"{{download}}`{Path(task['scene']).name}.toml "
+            f"<../../data/scenes/{task['scene']}.toml>` · {task['time']} · "
+            f"study [{title}](studies/{task['study']}.md)", "",
+        ]  # fmt: skip
+    return "\n".join(text)
 
 
 STUDIES = Path(__file__).parents[2] / "studies"

@@ -130,11 +130,11 @@ def cases() -> dict[str, Callable[[], Any]]:
         "impacts, rel_error": lambda: stochvi.impacts(
             zoo("chain-two-pairs"), rel_error=0.1, seed=7, budget=None
         ),
-        "impacts of a table, first impacts": lambda: stochvi.impacts(
+        "impacts of a table, first hits": lambda: stochvi.impacts(
             zoo("psd-truck-elastic"), paths=256, first_hits=True, seed=7, budget=None
         ),
         "bursts": lambda: _columns(bursts(far(), rel_error=0.3, seed=7, budget=None)),
-        "clusters of a structure": lambda: _columns(
+        "bursts of a structure": lambda: _columns(
             bursts(shipped("rigid-box"), rel_error=0.4, seed=7, budget=None)
         ),
         "first crossings": lambda: _ages(
@@ -143,11 +143,11 @@ def cases() -> dict[str, Callable[[], Any]]:
         "pair crossings": lambda: _ages(
             pair_crossings(shipped("rigid-box"), mission=60.0, rel_error=0.2, seed=7, budget=None)
         ),
-        "rare impacts": lambda: rare_hits(
+        "rare hits": lambda: rare_hits(
             zoo("psd-truck-elastic"), "peak_acceleration", 600.0, mission=60.0, rel_error=0.3,
             seed=7, budget=None,
         ),
-        "probability in windows": lambda: chance_in_windows(
+        "chance in windows": lambda: chance_in_windows(
             zoo("psd-spring-stops"), "impact_speed", 0.5, 60.0, accepted=0.2, seed=7, budget=None
         ),
         "reliability crude and splitting": lambda: stochvi.reliability(

@@ -1,0 +1,219 @@
+"""Make the pictures of the manual's pages: `python docs/pictures/make.py [NAME...]`.
+
+Numbers come from the tables of the studies, or are calculated here by the public calls.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib as mpl
+import matplotlib.pyplot as plt
+import pandas as pd
+from matplotlib.axes import Axes
+
+import stochvi
+from stochvi.scenes.datasets import shipped_scene
+from stochvi.views.axes import add_grid
+from stochvi.views.colours import COLOURS, DRAWING
+from stochvi.views.files import write_picture
+from stochvi.views.schematic import draw_gaps, draw_problem
+from stochvi.views.words import count_of
+
+HERE = Path(__file__).parent
+STUDIES = HERE.parents[1] / "studies"
+
+MOUNTS = {
+    ("mil-std-810h-truck-vertical-5hz", 12.0): "12 Hz on a truck",
+    ("mil-std-810h-truck-longitudinal-5hz", 8.0): "8 Hz on a truck, longitudinal",
+    ("navmat-p-9492", 40.0): "40 Hz on NAVMAT P-9492",
+    ("navmat-p-9492", 20.0): "20 Hz on NAVMAT P-9492, at its edge",
+    ("navmat-p-9492", 12.0): "12 Hz on NAVMAT P-9492, below its table",
+    ("gevs-acceptance", 8.0): "8 Hz on GEVS, below its table",
+}
+"""Rows of the picture of three sigma: profile and natural frequency (Hz), and their words."""
+
+ACCEPTED = 0.01
+"""Expected impacts in an hour that a chance of 1 % of any impact allows."""
+
+
+def three_sigma() -> Axes:
+    """What a stop at three sigma is hit by in an hour, beside Rice and the usual target."""
+    table = pd.read_csv(STUDIES / "07_three_sigma_rule" / "result.csv")
+    rows = table.set_index(["profile", "frequency_hz"])
+    _, ax = plt.subplots(figsize=(7.6, 3.5), layout="constrained")
+    for row, mount in enumerate(MOUNTS):
+        found = rows.loc[mount]
+        rice, true = found["hits_by_rice_per_hour"], found["hits_per_hour"]
+        ax.plot([ACCEPTED, true], [row, row], color=DRAWING["line"], linewidth=1.0, zorder=0)
+        ax.plot(rice, row, "o", mfc="white", mec=COLOURS["exact"], markersize=8)
+        ax.plot(true, row, "o", color=COLOURS["linearise:closure"], markersize=8)
+        ax.plot(ACCEPTED, row, "s", color=COLOURS["linearise:force"], markersize=7)
+        ax.text(true * 1.6, row, count_of(true), va="center", fontsize="small",
+                color=DRAWING["length"])  # fmt: skip
+        ax.text(ACCEPTED * 1.7, row - 0.13, f"at {found['clearance_in_sigma']:.1f} sigma",
+                va="bottom", fontsize="x-small", color=COLOURS["linearise:force"])  # fmt: skip
+    ax.set_xscale("log")
+    ax.set_xlim(3e-3, 4e6)
+    ax.set_xticks([1e-2, 1.0, 1e2, 1e4, 1e6], ["0.01", "1", "100", "10 000", "1 000 000"])
+    ax.minorticks_off()
+    ax.set_yticks(range(len(MOUNTS)), MOUNTS.values(), fontsize="small")
+    ax.set_ylim(len(MOUNTS) - 0.4, -0.8)
+    ax.set_xlabel("impacts in one hour")
+    for marker, face, words in (
+        ("o", COLOURS["linearise:closure"], "stop at 3 sigma: what happens"),
+        ("o", "white", "stop at 3 sigma: Rice"),
+        ("s", COLOURS["linearise:force"], "stop sized for a probability of 1 %"),
+    ):
+        ax.plot([], [], marker, color=face, mec=COLOURS["exact"] if face == "white" else face,
+                label=words)  # fmt: skip
+    ax.figure.legend(loc="outside upper center", ncols=3, frameon=False, fontsize="small")
+    add_grid(ax)
+    ax.grid(axis="y", visible=False)
+    ax.set_axisbelow(True)
+    return ax
+
+
+def problem() -> Axes:
+    """The problem with the names of its lengths."""
+    scene = stochvi.load_scene(shipped_scene("isolator-truck"))
+    scene = scene.replace(structure=scene.structure.replace(gravity=True))
+    return draw_problem(scene, _rests(scene), symbols=True)
+
+
+def problem_in_numbers() -> Axes:
+    """The same drawing with the numbers of a scene."""
+    scene = stochvi.load_scene(shipped_scene("isolator-bumper"))
+    return draw_problem(scene, _rests(scene))
+
+
+def box() -> Axes:
+    """The shipped box with its mounts and snubbers."""
+    return draw_problem(stochvi.load_scene(shipped_scene("rigid-box")), {})
+
+
+def gaps() -> Axes:
+    """The gaps of the shipped box."""
+    scene = stochvi.load_scene(shipped_scene("rigid-box"))
+    return draw_gaps(scene.impact_pairs, _rests(scene))
+
+
+COMMANDS = (
+    ("Is the scene what I mean?", "explain", "effects, methods, price, drawing", "1 s"),
+    ("How far does it move without stops?", "screen", "rms, Miles, Rice", "1 s"),
+    ("How much clearance do I need?", "size", "clearance, tolerances, report", "3 s"),
+    ("How often and how hard at my stops?", "simulate, impacts", "rates, speeds, forces", "2 s"),
+    ("What if it must not happen once in a million?", "reliability", "probability to 1e-9", "10 s"),
+    ("What does this record do?", "replay", "every impact, x(t), peak g", "1 s"),
+    ("Which motions exist under a sine?", "sine, basins", "regimes, jumps, clatter", "4 s"),
+    ("Which absorber for my structure?", "absorber", "residual vibration, best cavity", "1 min"),
+    ("Are my numbers right?", "check, cost", "methods compared, error and price", "3 s"),
+)  # fmt: skip
+"""Rows of the chart of commands: the question, the command, what it answers, and its time."""
+
+
+def choose() -> Axes:
+    """Which command answers which question."""
+    _, ax = plt.subplots(figsize=(7.6, 0.52 * len(COMMANDS) + 0.5), layout="constrained")
+    for row, (question, command, answer, time) in enumerate(COMMANDS):
+        y = -float(row)
+        ax.text(0.0, y, question, va="center", fontsize="small")
+        ax.annotate("", (4.02, y), (3.62, y),
+                    arrowprops={"arrowstyle": "->", "color": DRAWING["ink"]})  # fmt: skip
+        ax.text(4.9, y, command, va="center", ha="center", fontsize="small", family="monospace",
+                bbox={"boxstyle": "round,pad=0.35", "facecolor": DRAWING["mass"],
+                      "edgecolor": COLOURS["simulate"]})  # fmt: skip
+        ax.text(5.95, y, answer, va="center", fontsize="small")
+        ax.text(9.1, y, time, va="center", ha="right", fontsize="small", color=DRAWING["length"])
+    ax.set_xlim(-0.05, 9.2)
+    ax.set_ylim(-len(COMMANDS) + 0.4, 0.6)
+    ax.set_axis_off()
+    return ax
+
+
+KINDS = {
+    "one mass, white noise, elastic stops": "oscillator-elastic",
+    "one mass, white noise, lossy stops": "oscillator-lossy",
+    "one mass, white noise, rubber stops": "zoo/viscoelastic-stops",
+    "isolator, own PSD or standard, rigid stops": "isolator-truck",
+    "isolator under gravity, bumpers": "isolator-bumper",
+    "isolator on a road, in a vehicle": "isolator-vehicle",
+    "isolator, measured record": "isolator-record",
+    "box with six degrees of freedom": "rigid-box",
+    "several masses and pairs": "zoo/chain-two-pairs",
+    "absorber in its cavity": "absorber-on-a-tower",
+    "sine, rigid stops": "isolator-sine",
+}
+"""Rows of the chart of methods: a kind of scene, and the shipped scene that stands for it."""
+
+
+def methods() -> Axes:
+    """Which method covers which kind of scene, by what the methods say of themselves."""
+    from stochvi.methods import averaging, closed_form, fokker_planck
+    from stochvi.methods.monte_carlo.choose_plan import unmet
+    from stochvi.model.model import model_of
+
+    def linearised(scene: stochvi.Scene) -> bool:
+        try:
+            stochvi.linearise(scene)
+        except stochvi.StochviError:
+            return False
+        return True
+
+    def sized(scene: stochvi.Scene) -> bool:
+        try:
+            stochvi.screen(scene)
+        except stochvi.StochviError:
+            return False
+        return True
+
+    asked: dict[str, Callable[[stochvi.Scene], bool]] = {
+        "exact\nclosed form": lambda scene: not closed_form.unmet(model_of(scene)),
+        "fokker-planck\n0.1 s": lambda scene: not fokker_planck.unmet(model_of(scene)),
+        "average\n0.1 s": lambda scene: not averaging.unmet(model_of(scene)),
+        "linearise\n1 ms": linearised,
+        "simulate\nseconds": lambda scene: not unmet(model_of(scene)),
+        "screen, size\nseconds": sized,
+    }
+    _, ax = plt.subplots(figsize=(7.6, 0.36 * len(KINDS) + 1.0), layout="constrained")
+    for row, name in enumerate(KINDS.values()):
+        scene = stochvi.load_scene(shipped_scene(name))
+        for column, covers in enumerate(asked.values()):
+            filled = covers(scene)
+            ax.plot(column, row, "o" if filled else "x", markersize=9 if filled else 5,
+                    color=COLOURS["simulate"] if filled else COLOURS["stop"])  # fmt: skip
+    ax.set_xticks(range(len(asked)), asked, fontsize="small")
+    ax.set_yticks(range(len(KINDS)), KINDS, fontsize="small")
+    ax.xaxis.tick_top()
+    ax.tick_params(length=0)
+    ax.set_xlim(-0.6, len(asked) - 0.4)
+    ax.set_ylim(len(KINDS) - 0.5, -0.5)
+    for row in range(len(KINDS)):
+        ax.axhline(row + 0.5, color=DRAWING["line"], linewidth=0.5)
+    for spine in ax.spines.values():
+        spine.set_visible(False)
+    return ax
+
+
+def _rests(scene: stochvi.Scene) -> dict[str, float]:
+    return {name: gap.position for name, gap in stochvi.explain(scene).rest_of_gaps.items()}
+
+
+PICTURES: dict[str, Callable[[], Axes]] = {
+    "three_sigma": three_sigma,
+    "problem": problem,
+    "problem_in_numbers": problem_in_numbers,
+    "box": box,
+    "gaps": gaps,
+    "choose": choose,
+    "methods": methods,
+}
+"""The pictures by the name of their file."""
+
+
+if __name__ == "__main__":
+    mpl.use("agg")
+    for name in sys.argv[1:] or PICTURES:
+        write_picture(PICTURES[name](), HERE / f"{name}.svg")
