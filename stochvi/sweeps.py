@@ -135,7 +135,7 @@ def sweep(
         If a value is not a number, a key has no values, a key is named twice, or the values have
         more combinations than `MOST_ROWS`.
     Interrupted
-        After Ctrl-C; its `response` is the table of the rows that are complete, which are kept in
+        After Ctrl-C; its `partial` is the table of the rows that are complete, which are kept in
         `out`.
 
     See Also
@@ -314,7 +314,7 @@ class Job:
         except NotApplicable as error:
             note = str(error)
         except NotConverged as error:
-            response, note = _summary_of(error.response), str(error)
+            response, note = _summary_of(error.partial), str(error)
         if kept is not None and response is not None and not note:
             write_text(to_json(response.to_dict()) + "\n", kept)
             kept.with_suffix(".checkpoint").unlink(missing_ok=True)

@@ -80,7 +80,7 @@ def test_a_plan_that_takes_long_is_a_part_of_the_budget(
     slowed(module, planning)
     with pytest.raises(NotConverged, match="the budget of 9 s ended") as short:
         solve(oscillator(-1.0, 1.0, 0.8), rel_error=1e-5, budget=0.9 * SLOW, threads=1)
-    assert short.value.response.cost.paths == fewest
+    assert short.value.partial.cost.paths == fewest
 
 
 def test_methods_without_a_budget_leave_less_to_the_simulation_of_a_check(
@@ -128,7 +128,7 @@ def test_first_hits_that_no_time_is_left_for_are_named(slowed: Callable[..., Non
     slowed("stochvi.statistics.impacts.method", "plan_impacts")
     with pytest.raises(NotConverged) as short:
         impacts(oscillator(-1.0, 1.0, 0.8), first_hits=True, budget=0.9 * SLOW, threads=1)
-    answer = short.value.response
+    answer = short.value.partial
     assert method_of_impacts.NO_FIRST_HITS in answer.warnings
     assert answer.pairs["stops"].first_hit_rate is None
 
@@ -138,7 +138,7 @@ def test_kernels_of_regimes_are_loaded_within_the_budget(slowed: Callable[..., N
     scene = stochvi.load_scene(shipped_scene("isolator-sine"))
     with pytest.raises(NotConverged, match="the budget of 9 s ended") as short:
         harmonic_response(scene, [90.0, 100.0], budget=0.9 * SLOW)
-    assert all(not branch.stops for branch in short.value.response.branches)
+    assert all(not branch.stops for branch in short.value.partial.branches)
 
 
 def chain(lines: int, *, stops: bool) -> Scene:

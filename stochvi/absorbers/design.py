@@ -319,9 +319,9 @@ class _Search:
             )  # fmt: skip
         except (NotConverged, Interrupted) as reason:
             self.short += 1
-            if reason.response is None:
+            if reason.partial is None:
                 return
-            response = reason.response
+            response = reason.partial
         deviation = response.coordinates["structure"]["displacement_std"]
         assert deviation is not None
         error = math.hypot(deviation.standard_error, deviation.bias or 0.0)

@@ -293,9 +293,9 @@ def absorber(
                     progress=report,
                 )
             except (NotConverged, Interrupted) as reason:
-                if reason.response is None:
+                if reason.partial is None:
                     break
-                response = reason.response
+                response = reason.partial
                 short.append(level)
             report(1.0, "peaks of recorded paths")
             began = time.perf_counter()

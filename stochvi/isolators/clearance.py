@@ -153,7 +153,7 @@ def clearance_curve(
                 else:
                     short.append(case.words)
             except (NotConverged, Interrupted) as reason:
-                simulated = reason.response
+                simulated = reason.partial
                 short.append(case.words)
             if simulated is not None:
                 rows += case.rows(simulated, closure)

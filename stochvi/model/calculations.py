@@ -64,7 +64,7 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
             try:
                 answer: T = recorded(function(*bound.args, **bound.kwargs), given)
             except (NotConverged, Interrupted) as error:
-                error.response = recorded(error.response, given)
+                error.partial = recorded(error.partial, given)
                 raise
         return answer
 

@@ -192,9 +192,9 @@ def partial_result(calculate: Callable[..., Found], *arguments: Any, **named: An
     try:
         return calculate(*arguments, **named)
     except (NotConverged, Interrupted) as reason:
-        if reason.response is None:
+        if reason.partial is None:
             raise
-        found: Found = reason.response
+        found: Found = reason.partial
         return found
 
 

@@ -92,17 +92,36 @@ class TargetError(StochviError, ValueError):
     """An answer cannot be written to the given file or folder, or would replace an input file."""
 
 
-class NotConverged(StochviError):
-    """The accuracy that was asked for was not reached; `response` holds the answer so far.
+class _WithPartial(BaseException):
+    """Part of an error that carries what was found before it.
+
+    Parameters
+    ----------
+    partial : the answer so far, of the kind that the function would have returned; None where there
+        is none yet.
+    """
+
+    def __init__(self, message: str, partial: Any = None) -> None:
+        self.partial = partial
+        super().__init__(message)
+
+    @property
+    def response(self) -> Any:
+        """The name that `partial` had; it goes with the next version."""
+        return self.partial
+
+    @response.setter
+    def response(self, partial: Any) -> None:
+        self.partial = partial
+
+
+class NotConverged(_WithPartial, StochviError):
+    """The accuracy that was asked for was not reached; `partial` holds the answer so far.
 
     See Also
     --------
     stochvi.cost : What accuracy costs, before it is asked for.
     """
-
-    def __init__(self, message: str, response: Any = None) -> None:
-        self.response = response
-        super().__init__(message)
 
 
 class CheckpointError(StochviError, ValueError):
@@ -114,8 +133,8 @@ class CheckpointError(StochviError, ValueError):
     """
 
 
-class Interrupted(KeyboardInterrupt):
-    """Stopped by Ctrl-C; `response` holds the answer so far, None if there is none yet.
+class Interrupted(_WithPartial, KeyboardInterrupt):
+    """Stopped by Ctrl-C; `partial` holds the answer so far, None if there is none yet.
 
     It derives from KeyboardInterrupt, so that `except Exception` does not catch it.
 
@@ -123,10 +142,6 @@ class Interrupted(KeyboardInterrupt):
     --------
     stochvi.StochviError : The base of all errors of the package.
     """
-
-    def __init__(self, message: str, response: Any = None) -> None:
-        self.response = response
-        super().__init__(message)
 
 
 LISTS = ("absorber", "cross_density", "excitation", "impact_pair", "structure.mount")

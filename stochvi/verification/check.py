@@ -303,8 +303,8 @@ def answers(
         left_out.append(str(reason))
     except (NotConverged, Interrupted) as reason:
         left_out.append(f"{STOPPED_EARLY}, judged by what it reached: {reason}")
-        if reason.response is not None:
-            simulated.append(reason.response)
+        if reason.partial is not None:
+            simulated.append(reason.partial)
     if deadline.interrupted:
         left_out.append("fokker_planck: interrupted by Ctrl-C")
     else:
@@ -338,7 +338,7 @@ def _solved(
         left_out.append(str(reason))
     except (NotConverged, Interrupted) as reason:
         # its bias states the accuracy that it has reached
-        return [] if reason.response is None else [reason.response]
+        return [] if reason.partial is None else [reason.partial]
     return []
 
 

@@ -643,7 +643,7 @@ def _solved(scene: Scene, plan: Plan, deadline: Deadline) -> list[Response]:
         return []
     except (NotConverged, Interrupted) as reason:
         # its bias states the accuracy that it has reached
-        return [] if reason.response is None else [reason.response]
+        return [] if reason.partial is None else [reason.partial]
 
 
 def _reference(

@@ -20,7 +20,7 @@ def row(name: str, scene: stochvi.Scene, rel_error: float, budget: float) -> dic
     try:
         response = stochvi.simulate(scene, rel_error=rel_error, seed=1, budget=budget)
     except stochvi.NotConverged as error:
-        verdict, response = f"not converged: {error}", error.response
+        verdict, response = f"not converged: {error}", error.partial
     except stochvi.StochviError as error:
         verdict = f"refused: {error}"
     found = {"case": name, "seconds": round(time.perf_counter() - start, 2)}

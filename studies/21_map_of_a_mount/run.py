@@ -69,7 +69,7 @@ def life(regime: str, clearance: float, intensity: float, rel_error: float) -> d
     try:
         found = lifetimes(scene, [regime], rel_error=rel_error, budget=120.0)
     except NotConverged as short:
-        found = short.response
+        found = short.partial
     (each,) = found.regimes
     return {
         "regime": regime, "clearance_mm": 1e3 * clearance, "intensity": intensity,

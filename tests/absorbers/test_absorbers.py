@@ -628,8 +628,8 @@ def test_a_design_shares_its_budget_and_begins_nothing_after_it(
             restitutions=[0.5],
             budget=30.0,
         )
-    assert late.value.response.best.play > 0.0
-    assert late.value.response.warnings
+    assert late.value.partial.best.play > 0.0
+    assert late.value.partial.warnings
     assert all(began < 30.0 for began, _ in given)
     assert all(began + budget <= 30.0 + 1e-9 for began, budget in given)
     whole = len(design.PLAYS) + len(design.CLOSER)
@@ -651,7 +651,7 @@ def test_levels_share_a_budget_and_what_is_missing_is_named(
     monkeypatch.setattr(performance, "simulate", simulated)
     with pytest.raises(NotConverged, match=r"error of -3 dB, \+0 dB, \+3 dB was 0.05") as late:
         absorber(boxed(3.0, 0.5), levels_db=[-3.0, 0.0, 3.0], rel_error=0.05, budget=12.0)
-    answer = late.value.response
+    answer = late.value.partial
     assert given[0] == (0.0, pytest.approx(4.0))
     assert [each.level_db for each in answer.performances] == [-3.0]
     assert answer.warnings[0] == "levels that were not simulated: +0 dB, +3 dB"

@@ -694,4 +694,4 @@ def test_ctrl_c_leaves_the_rows_that_are_complete_in_a_table(
     answered.clear()
     with pytest.raises(Interrupted, match="after row 2 of 3") as stopped:
         sweep(scene, {"structure.stiffness": [1.0, 2.0, 3.0]}, method="exact")
-    assert len(stopped.value.response) == 2
+    assert len(stopped.value.partial) == 2

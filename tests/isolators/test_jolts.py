@@ -189,13 +189,13 @@ def test_a_budget_that_ends_keeps_the_jolts_that_were_simulated(
     scene = mount(0.8 * BOUNDARY)
     with pytest.raises(NotConverged, match="budget of 50 s ended after 1 of 2 jolts") as ended:
         jolts(scene, [0.3, 0.2], paths=8, budget=50.0, progress=report)
-    answer, whole = ended.value.response, jolts(scene, [0.3, 0.2], paths=8)
+    answer, whole = ended.value.partial, jolts(scene, [0.3, 0.2], paths=8)
     assert answer.speeds == (0.3,) and whole.speeds == (0.3, 0.2)
     assert (answer.watched[0] == whole.watched[0]).all()
     assert done == sorted(done) and (done[0], done[-1]) == (0.0, 0.5)
     with pytest.raises(NotConverged, match="before the paths of a jolt") as ended:
         jolts(scene, [0.3], paths=8, budget=1e-9)
-    assert ended.value.response is None
+    assert ended.value.partial is None
 
 
 def test_unequal_stops_have_no_symmetric_regime() -> None:

@@ -129,7 +129,7 @@ def test_what_is_ended_leaves_its_answer_so_far() -> None:
 
     with pytest.raises(NotConverged, match="on the way") as reached:
         ended(work)
-    assert reached.value.response == 41.0
+    assert reached.value.partial == 41.0
 
 
 def test_what_goes_on_all_the_same_is_ended_again(monkeypatch: pytest.MonkeyPatch) -> None:

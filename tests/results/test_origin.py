@@ -49,7 +49,7 @@ def test_an_answer_records_its_call() -> None:
 def test_an_answer_that_falls_short_records_its_call() -> None:
     with pytest.raises(NotConverged) as short:
         stochvi.simulate(lossy(), rel_error=1e-6, budget=0.05, seed=1)
-    assert short.value.response.provenance["call"]["arguments"]["rel_error"] == 1e-6
+    assert short.value.partial.provenance["call"]["arguments"]["rel_error"] == 1e-6
 
 
 def test_one_seed_gives_equal_answers() -> None:

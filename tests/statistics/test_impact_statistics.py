@@ -494,7 +494,7 @@ def test_what_is_never_hit_is_looked_for_until_paths_or_time_run_out(monkeypatch
     for budget, fewest in ((None, 3000), (1e-3, 2)):
         with pytest.raises(NotConverged, match=r"no impact was seen in \d+ paths") as stopped:
             impacts(far, budget=budget, threads=1, progress=lambda done, text: told.append(done))
-        answer = stopped.value.response
+        answer = stopped.value.partial
         assert answer.cost.paths >= fewest
         assert answer.warnings[0] == "the accuracy asked for was not reached"
         assert answer.pairs["stops"].rates["both"].estimate.upper_95 > 0.0
@@ -523,10 +523,10 @@ def test_an_answer_that_falls_short_is_carried_by_an_error() -> None:
     with pytest.raises(NotConverged, match=r"relative standard error .* asked for 1e-05") as short:
         impacts(ELASTIC, rel_error=1e-5, budget=1e-3, threads=1)
     # two paths may have the same number of impacts by chance
-    assert short.value.response.cost.paths < method.FEWEST_PATHS
+    assert short.value.partial.cost.paths < method.FEWEST_PATHS
     with pytest.raises(NotConverged, match=r"0.001 s ended after \d+ of 1000000 paths") as short:
         impacts(ELASTIC, paths=10**6, budget=1e-3, threads=1)
-    assert 2 <= short.value.response.cost.paths < 10**6
+    assert 2 <= short.value.partial.cost.paths < 10**6
     few = impacts(ELASTIC, paths=2, duration=1.0, seed=1, threads=1)
     assert "too few impacts" in few.summary()
 

@@ -188,9 +188,9 @@ def test_a_regime_that_outlasts_the_budget_has_a_lower_limit() -> None:
     quiet = mount(WhiteNoise(intensity=NOISE / 50.0))
     with pytest.raises(NotConverged, match="before enough paths had left") as ended:
         lifetimes(quiet, budget=1.5)
-    for each in ended.value.response.regimes:
+    for each in ended.value.partial.regimes:
         assert each.life_time is None and each.life_time_high is None and not each.destinations
-    assert "longer than" in ended.value.response.summary()
+    assert "longer than" in ended.value.partial.summary()
 
 
 def test_what_has_no_life_time_is_refused_in_a_sentence() -> None:
@@ -210,7 +210,7 @@ def test_a_small_budget_is_not_spent_on_the_beginnings_of_many_paths() -> None:
     with pytest.raises(NotConverged) as ended:
         lifetimes(mount(WhiteNoise(intensity=NOISE)), [REST], rel_error=1e-3, budget=0.6, threads=1)
     asked = module.MORE_PATHS * 1e6
-    assert 0 < ended.value.response.cost.paths < 0.02 * asked
+    assert 0 < ended.value.partial.cost.paths < 0.02 * asked
 
 
 def test_groups_that_begin_later_live_as_long(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -227,7 +227,7 @@ def test_groups_that_begin_later_live_as_long(monkeypatch: pytest.MonkeyPatch) -
 def test_regimes_hit_as_fast_as_in_a_simulation_of_the_sine_alone() -> None:
     with pytest.raises(NotConverged) as short:  # the clatter outlasts any budget
         lifetimes(mount(WhiteNoise(intensity=NOISE)), budget=3.0, threads=1)
-    fastest = {each.regime: each.impact_speed_max for each in short.value.response.regimes}
+    fastest = {each.regime: each.impact_speed_max for each in short.value.partial.regimes}
     seen = set()
     for start in (0.0, 0.25):
         flight = Bounces(mount(), steps=60)

@@ -145,7 +145,7 @@ def test_ctrl_c_answers_with_what_there_is(name: str) -> None:
     usual = signal.getsignal(signal.SIGINT)
     with pytest.raises(Interrupted, match="interrupted by Ctrl-C") as stopped:
         SAMPLERS[name](threads=1, progress=once)
-    answer = stopped.value.response
+    answer = stopped.value.partial
     assert answer is not None
     assert getattr(answer, "interrupted", True)
     assert signal.getsignal(signal.SIGINT) is usual

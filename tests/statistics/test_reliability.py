@@ -117,7 +117,7 @@ def test_missions_shorter_than_what_settles_them() -> None:
 def test_what_was_found_is_told_with_what_is_missing() -> None:
     with pytest.raises(NotConverged, match="impact speed: the budget") as caught:
         reliability(oscillator(-2.5, 2.5), mission=30.0, impact_speed=8.0, threads=1, budget=0.02)
-    found = caught.value.response
+    found = caught.value.partial
     assert "hit" in found.chances and "impact_speed" not in found.chances
     assert "impact_speed" in found.missing and "impact_speed" in found.to_dict()["missing"]
     assert "impact_speed: not found" in repr(found)
@@ -189,7 +189,7 @@ def test_what_is_never_seen_has_an_upper_limit_and_is_not_an_answer() -> None:
         reliability(
             WITH_A_MEMORY, mission=600.0, impact_speed=80.0, threads=1, rel_error=0.5, budget=1.0
         )
-    found = caught.value.response
+    found = caught.value.partial
     never = found.chances["impact_speed"]
     assert never.estimate.value == 0.0 == never.lower and 0.0 < never.upper < 1.0
     assert "P(impact_speed) at most" in repr(found)

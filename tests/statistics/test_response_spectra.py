@@ -404,12 +404,12 @@ def test_views_and_errors() -> None:
 def test_an_answer_that_falls_short_is_carried_by_an_error() -> None:
     with pytest.raises(NotConverged, match=r"relative standard error .* asked for 0\.001") as short:
         spectrum(FREE, rel_error=1e-3, budget=1e-3, threads=1)
-    answer = short.value.response
+    answer = short.value.partial
     assert answer.relative_error > 1e-3
     assert answer.warnings[0] == "the accuracy asked for was not reached"
     with pytest.raises(NotConverged, match=r"0.001 s ended after \d+ of 100000 paths") as short:
         spectrum(FREE, paths=10**5, budget=1e-3, threads=1)
-    assert 2 <= short.value.response.cost.paths < 10**5
+    assert 2 <= short.value.partial.cost.paths < 10**5
 
 
 def test_time_that_runs_out_before_a_block_of_a_later_round_keeps_the_rounds_before(
@@ -426,7 +426,7 @@ def test_time_that_runs_out_before_a_block_of_a_later_round_keeps_the_rounds_bef
     monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))
     with pytest.raises(NotConverged, match="raise budget") as short:
         spectrum(FREE, rel_error=1e-3, threads=1)
-    assert len(rounds) == 2 and short.value.response.cost.paths == method.FEWEST_PATHS
+    assert len(rounds) == 2 and short.value.partial.cost.paths == method.FEWEST_PATHS
 
 
 def test_a_record_that_ends_before_it_was_promised_to_is_refused() -> None:

@@ -52,7 +52,7 @@ def partial_answer(calculate: Callable[..., Any], *arguments: Any, **named: Any)
     try:
         return calculate(*arguments, **named)
     except NotConverged as reason:
-        return reason.response
+        return reason.partial
 
 
 def ends_of(found: Estimate) -> Ends:

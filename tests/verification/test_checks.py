@@ -132,8 +132,8 @@ def test_ctrl_c_leaves_the_verdict_on_what_there_is(several: bool) -> None:
     with pytest.raises(Interrupted) as stopped:
         ask(rel_error=0.0005, progress=once)
     assert heard
-    assert stopped.value.response.interrupted
-    assert not stopped.value.response.passed
+    assert stopped.value.partial.interrupted
+    assert not stopped.value.partial.passed
 
 
 def test_one_wrong_number_in_one_scene_is_found_and_named() -> None:

@@ -100,9 +100,9 @@ class Hits:
                 scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left()
             )
         except (NotConverged, Interrupted) as reason:
-            if reason.response is None:
+            if reason.partial is None:
                 raise
-            response = reason.response
+            response = reason.partial
             unknown = (
                 f"the budget ended before the impacts at {1e3 * clearance:.4g} mm were known to a "
                 f"relative error of {rel_error:g}"

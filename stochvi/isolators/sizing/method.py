@@ -239,7 +239,7 @@ def size(
         If the scene is not covered, or no clearance keeps the target.
     NotConverged
         If the rate at which a speed or an acceleration is exceeded was not known to `rel_error` in
-        the budget, or bursts of hits do not end, or `Interrupted` after Ctrl-C; `response` holds
+        the budget, or bursts of hits do not end, or `Interrupted` after Ctrl-C; `partial` holds
         the `Sizing` with the clearance that it got to.
 
     See Also
@@ -428,9 +428,9 @@ class _Job:
         try:
             clearance = self._clearance()
         except (NotConverged, Interrupted) as reason:
-            if reason.response is None:
+            if reason.partial is None:
                 raise
-            clearance, short = reason.response, reason
+            clearance, short = reason.partial, reason
             self.warnings.insert(0, str(reason))
         three = self._three_sigma()
         if self.scene.impact_pairs:
@@ -696,7 +696,7 @@ class _Job:
         except NotApplicable:
             return None
         except (NotConverged, Interrupted) as reason:
-            found = reason.response
+            found = reason.partial
         chance = found.chances.get(self.target.name) if found else None
         return None if chance is None else chance.estimate
 

@@ -264,9 +264,9 @@ class Resizing:
                 threads=self.threads, budget=deadline.rest or BUDGET, tolerances=Tolerances(),
             ), ""  # fmt: skip
         except (NotConverged, Interrupted) as reason:
-            if reason.response is None:
+            if reason.partial is None:
                 raise
-            return reason.response, str(reason)
+            return reason.partial, str(reason)
 
 
 TOWARDS = {"lower": -1.0, "upper": 1.0}

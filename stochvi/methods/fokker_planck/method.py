@@ -94,7 +94,7 @@ def fokker_planck(
     ------
     NotApplicable, NotConverged
         With every unmet condition; if the finest mesh, or the last one within the budget, does not
-        reach rtol, with its `response`.
+        reach rtol, with its `partial`.
 
     See Also
     --------

@@ -187,7 +187,7 @@ def first_passage(
     ------
     NotApplicable, NotConverged, ValueError
         With every condition that the scene does not meet; if the finest mesh does not reach
-        rtol (`response` holds what it reached); if an argument is out of range.
+        rtol (`partial` holds what it reached); if an argument is out of range.
 
     See Also
     --------

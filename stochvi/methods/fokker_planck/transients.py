@@ -207,7 +207,7 @@ def transient(
     ------
     NotApplicable, NotConverged, ValueError
         With every condition that the scene does not meet; if the finest mesh does not reach rtol
-        (`response` holds what it reached); if an argument is out of range.
+        (`partial` holds what it reached); if an argument is out of range.
 
     See Also
     --------

@@ -129,7 +129,7 @@ def reliability(
         The same arguments as those of `simulate`.
     budget
         Seconds for all of them together, compilation apart, after which `NotConverged` is raised;
-        its `response` holds what was found, and names what is missing. None for no limit.
+        its `partial` holds what was found, and names what is missing. None for no limit.
 
     Returns
     -------

@@ -97,9 +97,9 @@ def solved(scene: Scene, speed_threshold: float | None = None, *, rtol: float = 
     try:
         return fokker_planck(scene, rtol=rtol, speed_threshold=speed_threshold)
     except NotConverged as reason:
-        if not isinstance(reason.response, Response):
+        if not isinstance(reason.partial, Response):
             raise
-        return reason.response
+        return reason.partial
     except NotApplicable as reason:
         raise NotApplicable(
             "judge", [f"no exact answer is known ({unknown} {str(reason).rstrip('.')})"]

@@ -194,7 +194,7 @@ def test_a_time_that_the_projection_fails_at_is_alone_in_its_doubt(monkeypatch, 
     monkeypatch.setattr(evolution, "SIZES", (16, 24, 34, 46))
     with pytest.raises(NotConverged, match="relative error") as reason:
         first_passage(scene, None, barrier, times=[6.28, 20.0, 1e5], start=start, rtol=2e-3)
-    reached = reason.value.response
+    reached = reason.value.partial
     assert isinstance(reached, FirstPassage)
     *lost, late = reached.probability
     for kept in (late, reached.decay_rate, reached.mean_time):
@@ -521,7 +521,7 @@ def test_an_accuracy_out_of_reach_is_not_claimed(monkeypatch) -> None:
     monkeypatch.setattr(passage, "LEVELS", meshes_in_time.LEVELS[:2])
     with pytest.raises(NotConverged, match="reached a relative error of") as reason:
         first_passage(lightly_damped(0.002), -2.0, 2.0, rtol=1e-7)
-    reached = reason.value.response
+    reached = reason.value.partial
     assert isinstance(reached, FirstPassage)
     assert reached.decay_rate.bias is not None
     assert reached.decay_rate.bias > 1e-7 * reached.decay_rate.value

@@ -413,9 +413,9 @@ def test_what_was_reached_comes_with_the_refusal(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("stochvi.methods.fokker_planck.refinement.MOST_UNKNOWNS", 20_000)
     with pytest.raises(NotConverged, match="1e-12") as reason:
         fokker_planck(oscillator(-1.0, 1.0, 0.95), rtol=1e-12)
-    assert reason.value.response is not None
+    assert reason.value.partial is not None
     row = next(row for row in LOSSY_ROWS if row.restitution == 0.95)
-    for name, estimate in governed(reason.value.response):
+    for name, estimate in governed(reason.value.partial):
         assert estimate.bias is not None
         assert_agrees(replace(estimate, bias=estimate.bias + row.errors[name]), row.values[name])
 

@@ -404,8 +404,8 @@ def test_what_cannot_be_reached_is_refused_with_what_was(
     monkeypatch.setattr(refinement, "MOST_UNKNOWNS", 5_000)
     with pytest.raises(NotConverged) as refused:
         fokker_planck(SOFT, rtol=1e-7, speed_threshold=THRESHOLD)
-    assert refused.value.response is not None
-    for key, estimate in refused.value.response.estimates().items():
+    assert refused.value.partial is not None
+    for key, estimate in refused.value.partial.estimates().items():
         agrees(estimate, soft.estimates()[key])
 
 
@@ -579,9 +579,9 @@ def test_simulation_agrees_on_random_scenes(scene: Scene) -> None:
             scene, rel_error=0.0005, seed=2, budget=20.0, threads=1, speed_threshold=0.3
         )
     except NotConverged as reason:
-        if reason.response is None:
+        if reason.partial is None:
             raise
-        simulated = reason.response
+        simulated = reason.partial
     solved = fokker_planck(scene, rtol=1e-5, speed_threshold=0.3).estimates()
     for key, estimate in simulated.estimates().items():
         if key in solved and estimate.bias is not None and key[1] != "impact_speed_mean":

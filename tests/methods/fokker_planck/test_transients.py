@@ -280,4 +280,4 @@ def test_an_accuracy_out_of_reach_is_not_claimed(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(transients, "LEVELS", meshes_in_time.LEVELS[:2])
     with pytest.raises(NotConverged, match="reached a relative error of") as reason:
         transient(oscillator(-1.0, 1.0, 0.8), [2.0], rtol=1e-9)
-    assert isinstance(reason.value.response, Transient)
+    assert isinstance(reason.value.partial, Transient)

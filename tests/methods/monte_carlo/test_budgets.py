@@ -135,7 +135,7 @@ def test_a_budget_shorter_than_a_block_leaves_an_answer(asked: dict) -> None:
     scene = oscillator(-1.0, 1.0, 0.5)
     with pytest.raises(NotConverged) as found:
         simulate(scene, budget=1e-6, **asked)
-    response = found.value.response
+    response = found.value.partial
     assert response is not None
     assert response.cost.paths == FULL_LANES < make_plan(model_of(scene)).block
     seconds = make_plan(model_of(scene)).duration

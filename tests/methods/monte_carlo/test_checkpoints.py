@@ -151,11 +151,11 @@ def test_a_disk_that_fills_up_costs_no_answer(
     monkeypatch.setattr(checkpoints, "write_whole", FullDisk(writes=1))
     with pytest.raises(Interrupted) as stopped:
         simulate(oscillator(), **ASKED, checkpoint=kept, progress=interrupts)
-    assert stopped.value.response.interrupted and warned(stopped.value.response)
+    assert stopped.value.partial.interrupted and warned(stopped.value.response)
     monkeypatch.setattr(checkpoints, "write_whole", FullDisk(writes=1))
     with pytest.raises(NotConverged) as short:
         simulate(oscillator(), rel_error=1e-4, budget=1e-3, checkpoint=kept)
-    assert warned(short.value.response)
+    assert warned(short.value.partial)
     monkeypatch.setattr(checkpoints, "write_whole", FullDisk(writes=0))
     with pytest.raises(CheckpointError, match=r"run cannot be written: no space left"):
         simulate(oscillator(), **ASKED, checkpoint=kept)
@@ -290,7 +290,7 @@ def test_control_c_while_the_code_is_compiled(
     monkeypatch.setattr(sys.modules["stochvi.methods.monte_carlo.simulate"], "_compile", interrupts)
     with pytest.raises(Interrupted, match="before any path") as stopped:
         simulate(oscillator(), **ASKED)
-    assert stopped.value.response is None
+    assert stopped.value.partial is None
     ask = ["simulate", str(tmp_path / "scene.toml"), "--paths", "64", "--checkpoint", str(kept)]
     done = CliRunner().invoke(main, ask)
     assert done.exit_code == 1 and done.stdout == ""

@@ -301,7 +301,7 @@ def test_an_executor_that_dies_says_so_and_the_run_goes_on_elsewhere(tmp_path: P
             scene, paths=20_000, duration=20.0, seed=4, executor=Flaky(2, broken_after=1),
             threads=1, checkpoint=kept,
         )  # fmt: skip
-    assert 0 < reason.value.response.cost.paths < 20_000
+    assert 0 < reason.value.partial.cost.paths < 20_000
     whole = simulate(scene, paths=20_000, duration=20.0, seed=4)
     assert digits(simulate(scene, resume=kept)) == digits(whole)
 

@@ -394,8 +394,8 @@ def test_collapse_is_announced() -> None:
 def test_a_budget_too_small_is_refused_with_what_was_reached() -> None:
     with pytest.raises(NotConverged, match="takes about") as refusal:
         simulate(oscillator(-1.0, 1.0, 0.8), rel_error=1e-5, budget=0.5)
-    assert refusal.value.response is not None
-    assert refusal.value.response.cost.paths > 2
+    assert refusal.value.partial is not None
+    assert refusal.value.partial.cost.paths > 2
 
 
 def test_errors_that_are_small_by_chance_are_not_believed_of_two_paths(monkeypatch) -> None:

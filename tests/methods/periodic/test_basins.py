@@ -357,7 +357,7 @@ def test_what_does_not_apply_is_refused_in_a_sentence() -> None:
         bifurcation(mount(), [90.0])
     with pytest.raises(NotConverged, match="ask for fewer") as ended:
         basins(mount(), plane(0.6, 30), budget=1e-6)
-    assert ended.value.response.undecided == 1.0
+    assert ended.value.partial.undecided == 1.0
 
 
 def test_starts_that_fly_long_are_flown_in_smaller_blocks() -> None:
