@@ -150,30 +150,19 @@ def required_in_rows(sizing: PairsSizing) -> pd.DataFrame:
 
 
 def coordinates_in_rows(linear: Screening) -> pd.DataFrame:
-    """A row per coordinate and point, with each number and its unit in one column."""
-    frame = linear.to_frame()
-
-    def measured(values: pd.Series[float], units: pd.Series[str]) -> list[str]:
-        return [
-            "" if math.isnan(value) else f"{value:.4g} {unit}"
-            for value, unit in zip(values.astype(float), units, strict=True)
-        ]
-
-    return frame.assign(
-        displacement=measured(frame["displacement"], frame["unit"]),
-        velocity=measured(frame["velocity"], frame["unit of velocity"]),
-        **{
-            "absolute acceleration": measured(
-                frame["absolute acceleration"], frame["unit of acceleration"]
-            )
-        },
-    ).drop(columns=["unit", "unit of velocity", "unit of acceleration"])
-
-
-def gaps_in_words(linear: Screening) -> pd.DataFrame:
-    """A row per gap, its numbers with four digits."""
-    table = linear.gaps_to_frame()
-    return table.map(lambda cell: cell if isinstance(cell, str) else f"{cell:.4g}")
+    """A row per coordinate and point, with each number and its unit in one column; accelerations
+    where they are known."""
+    table = linear.to_frame()
+    units = {
+        "displacement": "unit",
+        "velocity": "unit of velocity",
+        "absolute acceleration": "unit of acceleration",
+    }
+    for name, unit in units.items():
+        cells = zip(table[name].astype(float), table[unit], strict=True)
+        table[name] = ["" if math.isnan(v) else f"{v:.4g} {words}" for v, words in cells]
+    unknown = [name for name in units if not table[name].any()]
+    return table.drop(columns=[*units.values(), *unknown])
 
 
 def plot_pairs_risk(sizing: PairsSizing, ax: Axes | None = None) -> Axes:

@@ -380,8 +380,9 @@ def test_the_command_sizes_a_box(stochvi: Run, tmp_path: Path) -> None:
     allowed = ("--tolerances", "frequency=5%,level=1dB")
     with mock.patch.object(sensitivity_module, "variations", lambda each: [("none", each.scene)]):
         done = stochvi(
-            "size", scene, *options, *allowed, "--sensitivity", "--json", "-", "--out", tmp_path
-        )
+            "size", scene, *options, *allowed, "--sensitivity", "--json", "-", "--out", tmp_path,
+            "--budget", "600",
+        )  # fmt: skip
     assert done.code == 0
     document = one_document(done.out)
     for each in (*document["clearances"].values(), document["probability"]):

@@ -17,7 +17,6 @@ from stochvi.views.pairs import (
     TOLERANCES,
     coordinates_in_rows,
     draw_pairs_risk,
-    gaps_in_words,
     interval_in_words,
     pairs_in_words,
     places_in_rows,
@@ -159,7 +158,7 @@ def _screening(linear: Screening) -> Section:
         "response. Hits are those of Rice's crossings, as if hits changed nothing.",
         grids=[
             _grid("Coordinates and points", coordinates_in_rows(linear)),
-            _grid("Gaps and stops of the scene", gaps_in_words(linear)),
+            _grid("Gaps and stops of the scene", linear.gaps_to_frame()),
         ],
     )
 
@@ -221,9 +220,12 @@ def _box_sections(sizing: PairsSizing) -> list[Section]:
 
 
 def _grid(caption: str, table: pd.DataFrame) -> Grid:
-    """A table of text."""
+    """A table of text, its numbers with four digits."""
     return Grid(
         caption=caption,
         headings=[str(name) for name in table.columns],
-        rows=[[str(cell) for cell in row] for row in table.to_numpy()],
+        rows=[
+            [f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row]
+            for row in table.to_numpy()
+        ],
     )
