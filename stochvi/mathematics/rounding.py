@@ -11,6 +11,10 @@ ROUNDING = 1e-9
 """Relative difference of two numbers that counts as rounding: far above what sums and libraries
 of different processors leave, far below what anyone measures."""
 
+CANCELLATION = 1e-12
+"""Size of a sum of numbers that cancel each other, relative to these numbers, up to which it counts
+as 0: some thousand rounding errors of one number."""
+
 
 def ceil(ratio: float) -> int:
     """Least whole number that is not below a ratio by more than rounding.

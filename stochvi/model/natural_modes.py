@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stochvi.mathematics.rounding import CANCELLATION
 from stochvi.model.coverage import functions
 from stochvi.model.model import Model
 from stochvi.scenes.rigid_body import LEAST_SHARE, MOTIONS, energy_shares, motion_in_words
@@ -95,10 +96,6 @@ def _motion(model: Model, shape: np.ndarray) -> str:
     return f"{names[0]} with {', '.join(names[1:])}" if names[1:] else names[0]
 
 
-ROUNDING = 1e-12
-"""Displacement at rest, relative to the largest one, up to which it counts as a rounding error."""
-
-
 def at_rest(model: Model) -> tuple[dict[str, float], dict[str, RestingGap]]:
     """Displacements of coordinates and points (m, or rad for rotations) under the constant loads if
     no stop is met, and the gaps in that position. Both are empty without a constant load or without
@@ -107,7 +104,7 @@ def at_rest(model: Model) -> tuple[dict[str, float], dict[str, RestingGap]]:
     if not loaded or np.any(model.modal.falling):
         return {}, {}
     rest = model.modal.shapes @ model.modal.rest
-    rest = np.where(np.abs(rest) > ROUNDING * np.abs(rest).max(), rest, 0.0)
+    rest = np.where(np.abs(rest) > CANCELLATION * np.abs(rest).max(), rest, 0.0)
     places = dict(zip(model.outputs, (model.output_rows @ rest).tolist(), strict=True))
     gaps = {}
     for pair in model.pairs:

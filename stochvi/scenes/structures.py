@@ -394,7 +394,7 @@ NODES, WEIGHTS = gauss_legendre(16)
 MOST_HALVINGS = 60
 """Largest number of times that an interval about a kink or a jump is halved."""
 
-ROUNDING = 1e-14
+QUADRATURE_ERROR = 1e-14
 """Relative change of an integral, when an interval is halved, below which it counts as rounding."""
 
 
@@ -410,7 +410,7 @@ def _integral(function: Function, ends: Vector) -> Vector:
         halves = _panel(function, starts, middle)[0] + _panel(function, middle, stops)[0]
         scale = np.maximum(np.abs(starts), np.abs(stops)) * size
         with np.errstate(invalid="ignore"):  # forces that are infinite are integrated as such
-            open_ = np.abs(halves - whole) > ROUNDING * scale
+            open_ = np.abs(halves - whole) > QUADRATURE_ERROR * scale
         np.add.at(parts, owner[~open_], halves[~open_])
         if not np.any(open_):
             break

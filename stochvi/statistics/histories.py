@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.mathematics.rounding import ROUNDING
 from stochvi.mathematics.spectra import Table
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
@@ -47,9 +48,6 @@ CONTACT_SAMPLES = 8.0
 
 MOST_PATHS = 2**40
 """Number of different paths of one seed."""
-
-ROUNDING = 1e-9
-"""Relative difference up to which the rate asked for counts as that of the step."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -50,7 +50,7 @@ SIDES_WITH_ALL = 4
 """Number of stops up to which each stop has as many crossings in a record as fit into it; with more
 stops each has fewer, in proportion."""
 
-ROUNDING = 1e-12
+ADDED_VARIANCE = 1e-12
 """Share of its own variance that is added to each gap, so that rounding error leaves the covariance
 of gaps that are one motion without negative eigenvalues."""
 
@@ -430,7 +430,7 @@ class GapRecords:
         covariance = self.correlations[0, 0]
         std = np.sqrt(np.diag(covariance))
         random = np.random.default_rng([self.seed, SLOPES])
-        root = np.linalg.cholesky(covariance + ROUNDING * np.diag(std**2))
+        root = np.linalg.cholesky(covariance + ADDED_VARIANCE * np.diag(std**2))
         normal = random.standard_normal((STARTS, len(std))) @ root.T
         uniform = random.random(STARTS)
         total, variance = np.zeros((2, len(self.lower)))

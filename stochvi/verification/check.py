@@ -445,10 +445,13 @@ def _shared(
 
 def _vanish(size: float, *estimates: Estimate) -> bool:
     """Whether estimates and their standard errors are zero but for rounding."""
-    return all(max(abs(each.value), each.standard_error) <= ROUNDING * size for each in estimates)
+    return all(
+        max(abs(each.value), each.standard_error) <= DETERMINISTIC_ERROR * size
+        for each in estimates
+    )
 
 
-ROUNDING = 1e-9
+DETERMINISTIC_ERROR = 1e-9
 """Relative error allowed to any deterministic number, for its quadrature and root finding."""
 
 
@@ -476,7 +479,7 @@ def _row(
         errors: tuple[float, ...] = (estimate.standard_error, truth.standard_error)
         degrees = degrees_of_freedom(response, reference, errors)
         errors += (estimate.bias_error, truth.bias_error)
-        biases = (estimate.bias or 0.0, truth.bias or 0.0, ROUNDING * size)
+        biases = (estimate.bias or 0.0, truth.bias or 0.0, DETERMINISTIC_ERROR * size)
         tolerance = reach(student_quantile(alarm_rate, degrees), errors, biases)
         beyond = math.copysign(max(abs(difference) - sum(biases), 0.0), difference)
         score = normal_score(beyond, math.hypot(*errors), degrees)

@@ -41,7 +41,7 @@ from stochvi.results.machine import thread_seconds
 from stochvi.results.progress import Progress
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
-from stochvi.verification.check import FOR_SOLVER, ROUNDING, approximations
+from stochvi.verification.check import DETERMINISTIC_ERROR, FOR_SOLVER, approximations
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -109,7 +109,7 @@ class StepError:
     @property
     def bias_is_seen(self) -> bool:
         """Whether the measured bias is more than noise."""
-        return self.least_bias > ROUNDING
+        return self.least_bias > DETERMINISTIC_ERROR
 
     @property
     def least_bias(self) -> float:

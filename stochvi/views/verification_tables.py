@@ -10,8 +10,8 @@ from stochvi.results.response import ROTATIONS
 from stochvi.verification.check import (
     APPROXIMATE,
     BALANCE,
+    DETERMINISTIC_ERROR,
     DISAGREES,
-    ROUNDING,
     STOPPED_EARLY,
     Check,
     Comparison,
@@ -315,7 +315,7 @@ def _print_models(console: Console, found: WorkPrecision) -> None:
 
 
 def _model_error(row: ModelError) -> str:
-    if abs(row.model_error) < ROUNDING:
+    if abs(row.model_error) < DETERMINISTIC_ERROR:
         return "0"
     if row.model_error_error == 0.0:
         return f"{100.0 * row.model_error:.3g}"

@@ -13,6 +13,7 @@ from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
 from stochvi.isolators.sizing.chance_at_stops import StopPositions, gap_of
 from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.mathematics.rounding import ROUNDING
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
@@ -84,10 +85,6 @@ FINEST_SHARE = 0.05
 COARSEST = 1e-4
 """Largest step to which a clearance is rounded up, m: 0.1 mm, to which gaps are usually made. It is
 divided by 10 until it is at most `FINEST_SHARE` of the clearance."""
-
-ROUNDING = 1e-9
-"""Relative excess of a clearance over a whole number of steps that counts as rounding error and
-asks for no further step."""
 
 
 @dataclass(frozen=True, kw_only=True)

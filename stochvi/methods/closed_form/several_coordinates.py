@@ -21,6 +21,7 @@ from scipy.sparse.csgraph import connected_components
 
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics, gaussian_stop
+from stochvi.mathematics.rounding import CANCELLATION
 from stochvi.methods.closed_form.coupled_pairs import MOST_PAIRS, CoupledLaw, Intractable
 from stochvi.methods.closed_form.one_coordinate import lossy
 from stochvi.model.balances import residuals
@@ -33,9 +34,6 @@ from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
-
-ROUNDING = 1e-12
-"""Relative size up to which an entry of a matrix, or an eigenvalue, counts as a rounding error."""
 
 
 class Split(NamedTuple):
@@ -248,7 +246,7 @@ def solve(model: Model) -> Solution:
     assert theta is not None
     split = _split(model, theta)
     size = np.sqrt(np.diag(split.stiffness))
-    coupled = np.abs(split.stiffness) > ROUNDING * np.outer(size, size)
+    coupled = np.abs(split.stiffness) > CANCELLATION * np.outer(size, size)
     _, labels = connected_components(coupled, directed=False)
     count = len(model.pairs)
     mean, covariance = np.zeros(count), np.zeros((count, count))
@@ -285,7 +283,7 @@ def _split(model: Model, theta: float) -> Split:
     bare = along.T @ stiffness @ along
     left = along.T @ stiffness @ gain
     size = np.sqrt(np.diag(bare))
-    left = np.where(np.abs(left) > ROUNDING * np.outer(size, size), (left + left.T) / 2.0, 0.0)
+    left = np.where(np.abs(left) > CANCELLATION * np.outer(size, size), (left + left.T) / 2.0, 0.0)
     return Split(left, gain.T @ load, gain, inverse @ load, theta * inverse)
 
 
@@ -369,7 +367,7 @@ def _positive(matrix: Matrix) -> bool:
     size = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     if np.any(size == 0.0):
         return False
-    return bool(np.linalg.eigvalsh(matrix / np.outer(size, size))[0] > ROUNDING)
+    return bool(np.linalg.eigvalsh(matrix / np.outer(size, size))[0] > CANCELLATION)
 
 
 def _reached(model: Model) -> bool:
@@ -385,4 +383,4 @@ def _reached(model: Model) -> bool:
     root = np.linalg.inv(np.linalg.cholesky(model.mass))
     _, modes = np.linalg.eigh(root @ stiffness @ root.T)
     damped = np.einsum("ij,ij->j", modes, (root @ model.damping @ root.T) @ modes)
-    return bool(np.all(damped > ROUNDING * damped.max()))
+    return bool(np.all(damped > CANCELLATION * damped.max()))

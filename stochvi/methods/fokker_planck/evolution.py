@@ -82,7 +82,7 @@ def projections(mass: csc_array, solve: Solve, source: Array, shift: float) -> I
             hessenberg[: k + 1, k] += overlap
         length = float(np.sqrt(max(new @ (mass @ new), 0.0)))
         hessenberg[k + 1, k] = length
-        done = length <= ROUNDING * abs(hessenberg[: k + 1, k]).max()
+        done = length <= KRYLOV_END * abs(hessenberg[: k + 1, k]).max()
         if k + 1 in SIZES or done:
             yield _projection(basis[:, : k + 1], hessenberg[: k + 1, : k + 1], size, shift)
         if done:
@@ -90,7 +90,7 @@ def projections(mass: csc_array, solve: Solve, source: Array, shift: float) -> I
         basis[:, k + 1] = new / length
 
 
-ROUNDING = 1e-14
+KRYLOV_END = 1e-14
 """Relative size below which the part of a vector outside the Krylov space is a rounding error."""
 
 

@@ -245,7 +245,7 @@ def _unreached(field: StripDensity, crossing_rate: float) -> dict[str, float]:
     return found
 
 
-ROUNDING = 1e-15
+FALSE_CROSSING = 1e-15
 """Probability that rounding makes or takes each time that the mass would cross from well to well:
 some five times the relative rounding error of a number."""
 
@@ -258,7 +258,7 @@ def _rounding_between_wells(scaled: ScaledMotion) -> dict[str, float]:
     """
     if scaled.barrier == 0.0:
         return {}
-    share = min(ROUNDING * math.exp(scaled.barrier), 1.0)
+    share = min(FALSE_CROSSING * math.exp(scaled.barrier), 1.0)
     width = scaled.right - scaled.left
     return {"mean": share * width, "variance": share * width**2}
 

@@ -25,7 +25,7 @@ COMMON = 1e-9
 TERMS = (3, 5, 9, 17, 33, 65, 129, 257)
 """Numbers of Chebyshev terms that are tried: each uses the values of the one before."""
 
-ROUNDING = 1e-13
+SERIES_END = 1e-13
 """Size of the last terms of a series, relative to the largest, that counts as rounding."""
 
 
@@ -421,13 +421,13 @@ def _series(at: Callable[[float], Vector]) -> Matrix:
         values = np.array([known[round(float(place), 14)] for place in places])
         coefficients = _transformed(values)
         size = np.max(np.abs(values), axis=0)
-        if np.all(np.abs(coefficients[-2:]) <= ROUNDING * np.maximum(size, 1e-300) * terms):
+        if np.all(np.abs(coefficients[-2:]) <= SERIES_END * np.maximum(size, 1e-300) * terms):
             break
     else:
         raise NotApplicable(
             "sine", ["the numbers of the scene must be smooth functions of the key that is varied"]
         )
-    last = np.flatnonzero(np.any(np.abs(coefficients) > ROUNDING * size, axis=1)).max(initial=0)
+    last = np.flatnonzero(np.any(np.abs(coefficients) > SERIES_END * size, axis=1)).max(initial=0)
     return np.ascontiguousarray(coefficients[: last + 1])
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
+from stochvi.mathematics.rounding import CANCELLATION
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.monte_carlo.choose_plan import make_plan
@@ -121,15 +122,11 @@ def truths_of(problem: Problem, response: Response) -> dict[str, Estimate]:
             full = name if problem.single else f"{owner}.{name}"
             size = known.get((owner, "displacement_std"))
             if name == "displacement_mean" and size is not None:
-                rounding = abs(truth.value) <= ROUNDING * size.value
+                rounding = abs(truth.value) <= CANCELLATION * size.value
                 found[full] = replace(truth, value=0.0) if rounding else truth
             else:
                 found[full] = truth
     return found
-
-
-ROUNDING = 1e-12
-"""Share of a standard deviation below which a mean is rounding error."""
 
 
 def _of_the_zoo(names: tuple[str, ...]) -> dict[str, Scene]:

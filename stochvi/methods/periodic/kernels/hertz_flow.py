@@ -24,7 +24,7 @@ from stochvi.methods.periodic.kernels.solver import (
     value_at,
 )
 
-ROUNDING = 1e-16
+SERIES_END = 1e-16
 """Size of the last terms of a series at the end of a step, in the units of the kernels, in which
 motions are of order one."""
 
@@ -137,7 +137,7 @@ def curved_step(curves, left):
             largest = max(largest, abs(terms[k, i]))
         for s in range(len(bends)):
             largest = max(largest, abs(bends[s, k]))
-        step = min(step, (ROUNDING / max(largest, 1e-300)) ** (1.0 / k))
+        step = min(step, (SERIES_END / max(largest, 1e-300)) ** (1.0 / k))
     if value_at(clock, step) <= left:
         return step
     ahead = np.empty(TERMS)
