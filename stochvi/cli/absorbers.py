@@ -46,7 +46,7 @@ def absorber(
     options: Common, scene: str, *, levels: str, mass_budget: float | None, restitutions: str,
     units: str, sine: bool, varied: Varied, rel_error: float,
 ) -> None:  # fmt: skip
-    """Does a loose mass in a box help: with, without, over levels; or the best box.
+    """Judge an impact absorber, or find the best one.
 
     The scene needs an [absorber] with mass (kg), play (m, total, wall to wall) and law, and an
     oscillator or isolator of known mass: stochvi new tower.toml --kind absorber writes one. With

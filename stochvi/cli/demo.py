@@ -32,7 +32,7 @@ CLEARANCES_IN_SIGMA = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 )  # fmt: skip
 @common("seed", "threads", "quiet")
 def demo(options: Common, out: Path) -> None:
-    """A textbook oscillator and a truck isolator, by every method, with pictures."""
+    """Run a textbook case and a truck isolator."""
     console = console_for(None)
     console.quiet = options.quiet
     with progress_bar(options.quiet, "demo", console) as report:

@@ -44,7 +44,7 @@ def fail_unless_gaussian(record: RecordVerdict | None) -> None:
 @click.argument("scene")
 @common("budget", "json", "out", "quiet")
 def screen(options: Common, scene: str) -> None:
-    """Linear screening: rms, 3 sigma, Rice's rate of impacts; Miles' equation for an isolator."""
+    """Find the motion without stops: rms, 3 sigma, Rice."""
     from stochvi.isolators.screening import screen as solve
     from stochvi.scenes.scene import load_scene
     from stochvi.views.isolator_tables import print_screening
@@ -69,7 +69,7 @@ def screen(options: Common, scene: str) -> None:
 )  # fmt: skip
 @common("budget", "seed", "threads", "json", "out", "quiet")
 def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
-    """Hit rate against clearance, pair by pair: Rice, closure, Monte Carlo."""
+    """Find impact rates against clearance."""
     import numpy as np
 
     from stochvi.isolators.clearance import (
@@ -193,7 +193,7 @@ def size(
     options: Common, scene: str, peak_acceleration: str | None, sensitivity: bool,
     tolerances: str | None, **asked: Any,
 ) -> None:  # fmt: skip
-    """The smallest clearance that keeps a stated risk, rate or limit."""
+    """Find the clearance that keeps a stated risk."""
     from stochvi.isolators.sizing.method import size as solve
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
@@ -324,7 +324,7 @@ JOLT_COLUMNS = {
 )
 @common("seed", "budget", "json", "out", "quiet")
 def jolt(options: Common, scene: str, speeds: str, **asked: Any) -> None:
-    """Under a sine: can a jolt throw a mount into clatter, and how long does that last?"""
+    """Find whether a jolt leads to clatter under a sine."""
     from stochvi.isolators.jolt_response import jolts
     from stochvi.scenes.scene import load_scene
 

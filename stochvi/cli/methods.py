@@ -57,7 +57,7 @@ def show_response(options: Common, found: Response, scene: Scene) -> None:
 @click.argument("scene")
 @common("budget", "json", "out", "quiet")
 def exact(options: Common, scene: str) -> None:
-    """Closed form, where one is known: white noise, elastic stops."""
+    """Solve a scene in closed form, where one is known."""
     from stochvi.methods.closed_form import exact as solve
     from stochvi.methods.closed_form import exact_density
     from stochvi.model.coverage import beyond_one_oscillator
@@ -85,7 +85,7 @@ def exact(options: Common, scene: str) -> None:
 @click.option("--speed-threshold", type=SPEED, help="Slowest impact that a rate counts, m/s.")
 @common("budget", "json", "out", "quiet")
 def fokker_planck(options: Common, scene: str, **asked: Any) -> None:
-    """Fokker-Planck equation: one oscillator, white noise, stops of any law."""
+    """Solve the Fokker-Planck equation: one mass, white noise."""
     from stochvi.methods.fokker_planck import fokker_planck as solve
     from stochvi.methods.fokker_planck import fokker_planck_density
     from stochvi.scenes.scene import load_scene
@@ -123,13 +123,13 @@ def first_passage(
     options: Common, scene: str, barrier: str | None, times: str | None, mission: float | None,
     **asked: Any,
 ) -> None:  # fmt: skip
-    """P(first impact, or first passage of a barrier, before t): white noise."""
+    """Find P(first impact or passage before t), and its rate."""
     from stochvi.methods.fokker_planck import first_passage as solve
     from stochvi.scenes.scene import load_scene
     from stochvi.views.tables import print_first_passage
 
     if (times is None) == (mission is None):
-        raise ValueError("give --times or --mission, one of them")
+        raise ValueError("needs exactly one of --times and --mission; give one")
     if mission is None:
         moments = numbers("--times", times or "", "s")
     else:
@@ -164,7 +164,7 @@ def first_passage(
 )  # fmt: skip
 @common("budget", "json", "out", "quiet")
 def linearise(options: Common, scene: str, **asked: Any) -> None:
-    """Statistical linearisation: milliseconds, approximate."""
+    """Linearise statistically: approximate, in milliseconds."""
     from stochvi.methods.linearisation import linearise as solve
     from stochvi.scenes.scene import load_scene
 
@@ -181,7 +181,7 @@ def linearise(options: Common, scene: str, **asked: Any) -> None:
 )  # fmt: skip
 @common("budget", "json", "out", "quiet")
 def average(options: Common, scene: str, variant: str) -> None:
-    """Averaging of the energy: milliseconds, approximate, for light damping."""
+    """Average the energy: approximate, for light damping."""
     from stochvi.methods.averaging import average as solve
     from stochvi.scenes.scene import load_scene
 
@@ -210,7 +210,7 @@ def simulate(
     options: Common, scene: str, dask: str | None, budget: float | None, checkpoint: str | None,
     resume: str | None, **asked: Any,
 ) -> None:  # fmt: skip
-    """Monte Carlo, with standard errors and the bias of the step."""
+    """Simulate by Monte Carlo, with errors and bias."""
     from stochvi.methods.monte_carlo import simulate as solve
     from stochvi.model.coverage import beyond_one_oscillator
     from stochvi.model.model import model_of

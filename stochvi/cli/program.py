@@ -55,7 +55,7 @@ def _stop_for(error: BaseException) -> NoReturn:
     if isinstance(error, StochviError | ValueError | ArithmeticError):
         stop(str(error), BAD_INPUT)
     if isinstance(error, MemoryError):
-        stop(f"the memory of this machine does not suffice ({error}); ask for less", BAD_INPUT)
+        stop(f"not enough memory ({error}); reduce paths or samples", BAD_INPUT)
     if isinstance(error, OSError):
         stop(f"{error.filename or ''} {reason_of(error)}", BAD_INPUT)
     raise error
@@ -95,6 +95,6 @@ def stop(message: str, code: int) -> NoReturn:
 def main() -> None:
     """Stochastic vibration of systems that hit their stops.
 
-    A scene file says what moves, where it hits and what shakes it; each command answers one
-    question about it. Start with: stochvi new scene.toml, then stochvi check scene.toml.
+    A scene file says what moves, where it hits and what shakes it. Each command answers one
+    question about it. Start with: stochvi new scene.toml, then stochvi explain scene.toml.
     """

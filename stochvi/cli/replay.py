@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @common("budget", "threads", "json", "out", "force", "quiet")
 def replay(options: Common, scene: str, clearances: str | None) -> None:
-    """A measured record itself through the mount and its stops: impacts, speeds, x(t).
+    """Pass a measured record through the mount and its stops.
 
     Example: stochvi replay box.toml --clearances 4mm,5mm,6mm --out out
     """

@@ -75,7 +75,7 @@ level_db = 0.0
 
 @main.command()
 def profiles() -> None:
-    """The tabulated environments that ship."""
+    """List the tabulated environments that ship."""
     import pandas as pd
 
     from stochvi.mathematics.units import STANDARD_GRAVITY
@@ -136,7 +136,7 @@ def new(file: Path, kind: str) -> None:
     "of", type=click.Choice(["scene", "answer"]), default="scene", metavar="[scene|answer]"
 )
 def schema(of: str) -> None:
-    """JSON Schema of scene files, or of the answers that --json writes.
+    """Print the JSON Schema of scene files or of answers.
 
     An editor completes and checks the keys of a scene file by it.
     """

@@ -37,7 +37,7 @@ def sine(
     options: Common, scene: str, varied: Varied, sweep: str | None, form: str,
     coordinate: str | None, impacts: int,
 ) -> None:  # fmt: skip
-    """What a structure between stops does under a sine: all regimes, jumps, stability.
+    """Find all periodic motions under a sine, and jumps.
 
     Periodic regimes, stable or not, are calculated exactly over frequency or any key of the scene,
     with the values at which a slow sweep jumps. Without --from and --to they are calculated at the
@@ -77,7 +77,7 @@ def sine(
 )
 @common("threads", "budget", "json", "out", "quiet")
 def basins(options: Common, scene: str, sides: tuple[str, ...], phase: float, periods: int) -> None:
-    """Basins of attraction: which of the motions under a sine each of many starts ends in.
+    """Find which motion each start ends in, under a sine.
 
     The starts lie in a plane of two displacements or velocities, all others being 0. Each start is
     followed to the regime in which it ends, and the plane is coloured by regime. Noise of the scene
@@ -127,7 +127,7 @@ def bifurcation(
     options: Common, scene: str, varied: Varied, sweep: str, settling: int, watched: int,
     starts: tuple[str, ...],
 ) -> None:  # fmt: skip
-    """Impact speeds in a slow sweep, with period doublings and chaos.
+    """Sweep a key slowly: period doublings and chaos.
 
     They are simulated from impact to impact, with the Lyapunov exponent at each value. Noise of the
     scene is left out.
@@ -165,7 +165,7 @@ def bifurcation(
 )
 @common("seed", "threads", "budget", "json", "out", "quiet")
 def lifetimes(options: Common, scene: str, regimes: tuple[str, ...], rel_error: float) -> None:
-    """Sine and noise: how long each regime lasts, and to which regimes paths go from it.
+    """Find how long each motion lasts in noise.
 
     Paths start in each of the regimes that coexist without noise, and are simulated with the noise
     of the scene until enough of them have left.

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 @keeping
 @common("open budget", "seed", "threads", "json", "out", "quiet")
 def spectrum(options: Common, scene: str, **asked: Any) -> None:
-    """Spectra of the response, transmissibility, coherence, with bands."""
+    """Estimate spectra, transmissibility and coherence."""
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.spectra import spectrum as solve
     from stochvi.views.statistics_tables import print_spectrum
@@ -67,7 +67,7 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
 @keeping
 @common("open budget", "seed", "threads", "json", "out", "quiet")
 def impacts(options: Common, scene: str, **asked: Any) -> None:
-    """Impacts one by one: rates, intervals, speeds, energy, clusters."""
+    """Collect impacts: rates, intervals, speeds, energy."""
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.impacts import impacts as solve
     from stochvi.views.files import write_table
@@ -113,7 +113,7 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
 def history(
     options: Common, scene: str, duration: float, animate: bool, path: int, rate: float | None
 ) -> None:
-    """One realisation: motion, base, contact forces and impacts in time.
+    """Record one realisation: motion, forces, impacts.
 
     Example: stochvi history truck.toml --duration 10s --rate 1000 --out out
     """
@@ -155,7 +155,7 @@ def history(
     "--at", metavar="NAME",
     help="Coordinate or named point of that acceleration; default: all of them.",
 )  # fmt: skip
-@click.option("--pair", metavar="NAME", help="Of several pairs: impacts of this one alone.")
+@click.option("--pair", metavar="NAME", help="Count impacts on this pair alone.")
 @click.option(
     "--start", type=click.Choice(["rest", "stationary"]), default="stationary", show_default=True,
     help="Start at rest, or in the stationary motion.",
@@ -173,7 +173,7 @@ def reliability(
     options: Common, scene: str, barrier: str | None, peak_acceleration: str | None,
     way: str | None, **asked: Any,
 ) -> None:  # fmt: skip
-    """P(any impact), P(too hard an impact) and expected impacts in a mission, down to 1e-9.
+    """Find probabilities of impacts in a mission, to 1e-9.
 
     Example: stochvi reliability box.toml --mission 3600 --impact-speed 0.5 --start rest
     """

@@ -89,7 +89,7 @@ def sweep(
     options: Common, scene: str, vary: tuple[str, ...], method: str, random_numbers: str,
     dask: str | None, **asked: Any,
 ) -> None:  # fmt: skip
-    """A scene over ranges of its keys: a table, and one sheet of pictures.
+    """Answer a scene over ranges of its keys.
 
     Each finished row is kept in --out, and the same command continues a sweep that was stopped.
     Besides sweep.csv it writes sweep.parquet if pyarrow is installed (pip install pyarrow).

@@ -38,7 +38,7 @@ def check(
     options: Common, scenes: tuple[str, ...], zoo: bool, rel_error: float | None,
     budget: float | None,
 ) -> None:  # fmt: skip
-    """All methods that apply, compared; exit 1 if they disagree.
+    """Compare all methods that apply; exit 1 if they disagree.
 
     Several scenes, or the zoo, are judged under one alarm rate for all their comparisons.
     """
@@ -99,7 +99,7 @@ machine)."""
 )  # fmt: skip
 @common("seed", "threads", "json", "out", "quiet")
 def cost(options: Common, scene: str, budget: float) -> None:
-    """What accuracy costs in time: errors of steps and of models."""
+    """Measure what accuracy costs in time."""
     from stochvi.scenes.scene import load_scene
     from stochvi.verification.cost import cost as measure
     from stochvi.views.verification_tables import print_cost
@@ -132,7 +132,7 @@ EXPLAIN_BUDGET = 3.0
 )  # fmt: skip
 @common("threads", "json", "out", "quiet")
 def explain(options: Common, scene: str, budget: float) -> None:
-    """Say what would be simulated, which methods apply, and how long they take.
+    """Say what is simulated, by which methods, at what price.
 
     With --out it draws the scene with its lengths as scene.svg.
     """
@@ -166,7 +166,7 @@ that includes the transient from the start in its averages."""
 )  # fmt: skip
 @common("out", "quiet")
 def problems(options: Common, paths: int, relaxations: float) -> None:
-    """Known-answer problems for integrators in any language.
+    """List known-answer problems for other integrators.
 
     They are listed; with --out each is written as plain numbers in JSON, with its answer, an index
     and a README.
@@ -211,7 +211,7 @@ def problems(options: Common, paths: int, relaxations: float) -> None:
 )  # fmt: skip
 @common("json", "out", "quiet")
 def judge(options: Common, file: str, problem: str, form: str | None, allowed: float) -> None:
-    """Judge what another program wrote for a known-answer problem; exit 1 if it is wrong.
+    """Judge what another program wrote; exit 1 if it is wrong.
 
     FILE is CSV: statistics (quantity,value,standard_error), averages of each path, or records
     (path,time,x,v).

@@ -576,8 +576,11 @@ def test_barriers_on_the_command_line_are_those_of_python(stochvi) -> None:
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ((), "give --times or --mission, one of them"),
-        (("--times", "1", "--mission", "1"), "give --times or --mission, one of them"),
+        ((), "needs exactly one of --times and --mission; give one"),
+        (
+            ("--times", "1", "--mission", "1"),
+            "needs exactly one of --times and --mission; give one",
+        ),
         (("--times", "1,x"), "--times must be numbers with commas, got '1,x'"),
         (("--mission", "1", "--barrier", "-3"), "--barrier must be positive"),
         (("--mission", "1", "--barrier", ","), "--barrier must be B, or LO,HI with at least"),
