@@ -67,7 +67,7 @@ def save_answer(answer: Result, path: str | Path) -> Path:
     (True, 'screen')
     """
     if not isinstance(answer, Result):
-        raise TypeError(f"answer must be what a calculation returned, got {answer!r}")
+        raise ValueError(f"answer must be what a calculation returned, got {answer!r}")
     content = {
         "stochvi": version_of(PACKAGE),
         "saved": now(),
