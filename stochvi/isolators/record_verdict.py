@@ -152,10 +152,15 @@ class RecordVerdict:
         """The JSON document."""
         return {name: plain(getattr(self, name)) for name in self.__dataclass_fields__}
 
+    @property
+    def needed(self) -> float:
+        """The clearance that the record itself needs, rounded up to a micrometre, in millimetres:
+        the one number that words, pages and pictures state."""
+        return math.ceil(1e6 * self.clearance) / 1e3
+
     def needs(self) -> str:
-        """The clearance that the record itself needs, in words, rounded up to a micrometre."""
-        micrometres = math.ceil(1e6 * self.clearance)
-        return f"the record itself needs {micrometres / 1e3:.3f} mm per side"
+        """The clearance that the record itself needs, in words."""
+        return f"the record itself needs {self.needed:.3f} mm per side"
 
     def sentence(self) -> str:
         """The verdict in one sentence."""

@@ -90,6 +90,8 @@ class Record:
         Start of each gap, s after the first sample, and its length, s.
     notes
         Sentences on what was taken from the file besides the numbers.
+    interpolated
+        A sentence on an uneven clock, from whose times the values were interpolated; else empty.
 
     See Also
     --------
@@ -101,6 +103,7 @@ class Record:
     lengths: tuple[int, ...] = ()
     gaps: tuple[tuple[float, float], ...] = ()
     notes: tuple[str, ...] = ()
+    interpolated: str = ""
 
     def __eq__(self, other: object) -> bool:
         return (
@@ -381,30 +384,31 @@ def read_record(
         )
     if times is None:
         assert fs is not None
-        rate, breaks, uneven = fs, np.zeros(len(values) - 1), False
+        rate, breaks, interpolated = fs, np.zeros(len(values) - 1), ""
     else:
-        rate, breaks, notes, uneven = _sampling(times, path, columns)
+        rate, breaks, notes, interpolated = _sampling(times, path, columns)
         if fs is not None and abs(fs / rate - 1.0) > RATES_AGREE:
             raise SceneError(
                 [("fs", f"is {fs:g} Hz, but the times of {path} give {rate:.6g} Hz; take fs out or "
                   "correct the one that is wrong")]
             )  # fmt: skip
-    lengths, found = _segments(missing, breaks, rate, times if uneven else None)
+    lengths, found = _segments(missing, breaks, rate, times if interpolated else None)
     if found and gaps == "refuse":
         raise SceneError(
             f'{path} has {listed_gaps(found)}; say gaps = "split" to take what lies between as '
             "segments, or fill them in"
         )
     values = values[~missing]
-    if uneven:
+    if interpolated:
         assert times is not None
         values, lengths = _on_even_grid(times[~missing], values, lengths, rate)
     values = values - values.mean()
     if not np.any(values):
         raise SceneError(f"{path} holds a record whose values are all equal; choose another column")
     record = Record(
-        values=values, fs=rate, lengths=lengths if len(lengths) > 1 else (), gaps=found, notes=notes
-    )
+        values=values, fs=rate, lengths=lengths if len(lengths) > 1 else (), gaps=found,
+        notes=notes, interpolated=interpolated,
+    )  # fmt: skip
     return record, columns
 
 
@@ -466,9 +470,9 @@ def listed_gaps(gaps: Sequence[tuple[float, float]]) -> str:
 
 def _sampling(
     times: Vector, path: Path, columns: Columns
-) -> tuple[float, Vector, tuple[str, ...], bool]:
-    """Sampling rate, 1/s, the seconds by which each interval is too long, notes, and whether the
-    times are off the even grid by more than their rounding.
+) -> tuple[float, Vector, tuple[str, ...], str]:
+    """Sampling rate, 1/s, the seconds by which each interval is too long, notes, and a sentence
+    where the times are off the even grid by more than their rounding.
 
     The rate comes from a least-squares fit to the times, with one slope for all segments.
     """
@@ -516,7 +520,7 @@ def _sampling(
     spread = 0.5 * (np.maximum.reduceat(off, starts) - np.minimum.reduceat(off, starts))
     breaks = np.where(apart, steps - slope, 0.0)
     uneven = bool(spread.max() > max(UNEVEN * slope, ROUNDED * digit))
-    notes = []
+    notes, interpolated = [], ""
     if digit > UNEVEN * slope:
         notes.append(f"its times have a last digit of {digit:g} s; the rate is fitted to all")
     if uneven:
@@ -528,11 +532,11 @@ def _sampling(
                 "fs"
             )
         worst = float(np.abs(off).max())
-        notes.append(
+        interpolated = (
             f"its times lie up to {worst:.2g} s ({worst / slope:.2g} samples) off an even grid; "
             f"the values were interpolated to {1.0 / slope:.6g} Hz"
         )
-    return 1.0 / slope, breaks, tuple(notes), uneven
+    return 1.0 / slope, breaks, tuple(notes), interpolated
 
 
 def _shortest(interval: float, doubt: float) -> float:

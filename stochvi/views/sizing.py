@@ -99,7 +99,7 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
             place,
             color=CLEARANCES["record"],
             linewidth=1.6,
-            label=f"the record itself: {place:.4g} {name}",
+            label=f"the record itself: {sizing.doubtful.needed:.6g} mm",
         )
     ax.set_xlim(min(float(curve["clearance"].iloc[0]), 0.8 * sizing.clearance.value) / unit, end)
     ax.set_ylim(lowest, 1.3)

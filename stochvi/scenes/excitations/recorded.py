@@ -203,7 +203,8 @@ class RecordedNoise(DensityNoise):
         """Sentences on how uncertain the record leaves the response of an oscillator with this
         omega (rad/s) and damping rate (1/s); if one of these is 0, only on the record itself."""
         record = self._record
-        found = [f"record {Path(self.file).name}: {note}" for note in self._doubts]
+        clock = (record.interpolated,) if record.interpolated else ()
+        found = [f"record {Path(self.file).name}: {note}" for note in (*self._doubts, *clock)]
         kurtosis, doubt = record.kurtosis()
         if kurtosis - 3.0 > SEEN * doubt:
             found.append(

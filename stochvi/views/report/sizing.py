@@ -152,7 +152,7 @@ def _record_card(sizing: Sizing) -> list[Fact]:
     return [
         Fact(
             "The record itself needs",
-            millimetres(record.clearance),
+            f"{record.needed:.3f} mm",
             f"it moves {record.peak_in_sigma:.3g} sigma and {judged} Gaussian noise, which would "
             f"move {record.expected_peak_in_sigma:.3g} in its time; response kurtosis "
             f"{record.kurtosis:.3g}, 3 ± {record.kurtosis_error:.2g} for Gaussian noise",
