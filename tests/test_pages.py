@@ -92,6 +92,9 @@ def shortened(arguments: list[str]) -> list[str]:
         return arguments
     if "--paths" in arguments:
         name = "simulate, so many paths"
+    if name == "sine":  # regimes are looked for over the whole range, however few values are drawn
+        first = float(arguments[arguments.index("--from") + 1])
+        return [*arguments, *LESS[name], "--to", f"{1.1 * first:g}"]
     if name == "sweep" and "--rel-error" in arguments:
         name = "sweep, simulated"
     return [*arguments, *LESS.get(name, [])]
