@@ -408,7 +408,7 @@ class Job:
 
 def _goes_on(checkpoint: Path) -> bool:
     """Whether a checkpoint exists that can be resumed; a damaged one is removed."""
-    from stochvi.methods.monte_carlo.checkpoints import Checkpoint
+    from stochvi.sampling.checkpoints import Checkpoint
 
     if not checkpoint.exists():
         return False
@@ -531,7 +531,7 @@ FREE = ("threads", "budget", "checkpoint_interval")
 def _versions(method: str) -> str:
     """The versions, and of a row with random numbers the processor, that its digits depend on."""
     if method in SAMPLING:
-        from stochvi.methods.monte_carlo.blocks import machine
+        from stochvi.sampling.workers import machine
 
         return machine()
     return str(provenance({}))

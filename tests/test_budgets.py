@@ -21,11 +21,11 @@ from stochvi import (
     simulate,
     spectrum,
 )
-from stochvi.methods.monte_carlo.blocks import FEWEST_AT_ONCE, FULL_LANES
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.periodic import harmonic_response
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
+from stochvi.sampling.blocks import FEWEST_AT_ONCE, FULL_LANES
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.structures import Matrices
 from support.known import oscillator

@@ -11,6 +11,7 @@ import inspect
 import sys
 import tomllib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -37,13 +38,31 @@ def faults() -> Iterator[str]:
             checks |= set(chosen["functions"])
         elif place == "stochvi" and not issubclass(each, BaseException):
             checks |= set(chosen["top"])
-        for code, sentence in validate(full)["errors"]:
+        with signature_as_written(each):
+            errors = validate(full)["errors"]
+        for code, sentence in errors:
             if code in checks:
                 yield f"{full}: {code} {sentence}"
         for targets, _ in NumpyDocString(inspect.getdoc(each) or "")["See Also"]:
             for target, _ in targets:
                 if not {target, f"{place}.{target}"} & public.keys():
                     yield f"{full}: See Also names {target!r}, which has no page of its own"
+
+
+@contextmanager
+def signature_as_written(function: Any) -> Iterator[None]:
+    """Within it a function has `**options`, and not one by one what its signature shows for them,
+    which `SamplingOptions` documents once for all."""
+    shown = []
+    while function is not None and inspect.isfunction(function):
+        if "__signature__" in vars(function):
+            shown.append((function, vars(function).pop("__signature__")))
+        function = getattr(function, "__wrapped__", None)
+    try:
+        yield
+    finally:
+        for each, signature in shown:
+            each.__signature__ = signature
 
 
 def public_names() -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 import pandas as pd
@@ -19,11 +19,11 @@ from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.simulate import compile_kernels
 from stochvi.model.calculations import calculation
 from stochvi.results.base import Result, total_cost
-from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.intervals import GAUSSIAN_95
-from stochvi.results.progress import Progress
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.impact_laws import Restitution
@@ -128,6 +128,7 @@ class Design(Result):
 
 
 @calculation
+@sampled(rel_error=0.01)
 def design_absorber(
     structure: Scene,
     *,
@@ -136,11 +137,7 @@ def design_absorber(
     units: Sequence[int] = (1,),
     plays: Sequence[float] = PLAYS,
     level_range_db: float = 6.0,
-    rel_error: float = 0.01,
-    seed: int = 0,
-    threads: int | None = None,
-    budget: float | None = 60.0,
-    progress: Progress | None = None,
+    **options: Unpack[AccuracyOptions],
 ) -> Design:
     """Find the box, restitution and number of units that calm a structure most, for one mass.
 
@@ -164,17 +161,9 @@ def design_absorber(
     level_range_db
         The robust box has the lowest worst ratio over all levels from this much below that of the
         scene to this much above it, dB.
-    rel_error
-        Relative error of the points close to the best one.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
-    threads
-        Number of threads; by default all cores.
-    budget
-        Seconds for all points together, compilation apart, in proportion to the accuracy that is
-        asked for there. None for no limit.
-    progress
-        Called now and then with what is done and what was reached.
+    **options
+        `AccuracyOptions`: `rel_error` is that of the points close to the best one, by default 0.01;
+        all points share the `budget` in proportion to the accuracy that is asked for there.
 
     Returns
     -------
@@ -209,30 +198,29 @@ def design_absorber(
     structure = alone(structure)
     sigma = _check(structure, mass_budget, restitutions, units, plays, level_range_db)
     pairs = [(r, n) for r in restitutions for n in units]
-    search = _Search(structure, mass_budget, sigma, rel_error, seed, threads, progress)
+    compile_kernels(with_absorber(structure, mass_budget, sigma, restitutions[0], units[0]))
+    run = Run.of(options)
+    search = _Search(structure, mass_budget, sigma, run)
     search.left = len(pairs) * len(plays) * COARSE**-2 + len(CLOSER)
     search.all = search.left
-    compile_kernels(with_absorber(structure, mass_budget, sigma, restitutions[0], units[0]))
-    search.deadline = Deadline.after(budget)
-    with graceful_interrupt():
-        for restitution, count in pairs:
-            for play in _spread(sorted(plays)):
-                search.look(restitution, count, play, COARSE)
-        known = [pair for pair in pairs if len(_points(search.rows, *pair).T) >= FEWEST_POINTS]
-        if not known:
-            raise search.deadline.fell_short(
-                f"after {len(search.rows)} of {len(pairs) * len(plays)} plays, too few for a curve",
-                "raise budget",
-            )
-        firsts = [_best_box(_points(search.rows, *pair), sigma, 0.0, seed) for pair in known]
-        winner = min(range(len(known)), key=lambda k: firsts[k].ratio.value)
-        for factor in CLOSER:
-            search.look(*known[winner], factor * firsts[winner].play / sigma, 1.0)
+    for restitution, count in pairs:
+        for play in _spread(sorted(plays)):
+            search.look(restitution, count, play, COARSE)
+    known = [pair for pair in pairs if len(_points(search.rows, *pair).T) >= FEWEST_POINTS]
+    if not known:
+        raise run.deadline.fell_short(
+            f"after {len(search.rows)} of {len(pairs) * len(plays)} plays, too few for a curve",
+            "raise budget",
+        )
+    firsts = [_best_box(_points(search.rows, *pair), sigma, 0.0, run.seed) for pair in known]
+    winner = min(range(len(known)), key=lambda k: firsts[k].ratio.value)
+    for factor in CLOSER:
+        search.look(*known[winner], factor * firsts[winner].play / sigma, 1.0)
     points_of_winner = _points(search.rows, *known[winner])
-    best = _best_box(points_of_winner, sigma, 0.0, seed)
+    best = _best_box(points_of_winner, sigma, 0.0, run.seed)
     # points that are missing may leave no room for the whole range of levels
     reach = min(level_range_db, 0.49 * DECIBELS * float(np.ptp(points_of_winner[0])))
-    robust = _best_box(points_of_winner, sigma, reach, seed)
+    robust = _best_box(points_of_winner, sigma, reach, run.seed)
     candidates = pd.DataFrame(
         [
             {
@@ -265,14 +253,14 @@ def design_absorber(
         candidates=candidates,
         tuned_damper=tuned_damper(structure, "x", mass_budget),
         cost=total_cost(search.costs),
-        provenance=provenance(structure.document(), seed),
+        provenance=provenance(structure.document(), run.seed),
         warnings=[f"plays that were not simulated as accurately as asked for: {search.short}"]
         if search.short
         else [],
     )
     if search.short:
         where = f"before {search.short} plays reached the accuracy that is asked for there"
-        raise search.deadline.fell_short(where, "raise budget or rel_error", answer)
+        raise run.deadline.fell_short(where, "raise budget or rel_error", answer)
     return answer
 
 
@@ -293,11 +281,7 @@ class _Search:
     structure: Scene
     mass: float
     sigma: float
-    rel_error: float
-    seed: int
-    threads: int | None
-    progress: Progress | None
-    deadline: Deadline = NEVER
+    run: Run
     left: float = 0.0
     all: float = 0.0
     short: int = 0
@@ -308,16 +292,21 @@ class _Search:
         """Simulate a play (in sigma) to `coarse` times the error, in its share of the time."""
         work = coarse**-2
         share, self.left = work / self.left, self.left - work
-        if self.deadline.passed():
+        if self.run.deadline.passed():
             self.short += 1
             return
         scene = with_absorber(self.structure, self.mass, play * self.sigma, restitution, count)
         try:
             response = simulate(
-                scene, rel_error=coarse * self.rel_error, seed=self.seed, threads=self.threads,
-                budget=self.deadline.part(share),
+                scene,
+                **self.run.options(
+                    self.run.deadline.share(share), rel_error=coarse * self.run.accuracy,
+                    progress=None,
+                ),
             )  # fmt: skip
         except (NotConverged, Interrupted) as reason:
+            if isinstance(reason, Interrupted) and not self.run.deadline.interrupted:
+                raise  # no Ctrl-C that deadlines heed
             self.short += 1
             if reason.partial is None:
                 return
@@ -338,9 +327,9 @@ class _Search:
             }
         )
         self.costs.append(response.cost)
-        if self.progress:
+        if self.run.progress:
             done = 1.0 - self.left / self.all
-            self.progress(done, f"play {play:.2f} sigma, R = {restitution:g}")
+            self.run.progress(done, f"play {play:.2f} sigma, R = {restitution:g}")
 
 
 def with_absorber(

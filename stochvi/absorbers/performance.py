@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import pandas as pd
@@ -19,12 +19,13 @@ from stochvi.model.calculations import calculation
 from stochvi.model.modal import linear_law
 from stochvi.model.model import Model, Pair, Stop, model_of
 from stochvi.results.base import Result, total_cost
-from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, format_with_error, provenance
 from stochvi.results.intervals import mean_and_error, student_factor
-from stochvi.results.progress import Progress
 from stochvi.results.response import PairResponse, Response
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
+from stochvi.sampling.sampler import ListSampler
 from stochvi.scenes.excitations import BASE, ConstantLoad, Excitation
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
@@ -185,15 +186,12 @@ class AbsorberReport(Result):
 
 
 @calculation
+@sampled(rel_error=0.01)
 def absorber(
     scene: Scene,
     *,
     levels_db: Sequence[float] = LEVELS_DB,
-    rel_error: float = 0.01,
-    seed: int = 0,
-    threads: int | None = None,
-    budget: float | None = 60.0,
-    progress: Progress | None = None,
+    **options: Unpack[AccuracyOptions],
 ) -> AbsorberReport:
     """What an impact absorber does to the structure that carries it, over levels of excitation.
 
@@ -208,17 +206,9 @@ def absorber(
         carrier is the first coordinate that is not one of them.
     levels_db
         Levels of all that shakes, dB about the scene's own; constant loads stay.
-    rel_error
-        Relative error of the simulated mean squares and rates, as for `simulate`.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
-    threads
-        Number of threads; by default all cores.
-    budget
-        Seconds for all levels together, compilation apart; the levels still to come share the time
-        that is left evenly. None for no limit.
-    progress
-        Called now and then with what is done and what was reached.
+    **options
+        `AccuracyOptions`: `rel_error` is that of the simulated mean squares and rates, by default
+        0.01, as for `simulate`; the levels still to come share the time that is left evenly.
 
     Returns
     -------
@@ -271,36 +261,34 @@ def absorber(
     short: list[float] = []
     recording = 0.0  # seconds that the peaks of a level take
     compile_kernels(full)
-    deadline = Deadline.after(budget)
-    with graceful_interrupt():
-        for number, level in enumerate(levels_db):
+    run = Run.of(options)
+    deadline = run.deadline
+    for number, level in enumerate(levels_db):
 
-            def report(done: float, text: str, number: int = number) -> None:
-                if progress:
-                    progress((number + done) / len(levels_db), text)
+        def report(done: float, text: str, number: int = number) -> None:
+            if run.progress:
+                run.progress((number + done) / len(levels_db), text)
 
-            if deadline.passed():
+        if deadline.passed():
+            break
+        shaken = scene.at_level(level)
+        to_come = len(levels_db) - number
+        until = deadline.sooner_by(to_come * recording).share(1.0 / to_come)
+        try:
+            response = simulate(
+                shaken.expanded, **run.options(until, rel_error=run.rel_error, progress=report)
+            )
+        except (NotConverged, Interrupted) as reason:
+            if isinstance(reason, Interrupted) and not deadline.interrupted:
+                raise  # no Ctrl-C that deadlines heed
+            if reason.partial is None:
                 break
-            shaken = scene.at_level(level)
-            to_come = len(levels_db) - number
-            try:
-                response = simulate(
-                    shaken.expanded,
-                    rel_error=rel_error,
-                    seed=seed,
-                    threads=threads,
-                    budget=deadline.sooner_by(to_come * recording).part(1.0 / to_come),
-                    progress=report,
-                )
-            except (NotConverged, Interrupted) as reason:
-                if reason.partial is None:
-                    break
-                response = reason.partial
-                short.append(level)
-            report(1.0, "peaks of recorded paths")
-            began = time.perf_counter()
-            found.append(_performance(shaken, carrier, level, response, seed, deadline))
-            recording = time.perf_counter() - began
+            response = reason.partial
+            short.append(level)
+        report(1.0, "peaks of recorded paths")
+        began = time.perf_counter()
+        found.append(_performance(shaken, carrier, level, response, run))
+        recording = time.perf_counter() - began
     missing = [level for level in levels_db if level not in {each.level_db for each in found}]
     unreached = _in_decibels(short), _in_decibels(missing)
     if not found:
@@ -318,14 +306,16 @@ def absorber(
         tuned_damper=tuned_damper(alone, own_name(alone, carrier), float(mass[light].sum())),
         warnings=[
             *([f"levels that were not simulated: {unreached[1]}"] if missing else []),
-            *([f"levels that did not reach {rel_error:g}: {unreached[0]}"] if short else []),
+            *([f"levels that did not reach {run.rel_error:g}: {unreached[0]}"] if short else []),
             *min(found, key=lambda each: abs(each.level_db)).response.warnings,
         ],
         cost=total_cost(each.response.cost for each in found),
-        provenance=provenance(scene.document(), seed),
+        provenance=provenance(scene.document(), run.seed),
     )
     if missing or short:
-        where = f"before the relative error of {_in_decibels([*short, *missing])} was {rel_error:g}"
+        where = (
+            f"before the relative error of {_in_decibels([*short, *missing])} was {run.rel_error:g}"
+        )
         raise deadline.fell_short(where, "raise budget or rel_error", answer)
     return answer
 
@@ -398,7 +388,7 @@ def linear_rms(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
 
 
 def _performance(
-    scene: Scene, carrier: str, level: float, response: Response, seed: int, deadline: Deadline
+    scene: Scene, carrier: str, level: float, response: Response, run: Run
 ) -> Performance:
     alone = without_absorber(scene)
     name = own_name(alone, carrier)
@@ -407,8 +397,8 @@ def _performance(
     deviation, velocity = moving.displacement_std, moving.velocity_std
     assert deviation is not None and velocity is not None
     period = 2.0 * math.pi * rms / speed
-    with_it = _windows(scene.expanded, carrier, period, seed, deadline)
-    without = _windows(alone, name, period, seed, deadline)
+    with_it = _windows(scene.expanded, carrier, period, run)
+    without = _windows(alone, name, period, run)
     model = model_of(scene)
     pairs = [response.impact_pairs[pair.name] for pair in model.pairs]
     rate = _sum(_known(pair.collision_rate) for pair in pairs)
@@ -486,30 +476,71 @@ class _Windows:
     wall_acceleration: Estimate | None
 
 
-def _windows(scene: Scene, carrier: str, period: float, seed: int, deadline: Deadline) -> _Windows:
+class Peaks(NamedTuple):
+    """What is read from one recorded path: means over its windows of the largest displacement, mean
+    square of the absolute acceleration, and forces and accelerations of `_wall_peaks`."""
+
+    displacement: float
+    square: float
+    walls: Vector | None
+
+
+@dataclass(frozen=True, eq=False)
+class PeakSampler(ListSampler):
+    """Peaks of a carrier on recorded paths of `duration` seconds."""
+
+    scene: Scene
+    carrier: str
+    duration: float
+    seed: int
+
+    @property
+    def block(self) -> int:
+        """Number of paths that are recorded together."""
+        return RECORDED_TOGETHER
+
+    @property
+    def soft(self) -> bool:
+        """Whether there are stops, and all are compliant."""
+        pairs = model_of(self.scene).pairs
+        return bool(pairs) and all(not stop.rigid for pair in pairs for stop in pair.stops)
+
+    def simulate(self, first_path: int, paths: int) -> list[Peaks]:
+        """The peaks of some paths."""
+        settling, records = record_paths(
+            self.scene, duration=self.duration, paths=paths, seed=self.seed, first_path=first_path
+        )
+        return [self._of(record[record["time"] > settling]) for record in records]
+
+    def _of(self, settled: pd.DataFrame) -> Peaks:
+        model = model_of(self.scene)
+        x = settled[f"displacement of {self.carrier}"].to_numpy()
+        parts = np.array_split(np.abs(x - x.mean()), WINDOWS_OF_PATH)
+        return Peaks(
+            displacement=float(np.mean([part.max() for part in parts])),
+            square=float(np.mean(_absolute_acceleration(self.scene, self.carrier, settled) ** 2)),
+            walls=_wall_peaks(model, model.coordinates.index(self.carrier), settled)
+            if self.soft
+            else None,
+        )
+
+    def add_up(self, pieces: list[list[Peaks]]) -> list[Peaks]:
+        """The peaks of a block."""
+        return [each for piece in pieces for each in piece]
+
+    def paths(self, sample: list[Peaks]) -> int:
+        """Number of paths."""
+        return len(sample)
+
+
+def _windows(scene: Scene, carrier: str, period: float, run: Run) -> _Windows:
     """Record paths until `PEAK_WINDOWS` windows have been seen, or the deadline has passed; errors
     from the paths, of which there are two at least."""
-    model = model_of(scene)
-    soft = bool(model.pairs) and all(not stop.rigid for p in model.pairs for stop in p.stops)
-    row = model.coordinates.index(carrier)
-    peaks: list[float] = []
-    squares: list[float] = []
-    walls: list[Vector] = []
-    while len(peaks) < 2 or not (WINDOWS_OF_PATH * len(peaks) >= PEAK_WINDOWS or deadline.passed()):
-        settling, records = record_paths(
-            scene, duration=WINDOWS_OF_PATH * PEAK_PERIODS * period, paths=RECORDED_TOGETHER,
-            seed=seed, first_path=len(peaks),
-        )  # fmt: skip
-        for record in records:
-            settled = record[record["time"] > settling]
-            x = settled[f"displacement of {carrier}"].to_numpy()
-            offset = np.abs(x - x.mean())
-            parts = np.array_split(offset, WINDOWS_OF_PATH)
-            peaks.append(float(np.mean([part.max() for part in parts])))
-            squares.append(float(np.mean(_absolute_acceleration(scene, carrier, settled) ** 2)))
-            if soft:
-                walls.append(_wall_peaks(model, row, settled))
+    sampler = PeakSampler(scene, carrier, WINDOWS_OF_PATH * PEAK_PERIODS * period, run.seed)
+    silent = replace(run, progress=None)
+    peaks: list[Peaks] = silent.until(sampler, PEAK_WINDOWS // WINDOWS_OF_PATH).sample
     how = f"{WINDOWS_OF_PATH * len(peaks)} windows of {PEAK_PERIODS} periods on {len(peaks)} paths"
+    walls = [each.walls for each in peaks if each.walls is not None]
 
     def estimate(values: list[float], power: float = 1.0) -> Estimate:
         mean, error = mean_and_error(np.array(values))
@@ -518,10 +549,12 @@ def _windows(scene: Scene, carrier: str, period: float, seed: int, deadline: Dea
         return Estimate(value=value, standard_error=value * relative, how=how)
 
     return _Windows(
-        peak=estimate(peaks),
-        acceleration=estimate(squares, 0.5) if _shaken_by_base(scene) else None,
-        wall_force=estimate([force for force, _ in walls]) if soft else None,
-        wall_acceleration=estimate([pushed for _, pushed in walls]) if soft else None,
+        peak=estimate([each.displacement for each in peaks]),
+        acceleration=estimate([each.square for each in peaks], 0.5)
+        if _shaken_by_base(scene)
+        else None,
+        wall_force=estimate([force for force, _ in walls]) if walls else None,
+        wall_acceleration=estimate([pushed for _, pushed in walls]) if walls else None,
     )
 
 

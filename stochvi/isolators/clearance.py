@@ -15,13 +15,13 @@ from stochvi.isolators.screening import Screening, screened
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.calculations import calculation
 from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.progress import Progress
 from stochvi.results.response import Response
+from stochvi.sampling.options import check_options
 from stochvi.scenes.scene import Scene
 
 SMOOTH_POINTS = 31
@@ -125,7 +125,7 @@ def clearance_curve(
     """
     if not scene.impact_pairs:
         raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])
-    check_arguments(rel_error, None, None, seed, None, budget, threads)
+    check_options({"rel_error": rel_error, "seed": seed, "budget": budget, "threads": threads})
     places = np.asarray(clearances, dtype=float)
     if not np.all((places > 0.0) & np.isfinite(places)):
         raise ValueError(f"clearances must be positive, got {places.tolist()} m")

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from stochvi.mathematics import rounding
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
-from stochvi.methods.monte_carlo.stop_flag import GivenUp, given_up_after
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions
@@ -27,6 +26,7 @@ from stochvi.results.estimates import provenance
 from stochvi.results.intervals import binomial_interval, poisson_interval
 from stochvi.results.progress import Progress
 from stochvi.results.sizes import MOST_NUMBERS, check_size
+from stochvi.sampling.stop_flag import GivenUp, given_up_after
 from stochvi.scenes.excitations import BASE, Sine
 from stochvi.scenes.scene import Scene
 

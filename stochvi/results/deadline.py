@@ -155,6 +155,11 @@ class Deadline:
         moment = max(self.due, time.time() + seconds)
         return replace(self, moment=moment, stood=stood_still())
 
+    def share(self, share: float) -> Deadline:
+        """The deadline of one of several calculations, after a share (0 to 1) of the remaining
+        seconds."""
+        return self.sooner(1.0 - share)
+
     def part(self, share: float) -> float | None:
         """A share (0 to 1) of the remaining seconds, as the `budget` of one of several
         calculations; None for no limit."""
@@ -352,5 +357,5 @@ def _raise_in(thread: int) -> None:
         raise_at(ctypes.c_ulong(thread), ctypes.py_object(Overdue))
 
 
-heeding_ctrl_c, as_far_as_it_got = graceful_interrupt, partial_result
+graceful_interrupt, partial_result = graceful_interrupt, partial_result
 """The names that both had; they go with the next version."""

@@ -13,21 +13,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_ratio, upper_limit_unseen
-from stochvi.results.progress import Progress
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
+from stochvi.sampling.sampler import ListSampler
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.cluster_paths import WINDOWS, Flights, OscillatorFlights, Part
 from stochvi.statistics.crossing_ages import FEWEST_PATHS, LEAST_PATHS
@@ -206,18 +206,14 @@ def chance_of(rate: Estimate, mission: float, reach: float = 0.0) -> Estimate:
     return replace(found, value=value, upper_95=upper, bias=bias)
 
 
+@sampled(rel_error=0.05)
 def bursts(
     scene: Scene,
     *,
-    rel_error: float = 0.05,
     wanted: Callable[[Bursts], Estimate] = Bursts.hit_rate,
     widening: float = 1.0,
     far_from: float | None = None,
-    seed: int = 0,
-    threads: int | None = None,
-    executor: Executor | None = None,
-    budget: float | None = 60.0,
-    progress: Progress | None = None,
+    **options: Unpack[AccuracyOptions],
 ) -> Bursts:
     """Simulate bursts at the stops of a scene until `wanted` is known to `rel_error`.
 
@@ -231,47 +227,66 @@ def bursts(
     far_from
         A value of `wanted` that is searched for: where what is found lies beyond doubt more than a
         factor FAR away from it, no more accuracy is needed.
-    threads, executor, progress
-        The same arguments as those of `simulate`.
+    **options
+        `AccuracyOptions`.
 
     Raises
     ------
     NotApplicable
         As for `first_crossings`, or without stops on both sides of the mean position.
     """
-    deadline = Deadline.after(budget)
-    model = model_of(scene)
+    run, model = Run.of(options), model_of(scene)
     flights: Flights = (
-        OscillatorFlights(scene, seed) if model.single else StructureFlights(model, seed)
+        OscillatorFlights(scene, run.seed) if model.single else StructureFlights(model, run.seed)
     )
-    together = flights.together
-    work = partial(_part, flights, widening)
-    parts: list[Part] = []
-    blocks = math.ceil(FEWEST_PATHS / together)
+    sampler = BurstSampler(flights, widening)
 
-    with crew_of(executor, threads) as crew:
-        parts += crew.results(work, [(0, together)])
+    def error_of(parts: list[Part]) -> float:
+        estimate = wanted(_join(flights, parts))
+        if _far(estimate, far_from):
+            return 0.0
+        if estimate.value == 0.0:
+            return 0.0 if sampler.paths(parts) >= LOOK * FEWEST_PATHS else math.inf
+        return estimate.standard_error / estimate.value
 
-        def late() -> bool:
-            return deadline.passed() and len(parts) * together >= 2 * LEAST_PATHS
-
-        while True:
-            new = blocks_between(len(parts) * together, blocks * together, together)
-            for part in crew.results(work, [*new], deadline, late):
-                parts.append(part)
-            found = _join(flights, parts)
-            estimate = wanted(found)
-            error = estimate.standard_error / estimate.value if estimate.value else math.inf
-            if progress:
-                paths = len(parts) * together
-                progress((rel_error / max(error, rel_error)) ** 2, f"{paths} paths")
-            unseen = estimate.value == 0.0 and len(parts) * together >= LOOK * FEWEST_PATHS
-            if error <= rel_error or deadline.passed() or unseen or _far(estimate, far_from):
-                break
-            blocks = math.ceil(len(parts) * min(max(1.1 * (error / rel_error) ** 2, 1.25), 4.0))
-    if deadline.interrupted:
-        raise deadline.fell_short(f"after {len(parts) * together} paths", "", found)
+    taken = run.to_accuracy(sampler, FEWEST_PATHS, error_of, run.accuracy, needed=2 * LEAST_PATHS)
+    found = _join(flights, taken.sample)
+    if run.deadline.interrupted:
+        raise run.deadline.fell_short(f"after {taken.paths} paths", "", found)
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class BurstSampler(ListSampler):
+    """Crossings and the clusters after them, in blocks of paths."""
+
+    flights: Flights
+    widening: float
+
+    @property
+    def block(self) -> int:
+        """Number of paths that are made together."""
+        return self.flights.together
+
+    def simulate(self, first_path: int, paths: int) -> Part:
+        """The part of one block of paths."""
+        return self.flights.part(self.widening, first_path)
+
+    def add_up(self, pieces: list[Part]) -> list[Part]:
+        """The part of a block."""
+        return pieces
+
+    def sample(self, first_path: int, paths: int, deadline: Deadline) -> list[Part]:
+        """The part of a block, which is made as a whole."""
+        return [self.simulate(first_path, paths)]
+
+    def paths(self, sample: list[Part]) -> int:
+        """Number of paths."""
+        return len(sample) * self.block
+
+    def is_whole(self, sample: list[Part], paths: int) -> bool:
+        """Always: blocks are made as a whole."""
+        return True
 
 
 def _far(estimate: Estimate, place: float | None) -> bool:
@@ -282,13 +297,6 @@ def _far(estimate: Estimate, place: float | None) -> bool:
     # more than the order of magnitude
     doubt = math.exp(DOUBT * min(estimate.standard_error / estimate.value, DOUBT))
     return estimate.value * doubt < place / FAR or estimate.value / doubt > place * FAR
-
-
-def _part(
-    flights: Flights, widening: float, first_path: int, _paths: int, _deadline: Deadline
-) -> Part:
-    """The part of one block of paths, of `Flights.together` paths."""
-    return flights.part(widening, first_path)
 
 
 def _join(flights: Flights, parts: list[Part]) -> Bursts:

@@ -18,22 +18,20 @@ which thus needs no record as long as the mission. One process between two stops
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_error
-from stochvi.results.progress import Progress
+from stochvi.sampling.run import Run
+from stochvi.sampling.sampler import ListSampler, more_paths
 
 FEWEST_PATHS = 64
 """Smallest number of paths from which a standard error can be trusted; each path holds some 20
@@ -43,9 +41,6 @@ PILOT = 2**32
 """Number of the first path of a pilot, which finds how many paths an answer needs and is no part of
 that answer: a simulation that stops as soon as its error looks small states an error that is too
 small, by some 5 %."""
-
-MARGIN = 1.1
-"""Factor on the number of paths for which the pilot asks."""
 
 MISSED = 1.3
 """Ratio of the error reached to the error asked for, above which paths are added."""
@@ -213,63 +208,62 @@ class Source(Protocol[Ages_co]):
         """The answer from the ages of all crossings so far."""
 
 
-def until_accurate(
-    records: Source[Ages_co],
-    mission: float,
-    rel_error: float,
-    threads: int | None,
-    executor: Executor | None,
-    budget: float | None,
-    progress: Progress | None,
-) -> Ages_co:
+@dataclass(frozen=True, eq=False)
+class CrossingSampler(ListSampler):
+    """Ages of crossings in blocks of paths, which are numbered from `first` on."""
+
+    records: Source[CrossingAges]
+    first: int
+
+    @property
+    def block(self) -> int:
+        """Number of paths that are made together."""
+        return self.records.together
+
+    def simulate(self, first_path: int, paths: int) -> NDArray[np.float32]:
+        """The ages in one block of paths."""
+        return self.records.ages(self.first + first_path)
+
+    def add_up(self, pieces: list[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
+        """The ages of a block."""
+        return pieces
+
+    def sample(self, first_path: int, paths: int, deadline: Deadline) -> list[NDArray[np.float32]]:
+        """The ages of a block, which is made as a whole."""
+        return [self.simulate(first_path, paths)]
+
+    def paths(self, sample: list[NDArray[np.float32]]) -> int:
+        """Number of paths."""
+        return len(sample) * self.block
+
+    def is_whole(self, sample: list[NDArray[np.float32]], paths: int) -> bool:
+        """Always: blocks are made as a whole."""
+        return True
+
+
+def until_accurate(run: Run, records: Source[Ages_co], mission: float, rel_error: float) -> Ages_co:
     """As many paths as a pilot finds necessary for `rel_error`, see `first_crossings`."""
-    block = records.together
-    started, deadline = time.time(), Deadline.after(budget)
-    with crew_of(executor, threads) as crew:
-        pilot = [records.ages(PILOT)]
 
-        def fly(first: int, ages: list[NDArray[np.float32]], paths: int) -> Ages_co:
-            """The answer from `paths` paths, or as many as the budget allows, numbered from `first`
-            on."""
+    def found(sample: list[NDArray[np.float32]]) -> Ages_co:
+        return records.found(np.concatenate(sample, axis=3))
 
-            def late() -> bool:
-                few = len(ages) * block < LEAST_PATHS
-                return deadline.passed() and not few
+    def error(sample: list[NDArray[np.float32]]) -> float:
+        return largest_error(found(sample), mission)
 
-            left = blocks_between(first + len(ages) * block, first + paths, block)
-            for some in crew.results(partial(_ages, records), [*left], deadline, late):
-                ages.append(some)
-            return records.found(np.concatenate(ages, axis=3))
+    def missed(sample: list[NDArray[np.float32]]) -> float:
+        """The error, where it is clearly larger than asked for."""
+        known = error(sample)
+        return known if known > MISSED * rel_error else 0.0
 
-        found, ages = fly(PILOT, pilot, FEWEST_PATHS), pilot
-        answer: list[NDArray[np.float32]] = []
-        while True:
-            error, done, now = (
-                largest_error(found, mission),
-                len(ages) * block,
-                time.time() - started,
-            )
-            if progress:
-                progress(min(1.0, (rel_error / error) ** 2) if error else 1.0, f"{done} paths")
-            enough = ages is answer and error <= MISSED * rel_error
-            if enough or deadline.passed() or (budget is not None and now > 0.5 * budget):
-                break
-            growth = min(MARGIN * (error / rel_error) ** 2, 4.0)
-            if budget is not None and now > 0.0:
-                # the budget is the time that is left now, and allows so many more paths
-                growth = min(growth, max(budget / now, 1.25))
-            ages = answer
-            found = fly(0, answer, max(math.ceil(growth * done), FEWEST_PATHS))
-    if deadline.interrupted:
-        raise deadline.fell_short(f"after {done} paths", "", found)
-    return found
-
-
-def _ages(
-    records: Source[CrossingAges], first_path: int, _paths: int, _deadline: Deadline
-) -> NDArray[np.float32]:
-    """The ages of one block of paths, of `Source.together` paths."""
-    return records.ages(first_path)
+    pilot = run.until(CrossingSampler(records, PILOT), FEWEST_PATHS, needed=LEAST_PATHS)
+    taken = pilot
+    if not run.deadline.passed():
+        asked = pilot.paths + more_paths(pilot.paths, error(pilot.sample), rel_error)
+        answer = run.to_accuracy(CrossingSampler(records, 0), asked, missed, rel_error)
+        taken = answer if answer.paths >= min(asked, pilot.paths) else pilot
+    if run.deadline.interrupted:
+        raise run.deadline.fell_short(f"after {taken.paths} paths", "", found(taken.sample))
+    return found(taken.sample)
 
 
 def largest_error(found: CrossingAges, mission: float) -> float:

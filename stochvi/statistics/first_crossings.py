@@ -21,9 +21,9 @@ which thus needs no record as long as the mission.
 from __future__ import annotations
 
 import math
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,7 +43,8 @@ from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator, without_free_response, without_noise
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
-from stochvi.results.progress import Progress
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import STRIDES, CrossingAges, until_accurate
 
@@ -87,6 +88,7 @@ class FirstCrossings(CrossingAges):
 
 
 @calculation
+@sampled(rel_error=0.05)
 def first_crossings(
     scene: Scene,
     clearances: ArrayLike | None = None,
@@ -94,12 +96,7 @@ def first_crossings(
     lower: ArrayLike | None = None,
     upper: ArrayLike | None = None,
     mission: float = 3600.0,
-    rel_error: float = 0.05,
-    seed: int = 0,
-    threads: int | None = None,
-    executor: Executor | None = None,
-    budget: float | None = 60.0,
-    progress: Progress | None = None,
+    **options: Unpack[AccuracyOptions],
 ) -> FirstCrossings:
     """First hits of stops at many clearances, from one set of records.
 
@@ -112,13 +109,9 @@ def first_crossings(
         Distances of two stops from the mean position, m.
     lower, upper
         Instead: distances of a lower and of an upper stop, pairwise; leave one out for one stop.
-    rel_error
-        Relative standard error of the chance of a hit in `mission` seconds to reach at every
-        level where that chance is below 1/2.
-    budget
-        Seconds after which it ends with larger errors.
-    threads, executor, progress
-        The same arguments as those of `simulate`.
+    **options
+        `AccuracyOptions`: `rel_error` is that of the chance of a hit in `mission` seconds, at every
+        level where that chance is below 1/2; at the end of the `budget` it ends with larger errors.
 
     Raises
     ------
@@ -139,8 +132,8 @@ def first_crossings(
     """
     above, below = _levels(clearances, lower, upper)
     plan = crossing_plan(scene.model_copy(update={"impact_pairs": ()}))
-    records = Records(plan, seed, below, above)
-    return until_accurate(records, mission, rel_error, threads, executor, budget, progress)
+    run = Run.of(options)
+    return until_accurate(run, Records(plan, run.seed, below, above), mission, run.accuracy)
 
 
 def _levels(

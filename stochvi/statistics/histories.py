@@ -24,7 +24,6 @@ from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_historie
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
 from stochvi.methods.monte_carlo.plan import Histories, Plan
 from stochvi.methods.monte_carlo.rigid_white import WhitePlan
-from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.calculations import calculation
 from stochvi.model.model import Model
 from stochvi.results.base import Result
@@ -32,6 +31,7 @@ from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.response import ROTATIONS, Quantities
 from stochvi.results.sizes import MOST_NUMBERS
+from stochvi.sampling.options import check_options
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
@@ -231,7 +231,7 @@ def history(
     >>> list(history(scene, duration=10.0).samples)
     ['time_s', 'displacement_m', 'velocity_m_s']
     """
-    check_arguments(None, None, duration, seed, None, None, None)
+    check_options({"duration": duration, "seed": seed})
     if (
         isinstance(path, bool)
         or not isinstance(path, int | np.integer)

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Matrix, Whole
-from stochvi.methods.monte_carlo.blocks import crew_of
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
@@ -32,6 +31,7 @@ from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.intervals import binomial_interval, poisson_interval
 from stochvi.results.progress import Progress
+from stochvi.sampling.workers import pool_of
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -284,7 +284,7 @@ def lifetimes(
     if conditions:
         raise NotApplicable("lifetimes", conditions)
     plan = plan_modal_tables(model, 0.0, None) if model.tables else plan_modal(model, 0.0, None)
-    with crew_of(None, threads) as crew:
+    with pool_of(None, threads) as crew:
         place = Place(scene, 3, deadline)
         known = _coexisting(place, crew.workers, deadline)
         wanted = math.ceil(1.0 / rel_error**2)

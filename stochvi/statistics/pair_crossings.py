@@ -12,9 +12,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,7 +30,8 @@ from stochvi.model.free_motion import free_motion
 from stochvi.model.model import ALIKE, Model, model_of, sharing_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
-from stochvi.results.progress import Progress
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import STRIDES, CrossingAges, until_accurate
 from stochvi.statistics.first_crossings import (
@@ -124,18 +125,14 @@ class PairCrossings(CrossingAges):
 
 
 @calculation
+@sampled(rel_error=0.05)
 def pair_crossings(
     scene: Scene,
     *,
     lower: ArrayLike | None = None,
     upper: ArrayLike | None = None,
     mission: float = 3600.0,
-    rel_error: float = 0.05,
-    seed: int = 0,
-    threads: int | None = None,
-    executor: Executor | None = None,
-    budget: float | None = 60.0,
-    progress: Progress | None = None,
+    **options: Unpack[AccuracyOptions],
 ) -> PairCrossings:
     """First hits of any of the impact pairs of a scene, at many levels from one set of records.
 
@@ -147,13 +144,9 @@ def pair_crossings(
     lower, upper
         (levels, pairs): distances of the stops from the mean gaps, m, infinite for none; by
         default those of the scene, at one level.
-    rel_error
-        Relative standard error of the chance of a hit in `mission` seconds to reach at every
-        level where that chance is below 1/2.
-    budget
-        Seconds after which it ends with larger errors.
-    threads, executor, progress
-        The same arguments as those of `simulate`.
+    **options
+        `AccuracyOptions`: `rel_error` is that of the chance of a hit in `mission` seconds, at every
+        level where that chance is below 1/2; at the end of the `budget` it ends with larger errors.
 
     Raises
     ------
@@ -178,10 +171,7 @@ def pair_crossings(
     >>> abs(rate.value - 0.0018091405) < 4.5 * rate.standard_error + rate.bias
     True
     """
-    return PairMotion(model_of(scene)).crossings(
-        lower, upper, mission=mission, rel_error=rel_error, seed=seed, threads=threads,
-        executor=executor, budget=budget, progress=progress,
-    )  # fmt: skip
+    return PairMotion(model_of(scene)).crossings(lower, upper, mission, Run.of(options))
 
 
 class PairMotion:
@@ -229,17 +219,7 @@ class PairMotion:
         return self.response.correlations(self.count)
 
     def crossings(
-        self,
-        lower: ArrayLike | None,
-        upper: ArrayLike | None,
-        *,
-        mission: float,
-        rel_error: float,
-        seed: int = 0,
-        threads: int | None = None,
-        executor: Executor | None = None,
-        budget: float | None = None,
-        progress: Progress | None = None,
+        self, lower: ArrayLike | None, upper: ArrayLike | None, mission: float, run: Run
     ) -> PairCrossings:
         """First hits at many levels, see `pair_crossings`."""
         own = own_distances(self.model)
@@ -248,8 +228,8 @@ class PairMotion:
             for each, place in zip((lower, upper), own, strict=True)
         ]
         below, above = np.broadcast_arrays(*given)
-        records = GapRecords(self, seed, below, above)
-        return until_accurate(records, mission, rel_error, threads, executor, budget, progress)
+        records = GapRecords(self, run.seed, below, above)
+        return until_accurate(run, records, mission, run.accuracy)
 
 
 def own_distances(model: Model) -> tuple[Vector, Vector]:

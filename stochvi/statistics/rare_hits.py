@@ -24,22 +24,19 @@ from __future__ import annotations
 import math
 import time
 from abc import ABC, abstractmethod
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.impact_rates import rice_rate
-from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
 from stochvi.model.model import model_of
-from stochvi.results.deadline import Deadline
-from stochvi.results.errors import NotApplicable
+from stochvi.results.deadline import NEVER, Deadline
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Estimate
 from stochvi.results.intervals import (
     events_suffice,
@@ -49,7 +46,10 @@ from stochvi.results.intervals import (
     student_factor,
     upper_limit_unseen,
 )
-from stochvi.results.progress import Progress
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
+from stochvi.sampling.sampler import ListSampler
+from stochvi.sampling.stop_flag import GivenUp
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import UNFINISHED
 from stochvi.statistics.cluster_paths import (
@@ -493,10 +493,8 @@ def pilot(kind: Kind, limit: float, deadline: Deadline) -> Levels:
     return Levels(tuple(levels), tuple(sizes), False)
 
 
-def repetition(
-    kind: Kind, levels: Levels, number: int, _count: int, deadline: Deadline
-) -> Repetition | None:
-    """One splitting with fixed levels; None if the deadline came before its end."""
+def repetition(kind: Kind, levels: Levels, number: int, deadline: Deadline) -> Repetition:
+    """One splitting with fixed levels; `GivenUp` if the deadline came before its end."""
     random = np.random.default_rng([kind.records.seed, STREAM, number])
     trials = kind.drawn(_draw(number, 0, 0))
     scored = float(np.mean(trials.score > -math.inf))
@@ -512,7 +510,7 @@ def repetition(
         trials = _copies(trials, above, random)
         for move in range(MOVES):
             if deadline.passed():
-                return None
+                raise GivenUp
             draw = _draw(number, stage + 1, move)
             trials, _ = _moved(kind, trials, level, levels.sizes[stage], draw, random)
     level = levels.levels[last]
@@ -590,19 +588,15 @@ class RareHits:
         return self.chance.standard_error / value if value > 0.0 else math.inf
 
 
+@sampled(rel_error=0.05)
 def rare_hits(
     scene: Scene,
     event: str,
     limit: float,
     *,
     mission: float,
-    rel_error: float = 0.05,
     confidence: float = 0.95,
-    seed: int = 0,
-    threads: int | None = None,
-    executor: Executor | None = None,
-    budget: float | None = 60.0,
-    progress: Progress | None = None,
+    **options: Unpack[AccuracyOptions],
 ) -> RareHits:
     """The chance that a hit of a mission exceeds an "impact_speed" (m/s) or a "peak_acceleration"
     (m/s^2), of the stationary motion of one oscillator under any Gaussian noise.
@@ -615,16 +609,48 @@ def rare_hits(
     NotApplicable
         As `first_crossings`, or if there are no stops on both sides of the mean position.
     """
-    deadline = Deadline.after(budget)
-    bursts, windows = kinds_of(scene, event, mission, rel_error, seed, budget)
+    run = Run.of(options)
+    bursts, windows = kinds_of(scene, event, mission, run.accuracy, run.seed, options["budget"])
     began = time.process_time()
     rare = mission > bursts.window and bursts.rare()
-    with crew_of(executor, threads) as crew:
-        ask = _Question(limit, mission, rel_error, confidence, crew, deadline, progress)
-        # where hits hardly pause, or bursts hardly end, trials are pieces of the whole motion
-        found = (ask.answer(bursts) if rare else None) or ask.answer(windows)
+    ask = _Question(limit, mission, confidence, run)
+    # where hits hardly pause, or bursts hardly end, trials are pieces of the whole motion
+    found = (ask.answer(bursts) if rare else None) or ask.answer(windows)
     assert found is not None
     return replace(found, seconds=time.process_time() - began)
+
+
+@dataclass(frozen=True, eq=False)
+class RepetitionSampler(ListSampler):
+    """Repetitions of a splitting with fixed levels, each of which stands for a path."""
+
+    kind: Kind
+    levels: Levels
+
+    @property
+    def block(self) -> int:
+        """One repetition is a block."""
+        return 1
+
+    def simulate(self, first_path: int, paths: int) -> Any:
+        """One repetition."""
+        return repetition(self.kind, self.levels, first_path, NEVER)
+
+    def add_up(self, pieces: list[Repetition]) -> list[Repetition]:
+        """The repetitions."""
+        return pieces
+
+    def sample(self, first_path: int, paths: int, deadline: Deadline) -> list[Repetition]:
+        """One repetition; `GivenUp` if the deadline comes before its end."""
+        return [repetition(self.kind, self.levels, first_path, deadline)]
+
+    def paths(self, sample: list[Repetition]) -> int:
+        """Number of repetitions."""
+        return len(sample)
+
+    def describe(self, sample: list[Repetition]) -> str:
+        """Their number, in words."""
+        return f"{len(sample)} repetitions"
 
 
 @dataclass(frozen=True)
@@ -633,37 +659,32 @@ class _Question:
 
     limit: float
     mission: float
-    rel_error: float
     confidence: float
-    crew: Crew
-    deadline: Deadline
-    progress: Progress | None
+    run: Run
 
     def answer(self, kind: Kind) -> RareHits | None:
         """The chance from one kind of trials; None where bursts do not end."""
-        levels = pilot(kind, self.limit, self.deadline.sooner(FOR_ANSWER))
+        run = self.run
+        levels = pilot(kind, self.limit, run.deadline.sooner(FOR_ANSWER))
         if not levels.reached:
             kept = math.ceil(FOR_LIMIT * len(levels.levels))
             levels = replace(levels, levels=levels.levels[:kept])
-        work = partial(repetition, kind, levels)
-        done: list[Repetition] = []
-        begun, wanted = 0, FEWEST_REPETITIONS
-        while True:
-            blocks = [*blocks_between(begun, wanted if levels.levels else 0, 1)]
-            for each in self.crew.results(work, blocks, self.deadline):
-                done += [] if each is None else [each]
-            begun = wanted
-            if _unfinished(kind, done):
-                return None
-            found = self._found(kind, levels, done)
-            error = found.relative_error
-            if self.progress:
-                share = (self.rel_error / max(error, self.rel_error)) ** 2
-                self.progress(share, f"{len(done)} repetitions")
-            known = error <= self.rel_error or not levels.reached or begun >= MOST_REPETITIONS
-            if known or self.deadline.passed():
-                return found
-            wanted += math.ceil(begun * min(MARGIN * (error / self.rel_error) ** 2 - 1.0, 3.0))
+        if not levels.levels:
+            return self._found(kind, levels, [])
+
+        def error(done: list[Repetition]) -> float:
+            enough = not levels.reached or len(done) >= MOST_REPETITIONS
+            if enough or _unfinished(kind, done):
+                return 0.0
+            return self._found(kind, levels, done).relative_error
+
+        try:
+            done = run.to_accuracy(
+                RepetitionSampler(kind, levels), FEWEST_REPETITIONS, error, run.accuracy, needed=0
+            ).sample
+        except (NotConverged, Interrupted):  # not one has ended
+            done = []
+        return None if _unfinished(kind, done) else self._found(kind, levels, done)
 
     def _found(self, kind: Kind, levels: Levels, done: list[Repetition]) -> RareHits:
         """The answer from the repetitions."""

@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +21,6 @@ from scipy.optimize import brentq
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.gap_response import with_tables
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
@@ -30,10 +28,13 @@ from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal
 from stochvi.model.free_motion import free_motion
 from stochvi.model.modal import absolute_accelerations
 from stochvi.model.model import Model, Pair, model_of
-from stochvi.results.deadline import Deadline, partial_result
+from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import binomial_interval, jackknife_error, upper_limit_unseen
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
+from stochvi.sampling.sampler import ListSampler
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.rigid_body import MOTIONS, RigidBody
 from stochvi.scenes.scene import Scene
@@ -290,15 +291,22 @@ def _speed_to_reach(model: Model, pair: Pair, rows: Vector, acceleration: float)
 
 
 @dataclass(frozen=True, eq=False)
-class _Windows:
+class WindowSampler(ListSampler):
     """Windows of the motion with stops, each a path of its own.
 
-    `plan` has paths of one window, `half` the same paths over half of it.
+    `plan` has paths of one window, `half` the same paths over half of it. A sample are arrays
+    (2, names, windows): whether a limit is exceeded in the first half of a window, and in the whole
+    window.
     """
 
     plan: ModalTablesPlan
     limit: Limit
     seed: int
+
+    @property
+    def block(self) -> int:
+        """Number of windows that are simulated together."""
+        return self.plan.block
 
     @cached_property
     def half(self) -> ModalTablesPlan:
@@ -310,14 +318,18 @@ class _Windows:
         """Length of a window, s."""
         return self.plan.steps * self.plan.step
 
-    def block(self, first: int, paths: int, deadline: Deadline) -> NDArray[np.bool_]:
-        """(2, names, windows): whether a limit is exceeded in the first half of a window, and in
-        the whole window."""
-        return np.concatenate(in_pieces(self._some, first, paths, deadline), axis=2)
+    def add_up(self, pieces: list[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:
+        """The windows of a block."""
+        return [np.concatenate(pieces, axis=2)]
 
-    def _some(self, first: int, paths: int) -> NDArray[np.bool_]:
+    def paths(self, sample: list[NDArray[np.bool_]]) -> int:
+        """Number of windows."""
+        return sum(each.shape[2] for each in sample)
+
+    def simulate(self, first_path: int, paths: int) -> NDArray[np.bool_]:
+        """Which of some windows exceed the limit."""
         if self.limit.event == "impact_speed":
-            path, time, speed = self._impacts(first, paths)
+            path, time, speed = self._impacts(first_path, paths)
             fast = speed > self.limit.value
             hard = np.zeros((2, 1, paths), bool)
             hard[0, 0, path[fast & (time <= 0.5 * self.window)]] = True
@@ -328,7 +340,7 @@ class _Windows:
         found = []
         for plan in (self.half, self.plan):
             largest = np.zeros((paths, len(names)))
-            plan.averages(self.seed, first, paths, accelerations=largest)
+            plan.averages(self.seed, first_path, paths, accelerations=largest)
             found.append((largest[:, rows] > self.limit.value).T)
         return np.array(found)
 
@@ -344,43 +356,36 @@ class _Windows:
         return path.astype(np.int64), time, np.abs(speed)
 
 
+@sampled(rel_error=0.05)
 def windows(
-    scene: Scene, limit: Limit, mission: float, *, rel_error: float = 0.05, seed: int = 0,
-    threads: int | None = None, executor: Executor | None = None, budget: float | None = 60.0,
-    progress: Any = None,
-) -> Exceedance:  # fmt: skip
+    scene: Scene, limit: Limit, mission: float, **options: Unpack[AccuracyOptions]
+) -> Exceedance:
     """The chance that a limit is exceeded in a mission, from windows of the motion with stops."""
-    deadline = Deadline.after(budget)
+    run = Run.of(options)
     plan = plan_modal_tables(with_tables(model_of(scene)), None, None)
     longest = plan.block_length - plan.burn_in
     plan = replace(plan, duration=max(min(longest, mission), 2.0 * plan.step))
-    made = _Windows(plan, limit, seed)
-    done: list[NDArray[np.bool_]] = []
-    wanted = FEWEST_WINDOWS
-    with crew_of(executor, threads) as crew:
-        done += crew.results(made.block, [(0, plan.block)], deadline, at_least=1)
-        while True:
-            blocks = [*blocks_between(len(done) * plan.block, wanted, plan.block)]
-            for part in crew.results(made.block, blocks, deadline):
-                done.append(part)
-            seen = np.concatenate(done, axis=2)
-            chance = _of_windows(np.asarray(seen.any(axis=1)), made.window, mission)
-            error = chance.standard_error / chance.value if chance.value else math.inf
-            count = seen.shape[2]
-            if progress:
-                progress((rel_error / max(error, rel_error)) ** 2, f"{count} windows")
-            if error <= rel_error or deadline.passed() or count >= MOST_WINDOWS:
-                break
-            wanted = min(math.ceil(count * min(1.1 * (error / rel_error) ** 2, 4.0)), MOST_WINDOWS)
-    by_output = {
-        name: _of_windows(seen[:, number], made.window, mission)
-        for number, name in enumerate(limit.outputs)
-    }
+    sampler = WindowSampler(plan, limit, run.seed)
+
+    def chance_in(sample: list[NDArray[np.bool_]], name: int | None = None) -> Estimate:
+        seen = np.concatenate(sample, axis=2)
+        chosen = seen.any(axis=1) if name is None else seen[:, name]
+        return _of_windows(np.asarray(chosen), sampler.window, mission)
+
+    def error(sample: list[NDArray[np.bool_]]) -> float:
+        chance = chance_in(sample)
+        if sampler.paths(sample) >= MOST_WINDOWS:
+            return 0.0
+        return chance.standard_error / chance.value if chance.value else math.inf
+
+    taken = run.to_accuracy(sampler, max(plan.block, FEWEST_WINDOWS), error, run.accuracy)
+    by_output = {name: chance_in(taken.sample, number) for number, name in enumerate(limit.outputs)}
     found = Exceedance(
-        chance=chance, by_output=by_output, way="windows", trials=count, degrees=count - 1
-    )
-    if deadline.interrupted:
-        raise deadline.fell_short(f"after {count} windows", "", found)
+        chance=chance_in(taken.sample), by_output=by_output, way="windows", trials=taken.paths,
+        degrees=taken.paths - 1,
+    )  # fmt: skip
+    if run.deadline.interrupted:
+        raise run.deadline.fell_short(f"after {taken.paths} windows", "", found)
     return found
 
 

@@ -13,7 +13,6 @@ from stochvi.methods.fokker_planck import fokker_planck
 from stochvi.methods.fokker_planck import unmet as unmet_by_fokker_planck
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.base import COMMON, Result, total_cost
@@ -29,6 +28,7 @@ from stochvi.results.intervals import (
 )
 from stochvi.results.progress import Progress
 from stochvi.results.response import Response
+from stochvi.sampling.options import check_options
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -252,7 +252,7 @@ def check(
     >>> check(scene, rel_error=0.01).passed
     True
     """
-    check_arguments(rel_error, None, None, seed, None, budget, threads)
+    check_options({"rel_error": rel_error, "seed": seed, "budget": budget, "threads": threads})
     deadline = Deadline.after(budget)
     with graceful_interrupt():
         found = answers(

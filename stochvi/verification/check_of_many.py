@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.calculations import calculation
 from stochvi.results.base import Result, total_cost
 from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.intervals import normal_quantile
 from stochvi.results.progress import Progress
+from stochvi.sampling.options import check_options
 from stochvi.scenes.datasets import zoo_files
 from stochvi.scenes.scene import Scene, load_scene
 from stochvi.verification.check import (
@@ -255,7 +255,7 @@ def check_many(
     >>> found.passed, len(found.checks)
     (True, 2)
     """
-    check_arguments(rel_error, None, None, seed, None, budget, threads)
+    check_options({"rel_error": rel_error, "seed": seed, "budget": budget, "threads": threads})
     seeds = dict(zip(scenes, seeds_of(seed, len(scenes)), strict=True))
     found: dict[str, MethodResponses] = {}
     deadline = Deadline.after(budget)

@@ -6,20 +6,18 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
-from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, check_price, crew_of, in_pieces
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics
 from stochvi.methods.monte_carlo.plan import Plan
+from stochvi.methods.monte_carlo.prices import check_price
 from stochvi.methods.monte_carlo.quantities import (
     RATES,
     Key,
@@ -29,8 +27,7 @@ from stochvi.methods.monte_carlo.quantities import (
     of_coordinate,
 )
 from stochvi.methods.monte_carlo.rigid_white import LARGEST_ANGLE
-from stochvi.methods.monte_carlo.rounds import FEWEST_PATHS
-from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.methods.monte_carlo.simulation import FEWEST_PATHS
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
@@ -38,8 +35,10 @@ from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import thread_seconds
-from stochvi.results.progress import Progress
 from stochvi.results.response import Response
+from stochvi.sampling.options import RunOptions
+from stochvi.sampling.run import ENDLESS, Run, sampled
+from stochvi.sampling.sampler import Sampler
 from stochvi.scenes.scene import Scene
 from stochvi.verification.check import DETERMINISTIC_ERROR, FOR_SOLVER, approximations
 
@@ -351,16 +350,8 @@ def spoken_time(seconds: float) -> str:
 
 
 @calculation
-def cost(
-    scene: Scene,
-    *,
-    budget: float = 20.0,
-    paths: int | None = None,
-    seed: int = 0,
-    threads: int | None = None,
-    executor: Executor | None = None,
-    progress: Progress | None = None,
-) -> WorkPrecision:
+@sampled
+def cost(scene: Scene, *, paths: int | None = None, **options: Unpack[RunOptions]) -> WorkPrecision:
     """What accuracy costs in time, for this scene on this machine: a work-precision table.
 
     The same paths are simulated at several steps. Of everything that `simulate(rel_error=)`
@@ -382,12 +373,11 @@ def cost(
     ----------
     scene
         The scene.
-    budget
-        Seconds of wall time to spend. How many paths that gives depends on the machine.
     paths
         Number of paths instead of a budget, for digits that depend on the seed alone (times apart).
-    seed, threads, executor, progress
-        The same arguments as those of `simulate`.
+    **options
+        `RunOptions`: `budget` are the seconds of wall time to spend, and how many paths that gives
+        depends on the machine.
 
     Returns
     -------
@@ -418,23 +408,20 @@ def cost(
     >>> [round(step, 3) for step in found.steps], found.reference
     ([1.0, 0.5], 'exact')
     """
-    check_arguments(None, paths, None, seed, None, budget, threads)
     if paths is not None and paths < FEWEST_PATHS:
         raise ValueError(
             f"paths must be at least {FEWEST_PATHS} for honest standard errors, got {paths}"
         )
-    started, deadline = time.perf_counter(), Deadline.after(budget if paths is None else None)
+    started, run = time.perf_counter(), Run.of(options)
+    deadline = run.deadline if paths is None else Deadline.after(None)
     plan = make_plan(model_of(scene), deadline=deadline)
     plans = ladder(plan)
     for rung in plans:  # kernels are loaded where they are called first
         rung.shortest().averages(0, 0, 2)
-    layout = _joint_layout(plans)
-    with crew_of(executor, threads) as crew:
-        # the approximations have no budget of their own; the simulation gets the time that they
-        # leave
-        free = _timed(lambda: approximations(scene, []))
-        sampling = deadline.sooner(FOR_SOLVER).in_no_less_than(LEAST_SECONDS)
-        statistics, cpu = _simulate(plans, layout, seed, sampling, paths, crew, progress)
+    # the approximations have no budget of their own; the simulation gets the time that they leave
+    free = _timed(lambda: approximations(scene, []))
+    sampling = deadline.sooner(FOR_SOLVER).in_no_less_than(LEAST_SECONDS)
+    statistics, cpu = _simulate(plans, sampling, paths, run)
     rows: list[StepError] = []
     models: list[ModelError] = []
     left_out = []
@@ -468,9 +455,9 @@ def cost(
         default_step=plan.step,
         left_out=tuple(left_out),
         cost=Cost(
-            wall_time=time.perf_counter() - started, paths=statistics.count, threads=crew.workers
+            wall_time=time.perf_counter() - started, paths=statistics.count, threads=run.workers
         ),
-        provenance=provenance(scene.document(), seed),
+        provenance=provenance(scene.document(), run.seed),
     )
     if deadline.interrupted:
         raise deadline.fell_short(f"after {statistics.count} paths", "", found)
@@ -498,63 +485,75 @@ def step_order(plan: Plan, key: Key) -> float | None:
     return math.log2(1.0 + 1.0 / share)
 
 
-Block = tuple[PathStatistics, NDArray[np.float64]]
+@dataclass(frozen=True)
+class AtEveryStep:
+    """Joint statistics of the same paths at every step, and the CPU seconds of each step."""
+
+    statistics: PathStatistics
+    seconds: Vector
 
 
-def _block(
-    plans: Sequence[Plan], layout: Layout, seed: int, first_path: int, paths: int,
-    deadline: Deadline,
-) -> Block:  # fmt: skip
-    """The same paths at every step: their joint statistics, and the CPU seconds of each step."""
-    began = thread_seconds()
+@dataclass(frozen=True, eq=False)
+class LadderSampler(Sampler[tuple[Vector, Vector], AtEveryStep]):
+    """The same paths by several plans."""
 
-    def at_every_step(first: int, paths: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    plans: tuple[Plan, ...]
+    seed: int
+
+    @property
+    def block(self) -> int:
+        """Number of paths that are simulated together."""
+        return min(LARGEST_BLOCK, *(plan.block for plan in self.plans))
+
+    def simulate(self, first_path: int, paths: int) -> tuple[Vector, Vector]:
+        """Averages of the paths at every step, and the CPU seconds of each step."""
         averages, seconds = [], []
-        for plan in plans:
+        for plan in self.plans:
             start = thread_seconds()
-            averages.append(plan.averages(seed, first, paths))
+            averages.append(plan.averages(self.seed, first_path, paths))
             seconds.append(thread_seconds() - start)
         return np.concatenate(averages), np.array(seconds)
 
-    parts = in_pieces(at_every_step, first_path, paths, deadline)
-    averages = np.concatenate([part for part, _ in parts], axis=1)
-    statistics = PathStatistics.of(averages, layout)
-    seconds = np.sum([spent for _, spent in parts], axis=0)
-    # the statistics are those of all steps together
-    return statistics, seconds + (thread_seconds() - began - seconds.sum()) / len(plans)
+    def add_up(self, pieces: list[tuple[Vector, Vector]]) -> AtEveryStep:
+        """Statistics of a block; the time that they take is that of all steps together."""
+        began = thread_seconds()
+        averages = np.concatenate([piece for piece, _ in pieces], axis=1)
+        found = PathStatistics.of(averages, _joint_layout(self.plans))
+        seconds = np.sum([spent for _, spent in pieces], axis=0)
+        return AtEveryStep(found, seconds + (thread_seconds() - began) / len(self.plans))
+
+    def merge(self, sample: AtEveryStep, more: AtEveryStep) -> AtEveryStep:
+        """The statistics of both groups of paths."""
+        return AtEveryStep(sample.statistics.merge(more.statistics), sample.seconds + more.seconds)
+
+    def paths(self, sample: AtEveryStep) -> int:
+        """Number of paths."""
+        return sample.statistics.count
 
 
 def _simulate(
-    plans: Sequence[Plan],
-    layout: Layout,
-    seed: int,
-    deadline: Deadline,
-    paths: int | None,
-    crew: Crew,
-    progress: Progress | None,
+    plans: Sequence[Plan], deadline: Deadline, paths: int | None, run: Run
 ) -> tuple[PathStatistics, list[float]]:
-    """Simulate blocks of paths, merged in their order, until `paths` are done or time is up; their
-    statistics, and the CPU seconds of each step, of all threads together."""
-    check_price(plans, seed, deadline)
+    """Simulate until `paths` are done or time is up; the statistics of the paths, and the CPU
+    seconds of each step, of all threads together."""
+    check_price(plans, run.seed, deadline)
     started, began = time.perf_counter(), thread_seconds()
-    size = min(LARGEST_BLOCK, *(plan.block for plan in plans))
-    statistics, seconds = PathStatistics.none(layout), np.zeros(len(plans))
-    work = partial(_block, plans, layout, seed)
-    blocks = blocks_between(0, math.inf if paths is None else paths, size)
-    for block, spent in crew.results(work, blocks, deadline):
-        statistics = statistics.merge(block)
-        seconds += spent
-        if progress:
-            elapsed = time.perf_counter() - started
-            there = elapsed / (elapsed + deadline.left)
-            share = there if paths is None else statistics.count / paths
-            progress(min(1.0, share), f"{statistics.count} paths")
-    if statistics.count < FEWEST_PATHS:
+    sampler = LadderSampler(tuple(plans), run.seed)
+
+    def tell(sample: AtEveryStep) -> tuple[float, str]:
+        elapsed = time.perf_counter() - started
+        there = elapsed / (elapsed + deadline.left)
+        share = there if paths is None else sampler.paths(sample) / paths
+        return share, sampler.describe(sample)
+
+    endless = ENDLESS if paths is None else paths
+    found = run.until(sampler, endless, deadline=deadline, needed=0, tell=tell)
+    if found.paths < FEWEST_PATHS:
         raise deadline.fell_short(
-            f"after {statistics.count} paths, of at least {FEWEST_PATHS}", "raise budget"
+            f"after {found.paths} paths, of at least {FEWEST_PATHS}", "raise budget"
         )
     merging = (thread_seconds() - began) / len(plans)
-    return statistics, [float(spent) + merging for spent in seconds]
+    return found.sample.statistics, [float(spent) + merging for spent in found.sample.seconds]
 
 
 def _with_bias_run(plan: Plan, cpu: Sequence[float]) -> list[float]:

@@ -5,15 +5,14 @@ import math
 import random
 import time
 from concurrent.futures import Executor, Future
-from dataclasses import replace
 
 import numpy as np
 
-from stochvi.methods.monte_carlo.blocks import SENDING_SECONDS, Crew
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.path_statistics import PathStatistics
 from stochvi.model.model import model_of
 from stochvi.results.deadline import NEVER
+from stochvi.sampling.workers import SENDING_SECONDS, WorkerPool
 
 STRAGGLER = 10.0
 """How much longer a straggler takes."""
@@ -36,11 +35,11 @@ class Cluster(Executor):
         self.block_seconds, self.sending = block_seconds, sending
         self.late, self.lost, self.real = late, lost, real
         self.random = random.Random(seed)
-        self.known: dict[tuple[float, int], object] = {}
+        self.known: dict[tuple[bytes, int], object] = {}
         self.now = 0.0
         self.tasks = self.again = self.open_blocks = self.most_open_blocks = 0
 
-    def submit(self, function, work, blocks, deadline=NEVER, attempt=1, needed=True):
+    def submit(self, function, sampler, blocks, deadline=NEVER, needed=0, attempt=1):
         self.now += self.sending / 2.0
         self.tasks += 1
         self.again += attempt > 1
@@ -52,24 +51,20 @@ class Cluster(Executor):
         lost = self.random.random() < self.lost
         end = max(self.now, heapq.heappop(self.free)) + seconds
         heapq.heappush(self.free, end)
-        return Later(self, end, lost, function, (work, blocks))
+        return Later(self, end, lost, function, (sampler, blocks))
 
-    def result(self, function, work, blocks):
-        """Of a task, as if it had run. `work` is `block_statistics` of a plan, a layout and a seed,
-        as `partial` binds them."""
+    def result(self, function, sampler, blocks):
+        """Of a task, as if it had run; `sampler` is a packet of its fields."""
         if self.real:
-            done = function(work, blocks)
+            done = function(sampler, blocks, NEVER)
         else:
-            plan = work.args[0]
-            names = [(plan.step, count) for _, count in blocks]
+            names = [(sampler, count) for _, count in blocks]
             for name, block in zip(names, blocks, strict=True):
                 if name not in self.known:
-                    self.known[name] = function(work, (block,))
-            done = replace(
-                self.known[names[0]],
-                results=tuple(self.known[name].results[0] for name in names),
-            )
-        return replace(done, seconds=self.block_seconds * len(blocks))
+                    self.known[name] = function(sampler, (block,), NEVER)
+            samples = tuple(self.known[name].samples[0] for name in names)
+            done = self.known[names[0]]._replace(samples=samples)
+        return done._replace(seconds=self.block_seconds * len(blocks))
 
 
 class Later(Future):
@@ -126,8 +121,8 @@ def plan_for(costs: dict[str, float], steps: float, cores: int) -> dict[str, flo
     blocks = steps / costs["steps_of_a_block"]
     tasks = 0.0
     if cores > 1:
-        crew = Crew(None, cores, external_executor=True, block_seconds=costs["block_s"])
-        tasks = blocks / crew.per_task(math.ceil(blocks))
+        pool = WorkerPool(None, cores, external=True, block_seconds=costs["block_s"])
+        tasks = blocks / pool.per_task(math.ceil(blocks))
     rounds = math.ceil(tasks / cores) * cores / tasks if tasks else 1.0  # some wait at the end
     found = {
         "work_s": blocks * costs["block_s"] / cores * rounds,

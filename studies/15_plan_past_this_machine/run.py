@@ -9,7 +9,7 @@ import pandas as pd
 from cluster import Cluster, block_costs, plan_for
 
 import stochvi
-from stochvi.methods.monte_carlo.blocks import SENDING_SECONDS
+from stochvi.sampling.workers import SENDING_SECONDS
 from stochvi.views.files import write_picture
 
 PRICE = 0.04

@@ -251,7 +251,7 @@ def digits_of(case: Callable[[], Any]) -> dict[str, Any]:
 
 def record_digits(target: Path, chosen: str) -> None:
     """Run the cases that the file does not hold."""
-    from stochvi.methods.monte_carlo.blocks import machine
+    from stochvi.sampling.workers import machine
 
     known = json.loads(target.read_text(encoding="utf-8")) if target.exists() else {}
     known["machine"] = machine()

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import stochvi
-from stochvi.methods.monte_carlo.blocks import machine
+from stochvi.sampling.workers import machine
 from stochvi.scenes.datasets import zoo_files
 
 HERE = Path(__file__).parent

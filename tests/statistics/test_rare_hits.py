@@ -61,7 +61,7 @@ def estimate(kind: Kind, rows: np.ndarray, mission: float) -> Estimate:
 
 def by_splitting(kind: Kind, limit: float, mission: float, count: int) -> tuple[Levels, Estimate]:
     levels = pilot(kind, limit, NEVER)
-    rows = np.array([repetition(kind, levels, i, 1, NEVER) for i in range(count)])
+    rows = np.array([repetition(kind, levels, i, NEVER) for i in range(count)])
     return levels, estimate(kind, rows, mission)
 
 
@@ -84,7 +84,7 @@ def test_splitting_agrees_with_counting_and_bursts_with_the_whole_motion(rel_err
     levels, whole = by_splitting(windows, limit, mission, count)
     assert len(levels.levels) > 2
     at_once = Levels((limit,), (), True)
-    rows = np.array([repetition(windows, at_once, i, 1, NEVER) for i in range(3 * count)])
+    rows = np.array([repetition(windows, at_once, i, NEVER) for i in range(3 * count)])
     counted = estimate(windows, rows, mission)
     for one, other in ((split, whole), (split, counted), (whole, counted)):
         assert_agrees(difference(one, other), 0.0)

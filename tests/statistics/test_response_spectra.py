@@ -17,6 +17,8 @@ from stochvi.methods.monte_carlo.history_plans import plan_histories
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotConverged
 from stochvi.results.intervals import CONFIDENCE
+from stochvi.sampling import run as sampling_run
+from stochvi.sampling.blocks import blocks_of
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Hertz, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
@@ -415,14 +417,14 @@ def test_an_answer_that_falls_short_is_carried_by_an_error() -> None:
 def test_time_that_runs_out_before_a_block_of_a_later_round_keeps_the_rounds_before(
     monkeypatch,
 ) -> None:
-    now, rounds, blocks_between = [0.0], [], method.blocks_between
+    now, rounds = [0.0], []
 
     def the_second_round_is_late(*asked):
         rounds.append(asked)
         now[0] = 0.0 if len(rounds) == 1 else 1e3
-        return blocks_between(*asked)
+        return blocks_of(*asked)
 
-    monkeypatch.setattr(method, "blocks_between", the_second_round_is_late)
+    monkeypatch.setattr(sampling_run, "blocks_of", the_second_round_is_late)
     monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))
     with pytest.raises(NotConverged, match="raise budget") as short:
         spectrum(FREE, rel_error=1e-3, threads=1)

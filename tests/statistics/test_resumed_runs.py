@@ -15,14 +15,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-import stochvi.methods.monte_carlo.checkpoints as checkpoints
+import stochvi.sampling.checkpoints as checkpoints
 from stochvi.cli import main
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.blocks import Crew
-from stochvi.methods.monte_carlo.checkpoints import LONG_SECONDS, Checkpoint
-from stochvi.methods.monte_carlo.plain_values import digest_of, from_plain, to_plain
 from stochvi.results.errors import CheckpointError, NotConverged
 from stochvi.results.intervals import PathMoments
+from stochvi.sampling.checkpoints import LONG_SECONDS, Checkpoint
+from stochvi.sampling.plain_values import digest_of, from_plain, to_plain
+from stochvi.sampling.workers import WorkerPool
 from stochvi.scenes.excitations import TabulatedNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene
@@ -77,16 +77,16 @@ class Blocks:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.done, self.stops_at = 0, -1
-        new_results = Crew._new_results
+        do = WorkerPool.do
 
-        def counted(crew: Crew, *asked: Any) -> Any:
-            for each in new_results(crew, *asked):
+        def counted(pool: WorkerPool, *asked: Any) -> Any:
+            for each in do(pool, *asked):
                 yield each
                 self.done += 1
                 if self.done == self.stops_at:
                     raise KeyboardInterrupt
 
-        monkeypatch.setattr(Crew, "_new_results", counted)
+        monkeypatch.setattr(WorkerPool, "do", counted)
 
     def of(self, calculate: Callable[[], Any]) -> int:
         """Number of blocks of a calculation."""
@@ -164,12 +164,12 @@ def test_killed_it_goes_on(tmp_path: Path) -> None:
     )  # fmt: skip
     deadline = time.monotonic() + 60.0
     while time.monotonic() < deadline and process.poll() is None:
-        if kept.exists() and Checkpoint.read(kept).state["results"]:
+        if kept.exists() and Checkpoint.read(kept).samples:
             break
         time.sleep(0.01)
     process.send_signal(signal.SIGKILL if os.name == "posix" else signal.SIGTERM)
     process.wait()
-    assert Checkpoint.read(kept).state["results"]
+    assert Checkpoint.read(kept).samples
     documents = []
     for more in ([*command], ["impacts", str(scene), "--resume", str(kept)]):
         target = tmp_path / f"{len(documents)}.json"
@@ -200,7 +200,7 @@ def test_what_belongs_to_another_run_is_refused(tmp_path: Path) -> None:
     kept.write_bytes(text[:-9] + text[-8:])
     with pytest.raises(CheckpointError, match="is damaged"):
         impacts(scene, resume=kept)
-    kept.write_bytes(text.replace(b"checkpoint 3", b"checkpoint 4", 1))
+    kept.write_bytes(text.replace(b"checkpoint 4", b"checkpoint 5", 1))
     with pytest.raises(CheckpointError, match="another version of stochvi"):
         impacts(scene, resume=kept)
     kept.write_bytes(text)
@@ -208,9 +208,9 @@ def test_what_belongs_to_another_run_is_refused(tmp_path: Path) -> None:
     checkpoints.replace(found, machine="another").write()
     with pytest.raises(CheckpointError, match="another version or processor"):
         impacts(scene, resume=kept)
-    record = {"blocks": [[0, 1]], "value": {"record": "os:system", "fields": {}}}
-    broken = {work: [record] for work in found.state["results"]}
-    checkpoints.replace(found, state=found.state | {"results": broken}).write()
+    record = {"paths": 1, "goal": 1, "machines": []}
+    record["sample"] = {"record": "os:system", "fields": {}}
+    checkpoints.replace(found, samples=dict.fromkeys(found.samples, record)).write()
     with pytest.raises(CheckpointError, match="does not hold what a checkpoint"):
         impacts(scene, resume=kept)
     reliability(scene, mission=10.0, rel_error=0.5, checkpoint=kept)
@@ -230,7 +230,7 @@ def test_a_table_that_changed_is_refused(tmp_path: Path) -> None:
     spectrum(load_scene(scene), paths=2, checkpoint=kept)
     spectrum(load_scene(scene), resume=kept)
     table.write_text(rows.format(0.011), encoding="utf-8")
-    with pytest.raises(CheckpointError, match="a table that the scene names has changed"):
+    with pytest.raises(CheckpointError, match="a file that the scene names has changed"):
         spectrum(load_scene(scene), resume=kept)
 
 
@@ -249,9 +249,9 @@ def test_a_long_run_is_kept_as_earlier(tmp_path: Path) -> None:
     kept = tmp_path / "run"
     impacts(oscillator(), paths=64, duration=10.0, checkpoint=kept)
     found = Checkpoint.read(kept)
-    checkpoints.replace(found, state=found.state | {"seconds": 2.0 * LONG_SECONDS}).write()
+    checkpoints.replace(found, seconds=2.0 * LONG_SECONDS).write()
     impacts(oscillator(), paths=64, duration=10.0, checkpoint=kept)
-    assert Checkpoint.read(tmp_path / "run.earlier").state["seconds"] == 2.0 * LONG_SECONDS
+    assert Checkpoint.read(tmp_path / "run.earlier").seconds == 2.0 * LONG_SECONDS
 
 
 def test_a_full_disk_costs_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

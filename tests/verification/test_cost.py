@@ -15,13 +15,14 @@ import pytest
 from scipy.stats import chi2
 
 from stochvi import Estimate, NotConverged, cost, exact, load_scene, simulate
-from stochvi.methods.monte_carlo.blocks import crew_of
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.path_statistics import PathStatistics
 from stochvi.methods.monte_carlo.quantities import GOVERNED
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Cost
+from stochvi.sampling.run import Run
+from stochvi.sampling.workers import pool_of
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.testing import assert_agrees
 from stochvi.verification.cost import (
@@ -30,7 +31,6 @@ from stochvi.verification.cost import (
     TARGETS,
     StepError,
     WorkPrecision,
-    _joint_layout,
     _limit,
     _limit_of_steps,
     _simulate,
@@ -225,11 +225,12 @@ def test_the_cpu_seconds_of_all_steps_are_those_of_the_process(
     stub = SimpleNamespace(of=statistics, none=PathStatistics.none)
     monkeypatch.setattr(cost_of, "PathStatistics", stub)
     monkeypatch.setattr(cost_of, "check_price", lambda *_: None)
-    with crew_of(None, threads) as crew:
-        asked = plans, _joint_layout(plans), 1, Deadline.after(600.0)
-        _simulate(*asked, LARGEST_BLOCK, crew, None)  # kernels are loaded, threads are there
+    deadline = Deadline.after(600.0)
+    with pool_of(None, threads) as pool:
+        run = Run(pool, deadline, seed=1)
+        _simulate(plans, deadline, LARGEST_BLOCK, run)  # kernels are loaded, threads are there
         began = time.process_time()
-        _, cpu = _simulate(*asked, blocks * LARGEST_BLOCK, crew, None)
+        _, cpu = _simulate(plans, deadline, blocks * LARGEST_BLOCK, run)
         used = time.process_time() - began
     # a clock is read 10 times in a block, and a thread takes its task and hands it on
     tick, handling = time.get_clock_info("thread_time").resolution, 1e-3

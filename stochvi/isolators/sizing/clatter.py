@@ -8,26 +8,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Executor
-from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.mathematics.arrays import Vector
-from stochvi.methods.monte_carlo.blocks import Crew, blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, plan_tabulated
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
-from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import jackknife_ratio, mean_and_error, student_factor
 from stochvi.results.progress import Progress
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
+from stochvi.sampling.sampler import Sampler
 from stochvi.scenes.impact_laws import Elastic, Viscoelastic
 from stochvi.scenes.scene import Scene
 
@@ -41,23 +40,16 @@ SAMPLES_PER_PERIOD = 40.0
 FIRST_PATHS = 128
 """Number of windows in the first round: enough for a trustworthy standard error."""
 
-MOST_ROUNDS = 12
-"""Largest number of rounds; each simulates as many windows as the last error asks for."""
-
 
 @calculation
+@sampled(rel_error=0.02)
 def clatter(
     scene: Scene,
     clearances: Sequence[float],
     *,
     stiffness_ratios: Sequence[float] | None = None,
     window: float = 18.0,
-    rel_error: float = 0.02,
-    seed: int = 0,
-    threads: int | None = None,
-    executor: Executor | None = None,
-    budget: float | None = 60.0,
-    progress: Progress | None = None,
+    **options: Unpack[AccuracyOptions],
 ) -> pd.DataFrame:
     """Rms and peak of the absolute acceleration against clearance and stiffness of the stops.
 
@@ -79,15 +71,9 @@ def clatter(
         clearance; by default that of the scene.
     window
         Length in seconds of the windows whose largest acceleration is taken.
-    rel_error
-        Relative standard error of the mean largest acceleration to reach, if `budget` (seconds
-        for each row) allows it.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
-    budget
-        Seconds of wall time after which an answer is given with what was reached.
-    threads, executor, progress
-        The same arguments as those of `simulate`; the fraction is that of the rows that are done.
+    **options
+        `AccuracyOptions`: `rel_error` is that of the mean largest acceleration, by default 0.02.
+        The rows share the `budget` evenly, at the end of which they have larger errors.
 
     Returns
     -------
@@ -133,21 +119,25 @@ def clatter(
         for ratio, stopped in _variants(scene, stiffness_ratios)
         for clearance in clearances
     ]
-    with crew_of(executor, threads) as crew:
-        for ratio, stopped, clearance in wanted:
-            plan = plan_windows(at_clearances(stopped, clearance), window)
-            windows = _Windows(plan, plan_windows(free, window), seed, crew)
-            windows.run(rel_error, budget)
-            if progress:
-                progress((len(rows) + 1) / len(wanted), f"row {len(rows) + 1} of {len(wanted)}")
-            rows.append(
-                {
-                    "clearance": clearance,
-                    "clearance_in_sigma": clearance / windows.sigma,
-                    "stiffness_ratio": math.nan if ratio is None else ratio,
-                    **windows.columns(),
-                }
-            )
+    run = Run.of(options)
+    for ratio, stopped, clearance in wanted:
+        if run.deadline.interrupted:
+            break
+        row = replace(run, deadline=run.deadline.share(1.0 / (len(wanted) - len(rows))))
+        row.progress = _of_row(run.progress, len(rows), len(wanted))
+        plan = plan_windows(at_clearances(stopped, clearance), window)
+        windows = _Windows(plan, plan_windows(free, window), row)
+        rows.append(
+            {
+                "clearance": clearance,
+                "clearance_in_sigma": clearance / windows.sigma,
+                "stiffness_ratio": math.nan if ratio is None else ratio,
+                **windows.columns(),
+            }
+        )
+    if run.deadline.interrupted:
+        where = f"after {len(rows)} of {len(wanted)} rows"
+        raise run.deadline.fell_short(where, "", pd.DataFrame(rows))
     return pd.DataFrame(rows)
 
 
@@ -229,59 +219,62 @@ def _averages(plan: TabulatedPlan, seed: int, first_path: int, paths: int) -> _A
     return _Averages(means.impacts, square, extremes.acceleration)
 
 
-def _block(
-    plans: Sequence[TabulatedPlan], seed: int, first: int, paths: int, deadline: Deadline
-) -> list[_Averages]:
-    """The work on a block of windows, or on its first ones where the deadline passes: the same
-    random numbers by every plan."""
+@dataclass(frozen=True, eq=False)
+class WindowSampler(Sampler[list[_Averages], list[_Averages]]):
+    """Windows by several plans, all from the same random numbers."""
 
-    def by_every_plan(first: int, paths: int) -> list[_Averages]:
-        return [_averages(plan, seed, first, paths) for plan in plans]
+    plans: tuple[TabulatedPlan, ...]
+    seed: int
 
-    first_piece, *pieces = in_pieces(by_every_plan, first, paths, deadline)
-    found = first_piece
-    for piece in pieces:
-        found = [old + new for old, new in zip(found, piece, strict=True)]
-    return found
+    @property
+    def block(self) -> int:
+        """Number of windows that are simulated together."""
+        return min(plan.block for plan in self.plans)
+
+    def simulate(self, first_path: int, paths: int) -> list[_Averages]:
+        """Averages of some windows by each plan."""
+        return [_averages(plan, self.seed, first_path, paths) for plan in self.plans]
+
+    def add_up(self, pieces: list[list[_Averages]]) -> list[_Averages]:
+        """Averages of a block."""
+        found = pieces[0]
+        for piece in pieces[1:]:
+            found = self.merge(found, piece)
+        return found
+
+    def merge(self, sample: list[_Averages], more: list[_Averages]) -> list[_Averages]:
+        """Averages of both groups of windows."""
+        return [old + new for old, new in zip(sample, more, strict=True)]
+
+    def paths(self, sample: list[_Averages]) -> int:
+        """Number of windows."""
+        return len(sample[0].largest)
+
+
+def _of_row(progress: Progress | None, row: int, rows: int) -> Progress | None:
+    """Progress of one of several rows."""
+    if progress is None:
+        return None
+    return lambda done, _: progress((row + done) / rows, f"row {row + 1} of {rows}")
 
 
 class _Windows:
     """Windows with stops, with stops at half as many samples, and without stops, all from the same
     random numbers."""
 
-    def __init__(self, plan: TabulatedPlan, free: TabulatedPlan, seed: int, crew: Crew) -> None:
-        self.plans = [plan, plan.coarser(), free]
-        self.work, self.crew = partial(_block, self.plans, seed), crew
-        self.found: list[_Averages] | None = None
+    def __init__(self, plan: TabulatedPlan, free: TabulatedPlan, run: Run) -> None:
+        sampler = WindowSampler((plan, plan.coarser(), free), run.seed)
+
+        def error(found: list[_Averages]) -> float:
+            mean, error = mean_and_error(found[0].largest)
+            return error / mean if mean else 0.0
+
+        self.found = run.to_accuracy(sampler, FIRST_PATHS, error, run.accuracy).sample
         variance = np.sum(free.amplitudes**2)
         self.sigma = math.sqrt(float(variance))
 
-    def run(self, rel_error: float, budget: float | None) -> None:
-        """Simulate more windows until the largest acceleration is known to `rel_error`, or time is
-        up."""
-        size = min(plan.block for plan in self.plans)
-        deadline, done, wanted = Deadline.after(budget), 0, FIRST_PATHS
-
-        for _ in range(MOST_ROUNDS):
-            wanted = size * math.ceil(wanted / size)
-            blocks = [*blocks_between(done, wanted, size)]
-            needed = 1 if self.found is None else 0
-            for block in self.crew.results(self.work, blocks, deadline, at_least=needed):
-                self.found = (
-                    block
-                    if self.found is None
-                    else [old + new for old, new in zip(self.found, block, strict=True)]
-                )
-            assert self.found is not None
-            done = len(self.found[0].largest)
-            mean, error = mean_and_error(self.found[0].largest)
-            if error <= rel_error * mean or deadline.passed():
-                return
-            wanted = math.ceil(done * min(max(1.1 * (error / rel_error / mean) ** 2, 1.25), 4))
-
     def columns(self) -> dict[str, float]:
         """Columns of one row."""
-        assert self.found is not None
         stopped, coarse, free = self.found
         hits, hits_error = mean_and_error(stopped.hits)
         square, square_error = mean_and_error(stopped.mean_square)

@@ -9,23 +9,25 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Unpack
 
 import numpy as np
 
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.clatter import plan_windows
 from stochvi.mathematics.arrays import Vector
-from stochvi.methods.monte_carlo.blocks import blocks_between, crew_of, in_pieces
 from stochvi.methods.monte_carlo.kernels.rows import Extremes
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
 from stochvi.model.model import model_of
-from stochvi.results.deadline import Deadline, partial_result
-from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
+from stochvi.results.deadline import partial_result
+from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import GAUSSIAN_95, binomial_interval
+from stochvi.sampling.options import RunOptions
+from stochvi.sampling.run import Run, sampled
+from stochvi.sampling.sampler import ListSampler
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import Bursts, bursts
 
@@ -65,6 +67,7 @@ def event_of(scene: Scene) -> str:
     return "impact_speed" if rigid else "peak_acceleration"
 
 
+@sampled
 def exceedances(
     scene: Scene,
     clearances: Sequence[float],
@@ -72,9 +75,7 @@ def exceedances(
     *,
     event: str | None = None,
     marks: Sequence[float] = (),
-    seed: int = 0,
-    threads: int | None = None,
-    budget: float | None = 10.0,
+    **options: Unpack[RunOptions],
 ) -> pd.DataFrame:
     """Chance that any hit of a mission exceeds a limit: over limits, at each clearance.
 
@@ -90,8 +91,8 @@ def exceedances(
         Limits for which every clearance has a row where their chance is known; that of the first
         one is found to `REL_ERROR` if the budget allows it. By default, and where no clearance
         exceeds any of them often enough, limits that most clearances have in common.
-    budget
-        Seconds for all clearances together.
+    **options
+        `RunOptions`: `budget` is that of all clearances together.
 
     Returns
     -------
@@ -104,15 +105,14 @@ def exceedances(
     """
     import pandas as pd
 
-    event, deadline = event or event_of(scene), Deadline.after(budget)
+    event, run = event or event_of(scene), Run.of(options)
     seen: list[TrialExtremes] = []
     for number, clearance in enumerate(clearances):
         stopped = at_clearances(scene, clearance)
-        share = deadline.part(1.0 / (len(clearances) - number))
-        asked: dict[str, Any] = {"seed": seed, "threads": threads, "budget": share}
+        one = replace(run, deadline=run.deadline.share(1.0 / (len(clearances) - number)))
         seen.append(
-            _by_bursts(stopped, event, mission, marks, asked)
-            or _by_windows(stopped, event, mission, asked)
+            _by_bursts(stopped, event, mission, marks, one)
+            or _by_windows(stopped, event, mission, one)
         )
     marks = [mark for mark in marks if any(each.chance(mark) for each in seen)] or _common(seen)
     rows = [
@@ -225,7 +225,7 @@ def _common(seen: Sequence[TrialExtremes]) -> tuple[float, ...]:
 
 
 def _by_bursts(
-    scene: Scene, event: str, mission: float, marks: Sequence[float], asked: dict[str, Any]
+    scene: Scene, event: str, mission: float, marks: Sequence[float], run: Run
 ) -> _Bursts | None:
     """Trials by bursts; None where bursts do not end, or overlap."""
     wanted: Callable[[Bursts], Estimate] = Bursts.hit_rate
@@ -233,71 +233,74 @@ def _by_bursts(
         wanted = partial(Bursts.exceedance_rate, name=event, limit=marks[0])
     try:
         found: Bursts = partial_result(
-            bursts, scene, rel_error=REL_ERROR, wanted=wanted, widening=WIDENING, **asked
+            bursts, scene, wanted=wanted, widening=WIDENING, **run.options(rel_error=REL_ERROR)
         )
     except NotApplicable:
         return None
     return _Bursts(found.largest(event), mission, event, found) if found.apart else None
 
 
-def _by_windows(scene: Scene, event: str, mission: float, asked: dict[str, Any]) -> _Windows:
+def _by_windows(scene: Scene, event: str, mission: float, run: Run) -> _Windows:
     """Trials by windows of the whole motion, as many as the time allows."""
     window = min(WINDOW, mission)
-    plan = plan_windows(scene, window)
-    deadline, most = Deadline.after(asked["budget"]), -(-MOST_WINDOWS // plan.block)
-    blocks = [*blocks_between(0, most * plan.block, plan.block)]
-    with crew_of(None, asked["threads"]) as crew:
-        work = partial(_window_extremes, plan, asked["seed"], event)
-        parts = [*crew.results(work, blocks, deadline, at_least=1)]
+    sampler = ExtremeSampler(plan_windows(scene, window), event, run.seed)
+    parts = run.until(sampler, MOST_WINDOWS).sample
     return _Windows(np.concatenate(parts), mission, window)
 
 
+@sampled
 def chance_in_windows(
     scene: Scene, event: str, limit: float, mission: float, *, accepted: float,
-    seed: int = 0, threads: int | None = None, budget: float | None = 10.0,
+    **options: Unpack[RunOptions],
 ) -> Estimate | None:  # fmt: skip
     """Chance that any hit of a mission exceeds a limit, by windows of the whole motion, however
     closely hits follow each other: sampled until its interval lies on one side of an `accepted`
     chance, or the budget ends. None where windows are not simulated.
     """
-    window = min(WINDOW, mission)
+    window, run = min(WINDOW, mission), Run.of(options)
     try:
         plan = plan_windows(scene, window)
     except NotApplicable:
         return None
-    deadline, first, more = Deadline.after(budget), 0, LEAST_WINDOWS
-    parts: list[Vector] = []
-    seen: _Windows | None = None
-    with crew_of(None, threads) as crew:
-        work = partial(_window_extremes, plan, seed, event)
-        while seen is None or not deadline.passed():
-            blocks = [*blocks_between(first, first + more, plan.block)]
-            try:
-                parts += crew.results(work, blocks, deadline, at_least=0 if seen else 1)
-            except (NotConverged, Interrupted):
-                break
-            first, more = first + more, 2 * more  # few looks: each may err once in 40
-            seen = _Windows(np.concatenate(parts), mission, window)
-            _, low, high = seen.interval(limit)
-            if high <= accepted or low > accepted:
-                break
-    return None if seen is None else seen.estimate(limit)
+
+    def more(parts: list[Vector]) -> int:
+        seen = _Windows(np.concatenate(parts), mission, window)
+        _, low, high = seen.interval(limit)
+        known = high <= accepted or low > accepted
+        return 0 if known else len(seen.largest)  # few looks: each may err once in 40
+
+    parts = run.until(ExtremeSampler(plan, event, run.seed), LEAST_WINDOWS, more).sample
+    return _Windows(np.concatenate(parts), mission, window).estimate(limit)
 
 
 LEAST_WINDOWS = 1024
 """Number of windows at the first look at a chance."""
 
 
-def _window_extremes(
-    plan: TabulatedPlan, seed: int, event: str, first: int, paths: int, deadline: Deadline
-) -> Vector:
-    """Largest speeds, or accelerations, of a block of windows, or of its first ones where the
-    deadline passes."""
+@dataclass(frozen=True, eq=False)
+class ExtremeSampler(ListSampler):
+    """Largest impact speeds, or accelerations, of windows."""
 
-    def largest(first: int, paths: int) -> Vector:
+    plan: TabulatedPlan
+    event: str
+    seed: int
+
+    @property
+    def block(self) -> int:
+        """Number of windows that are simulated together."""
+        return self.plan.block
+
+    def simulate(self, first_path: int, paths: int) -> Vector:
+        """The largest of each window."""
         extremes = Extremes.zeros(paths)
-        plan.averages(seed, first, paths, None, extremes.table)
-        speeds = event == "impact_speed"
+        self.plan.averages(self.seed, first_path, paths, None, extremes.table)
+        speeds = self.event == "impact_speed"
         return np.asarray(extremes.impact_speed if speeds else extremes.acceleration)
 
-    return np.concatenate(in_pieces(largest, first, paths, deadline))
+    def add_up(self, pieces: list[Vector]) -> list[Vector]:
+        """Those of a block."""
+        return [np.concatenate(pieces)]
+
+    def paths(self, sample: list[Vector]) -> int:
+        """Number of windows."""
+        return sum(map(len, sample))

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from stochvi.methods.monte_carlo.blocks import PATIENCE_SECONDS
 from stochvi.methods.monte_carlo.compliant_white import plan_compliant
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_contacts import plan_modal_contacts
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables, seconds_of_plan
 from stochvi.methods.monte_carlo.plan import Plan
+from stochvi.methods.monte_carlo.prices import PATIENCE_SECONDS
 from stochvi.methods.monte_carlo.rigid_white import plan_white
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.coverage import beyond_one_oscillator, functions, without_form, without_noise

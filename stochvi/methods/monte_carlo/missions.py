@@ -31,9 +31,9 @@ from stochvi.methods.monte_carlo.rigid_white import (
     kick_over,
     plan_white,
 )
-from stochvi.methods.monte_carlo.stop_flag import check_flag, stop_flag
 from stochvi.model.model import LOWER, UPPER, Model
 from stochvi.results.errors import NotApplicable
+from stochvi.sampling.stop_flag import check_flag, stop_flag
 from stochvi.scenes.impact_laws import CompliantLaw
 
 Start = Literal["rest", "stationary"]

@@ -47,13 +47,13 @@ from stochvi.methods.monte_carlo.step_bias import (
     bias_of_smooth_motion,
     lossiest,
 )
-from stochvi.methods.monte_carlo.stop_flag import check_flag, stop_flag
 from stochvi.model.coverage import without_noise
 from stochvi.model.modal import LinearLaw, ModalForm
 from stochvi.model.model import UPPER, Model, Pair
 from stochvi.model.no_stationary_state import not_stationary
 from stochvi.model.scales import PairScale, scales_of
 from stochvi.results.errors import NotApplicable
+from stochvi.sampling.stop_flag import check_flag, stop_flag
 
 LARGEST_ANGLE = 0.4
 """Largest omega h of a step (rad) for the fastest mode or signal, if any step is free of bias: the

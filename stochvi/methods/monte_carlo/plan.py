@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.path_statistics import Layout
-from stochvi.methods.monte_carlo.stop_flag import check_flag
 from stochvi.model.model import Model
+from stochvi.sampling.stop_flag import check_flag
 
 RELAXATIONS = 12.0
 """Length of the burn-in in units of the slowest time constant: the error of the start, which is

@@ -47,9 +47,9 @@ from stochvi.methods.monte_carlo.step_bias import (
     bias_of_refined_step,
     lossiest,
 )
-from stochvi.methods.monte_carlo.stop_flag import stop_flag
 from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable
+from stochvi.sampling.stop_flag import stop_flag
 
 LARGEST_ANGLE = 1.0
 """Largest omega h of a step (rad) between elastic stops, where any step is free of bias. It is kept

@@ -2,35 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import time
-from concurrent.futures import Executor
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
-from stochvi.methods.monte_carlo.blocks import (
-    FEWEST_AT_ONCE,
-    WorkersLost,
-    check_executor,
-    crew_of,
-    sampling,
-    seconds_of_first_paths,
-    start_crew,
-)
-from stochvi.methods.monte_carlo.checkpoints import Asked, Checkpoint, Files, Keeper, State
 from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
 from stochvi.methods.monte_carlo.plan import Plan
-from stochvi.methods.monte_carlo.quantities import (
-    Key,
-)
-from stochvi.methods.monte_carlo.rounds import (
+from stochvi.methods.monte_carlo.prices import seconds_of_first_paths
+from stochvi.methods.monte_carlo.quantities import Key
+from stochvi.methods.monte_carlo.response_sampler import PathsOf
+from stochvi.methods.monte_carlo.simulation import (
     FEWEST_PATHS,
-    Run,
+    Simulation,
     relative_standard_errors,
     run_until_accurate,
 )
@@ -38,9 +25,12 @@ from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline, Overdue
 from stochvi.results.errors import Interrupted, NotConverged
-from stochvi.results.progress import Progress
 from stochvi.results.response import Response
 from stochvi.results.sizes import MOST_RECORDED, check_size
+from stochvi.sampling.blocks import FEWEST_AT_ONCE
+from stochvi.sampling.options import SamplingOptions, check_options
+from stochvi.sampling.run import Run, sampled
+from stochvi.sampling.workers import WorkersLost, pool_of
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -60,22 +50,13 @@ FEWEST_IN_PILOT = 16
 
 
 @calculation
+@sampled
 def simulate(
     scene: Scene,
     *,
-    rel_error: float | None = None,
-    paths: int | None = None,
-    duration: float | None = None,
-    seed: int | None = None,
-    threads: int | None = None,
-    executor: Executor | None = None,
     speed_threshold: float | None = None,
     slow_impacts: bool = False,
-    budget: float | None = 60.0,
-    progress: Progress | None = None,
-    checkpoint: str | Path | None = None,
-    checkpoint_interval: float = 1.0,
-    resume: str | Path | None = None,
+    **options: Unpack[SamplingOptions],
 ) -> Response:
     """Stationary response by Monte Carlo, with standard errors from independent paths.
 
@@ -90,18 +71,6 @@ def simulate(
     ----------
     scene
         The scene.
-    rel_error
-        Run until mean squares, rate, F1 and F2 have this relative standard error (means:
-        relative to the standard deviation). 0.01 if `paths` is not given either.
-    paths, duration
-        Instead: this many paths of this many seconds each, after burn-in.
-    seed
-        The streams of random numbers belong to (seed, path): same seed, same digits, on any
-        number of threads or machines of one kind. 0 if not given.
-    threads, executor
-        Threads to start here; or any `concurrent.futures.Executor`, as `ProcessPoolExecutor()`,
-        `mpi4py.futures.MPIPoolExecutor()`, or Dask's `Client(address).get_executor()` (see
-        `monte_carlo.clusters`), with `threads` to correct how many tasks it does at once.
     speed_threshold
         Impacts slower than this (m/s) are left out of the rates, never out of F1 and F2. By
         default 0, or 5 % of the rms velocity where a stop loses energy.
@@ -110,20 +79,11 @@ def simulate(
         under white noise at restitutions below 0.5. Ten or more times the cost; without it the
         bias of those rates is unknown (None). F1 and the moments need it only for small errors,
         and get it then by themselves.
-    budget
-        Seconds after which `NotConverged` is raised; None for no limit.
-        It is counted from this start, not from that of the run that is resumed.
-    progress
-        Called with the fraction done and a sentence.
-    checkpoint, checkpoint_interval
-        File to keep what was simulated in: written at once, then every so many seconds and at the
-        end. A checkpoint that is there is replaced (but if it took longer than 10 s to come to,
-        it is kept as FILE.earlier), anything else refused. Where the disk fills up on the way, a
-        warning of the response says so.
-    resume
-        Go on from this checkpoint, and on writing it unless `checkpoint` names another: with its
-        rel_error, paths, duration and seed, to the digits of a run that never stopped. That of a
-        run that ended gives its result again.
+    **options
+        `SamplingOptions`: `rel_error` (0.01 if `paths` is not given either) is that of mean
+        squares, rate, F1 and F2, and of means relative to the standard deviation; or `paths` of
+        `duration` seconds each; `seed`, `threads`, `executor`, `budget`, `progress`,
+        `checkpoint`, `resume`.
 
     Returns
     -------
@@ -162,103 +122,48 @@ def simulate(
     >>> abs(deviation.value - 0.53956) < 4.5 * deviation.standard_error
     True
     """
-    asked = Asked(
-        rel_error=rel_error, paths=paths, duration=duration, seed=seed,
-        speed_threshold=speed_threshold, slow_impacts=slow_impacts,
-    )  # fmt: skip
-    files = Files(checkpoint=checkpoint, interval=checkpoint_interval, resume=resume)
-    files.check()
-    check_executor(executor)
-    check_asked(asked, budget, threads)
-    deadline = Deadline.after(budget)
+    check_threshold(speed_threshold)
+    run = Run.of(options)
     try:
-        run, asked = _begun(scene, asked, files, threads, executor, progress, deadline)
+        plan = make_plan(
+            model_of(scene), speed_threshold, run.duration, slow_impacts, deadline=run.deadline
+        )
+        run.begin()
+        simulation = Simulation(scene, plan, run, compiled(plan), run.seed)
     except KeyboardInterrupt as reason:
-        raise deadline.ended_by_exception(reason, "before any path was simulated") from None
+        where = "before any path was simulated"
+        raise run.deadline.ended_by_exception(reason, where) from None
     try:
-        try:
-            with sampling():
-                _simulate(run, asked, deadline)
-        finally:
-            if executor is None:
-                run.crew.executor.shutdown(wait=False, cancel_futures=True)
-            run.write_checkpoint()
+        if run.paths is None:
+            run_until_accurate(simulation, 0.01 if run.rel_error is None else run.rel_error)
+        elif not simulation.add_paths(run.paths):
+            raise run.deadline.fell_short(
+                f"after {simulation.fine.count} of {run.paths} paths{simulation.cut()}",
+                "raise budget",
+                _so_far(simulation, "not all paths were simulated"),
+            )
     except WorkersLost as error:
-        raise NotConverged(
-            f"{error}, after {run.fine.count} paths; start workers that do, and resume from a "
-            "checkpoint if there is one",
-            _so_far(run, "not all paths were simulated, for want of workers"),
-        ) from error
-    except (NotConverged, Interrupted) as error:
-        error.response = error.response and _noted(run, error.response)
+        lost = _so_far(simulation, "not all paths were simulated, for want of workers")
+        raise NotConverged(f"{error}, after {simulation.fine.count} paths", lost) from error
+    except (NotConverged, Interrupted):
         raise
     except KeyboardInterrupt as reason:  # a second Ctrl-C, or one that a program raises
         by_clock = isinstance(reason, Overdue)
         why = "not all" if by_clock else "interrupted before all"
-        answer = _so_far(run, f"{why} paths were simulated", not by_clock)
-        raise deadline.ended_by_exception(reason, "on the way", answer) from None
-    return _noted(run, run.response())
+        answer = _so_far(simulation, f"{why} paths were simulated", not by_clock)
+        raise run.deadline.ended_by_exception(reason, "on the way", answer) from None
+    return simulation.response()
 
 
-def _begun(
-    scene: Scene, asked: Asked, files: Files, threads: int | None, executor: Executor | None,
-    progress: Progress | None, deadline: Deadline,
-) -> tuple[Run, Asked]:  # fmt: skip
-    """The run with compiled kernels and its first checkpoint, and its arguments with defaults
-    filled in."""
-    before = files.before()
-    if before is None:
-        asked = asked.settled()
-    else:
-        before.check("simulate", scene)
-        asked = Asked(**before.asked_again(asked.given()))
-    model = model_of(scene)
-    plan = make_plan(
-        model, asked.speed_threshold, asked.duration, asked.slow_impacts, deadline=deadline
-    )
-    state = State.start(plan.layout) if before is None else before.resumed(plan)
-    keeper = None
-    if files.target is not None:
-        proof = "" if before is None else before.proof  # a new one takes time to compile
-        begun = Checkpoint.begun(files.target, "simulate", scene, asdict(asked), proof)
-        keeper = Keeper(begun, state.document(), files.interval, files.new)
-    compile_time, proof = _compile(plan)
-    if before is not None:
-        before.check("simulate", scene, proof)
-    if keeper is not None:
-        keeper.begun = replace(keeper.begun, proof=proof)
-    crew = start_crew(executor, threads)
-    return Run(scene, plan, asked.seed or 0, crew, progress, compile_time, state, keeper), asked
-
-
-def _simulate(run: Run, asked: Asked, deadline: Deadline) -> None:
-    """Simulate the given number of paths, or as many as the accuracy or the budget takes."""
-    if asked.paths is None:
-        assert asked.rel_error is not None  # settled
-        run_until_accurate(run, asked.rel_error, deadline)
-        return
-    run.set_goal(asked.paths)
-    if not run.reach_goal(deadline):
-        if run.fine.count < 2:
-            raise deadline.fell_short("before two paths were simulated", "raise budget")
-        raise deadline.fell_short(
-            f"after {run.fine.count} of {asked.paths} paths{run.cut()}",
-            "raise budget",
-            _so_far(run, "not all paths were simulated"),
-        )
-
-
-def _so_far(run: Run, warning: str, interrupted: bool = False) -> Response | None:
+def _so_far(simulation: Simulation, warning: str, interrupted: bool = False) -> Response | None:
     """What the paths say that there are, if they say anything."""
-    if run.fine.count < 2:
+    latest = simulation.run.latest
+    if isinstance(latest, PathsOf):
+        simulation.sample = latest
+    if simulation.fine.count < 2:
         return None
-    response = run.response((f"{warning}: these are the first {run.fine.count}",), interrupted)
-    return _noted(run, response)
-
-
-def _noted(run: Run, response: Response) -> Response:
-    """With a warning if the checkpoint does not hold it."""
-    return response if run.keeper is None else run.keeper.noted(response)
+    count = simulation.fine.count
+    return simulation.response((f"{warning}: these are the first {count}",), interrupted)
 
 
 @calculation
@@ -316,8 +221,9 @@ def record_path(
     """
     import pandas as pd
 
-    check_arguments(None, None, duration, seed, None, None, None)
-    _check_seconds(step=step)
+    check_options({"duration": duration, "seed": seed})
+    if step is not None and not 0.0 < step < math.inf:
+        raise ValueError(f"step must be a positive number of seconds, got {step}")
     if not 0 <= path < 2**40:
         raise ValueError(f"path must be in [0, 2^40), got {path}")
     plan = make_plan(model_of(scene), None, duration)
@@ -389,7 +295,7 @@ def record_paths(
     """
     import pandas as pd
 
-    check_arguments(None, None, duration, seed, None, None, None)
+    check_options({"duration": duration, "seed": seed})
     model = model_of(scene)
     settling = plan_several(model, None, duration).burn_in
     plan = plan_several(model, None, settling + duration)
@@ -463,22 +369,25 @@ def prospect(
     """
     deadline, model = Deadline.after(budget), model_of(scene)
     plan = make_plan(model)
-    compile_time, _ = _compile(plan)
+    compile_time = compiled(plan)
     seconds = max(min(PILOT_SECONDS, deadline.left), LEAST_PILOT_SECONDS)
     price = seconds_of_first_paths(plan, seed, Deadline.after(seconds))
-    with crew_of(None, threads) as crew:
-        run = Run(scene, plan, seed, crew, None, compile_time)
+    with pool_of(None, threads) as pool:
+        run = Run(pool, Deadline.after(seconds))
+        simulation = Simulation(scene, plan, run, compile_time, seed)
         # a pilot of two or three paths would say nothing of errors
         with suppress(NotConverged):
             if price < LARGEST_PRICE_IN_PILOT * seconds:
-                run.add_paths(max(2 * plan.block, FEWEST_PATHS), Deadline.after(seconds))
-        elapsed = run.elapsed
+                simulation.add_paths(max(2 * plan.block, FEWEST_PATHS))
+        elapsed = simulation.seconds
     step_seconds = (
-        elapsed / run.state.steps
-        if run.state.steps
+        elapsed / simulation.steps
+        if simulation.steps
         else price / (FEWEST_AT_ONCE * plan.steps_per_path)
     )
-    relative = relative_standard_errors(run) if run.fine.count >= FEWEST_IN_PILOT else {}
+    relative = (
+        relative_standard_errors(simulation) if simulation.fine.count >= FEWEST_IN_PILOT else {}
+    )
     slowest = max(relative, key=lambda key: relative[key], default=None)
     unseen = any((pair.name, "impact_speed_rate") not in relative for pair in model.pairs)
     if slowest is None:
@@ -508,58 +417,20 @@ def _spoken(model: Model, key: Key) -> str:
     return name if model.single else f"{name} of {owner}"
 
 
-def check_asked(asked: Asked, budget: float | None, threads: int | None) -> None:
-    """ValueError for what makes no sense of what was asked for."""
-    check_arguments(
-        asked.rel_error, asked.paths, asked.duration, asked.seed or 0, asked.speed_threshold,
-        budget, threads,
-    )  # fmt: skip
-
-
-def check_arguments(
-    rel_error: float | None,
-    paths: int | None,
-    duration: float | None,
-    seed: int,
-    speed_threshold: float | None,
-    budget: float | None,
-    threads: int | None,
-) -> None:
-    """ValueError for what makes no sense of what was asked for."""
-    for name, number in (("paths", paths), ("threads", threads), ("seed", seed)):
-        if number is not None and not isinstance(number, (int, np.integer)):
-            raise ValueError(f"{name} must be a whole number, got {number!r}")
-    if rel_error is not None and paths is not None:
-        raise ValueError("give rel_error or paths, not both")
-    if rel_error is not None and not 1e-6 <= rel_error < 1.0:
-        raise ValueError(f"rel_error must be in [1e-6, 1), got {rel_error}")
-    if paths is not None and paths < 2:
-        raise ValueError(f"paths must be at least 2 for a standard error, got {paths}")
-    if threads is not None and threads < 1:
-        raise ValueError(f"threads must be at least 1, got {threads}")
-    if not 0 <= seed < 2**63:
-        raise ValueError(f"seed must be in [0, 2^63), got {seed}")
-    _check_seconds(duration=duration, budget=budget)
+def check_threshold(speed_threshold: float | None) -> None:
+    """Raise ValueError for a speed threshold that is none."""
     if speed_threshold is not None and not 0.0 <= speed_threshold < math.inf:
         raise ValueError(f"speed_threshold must be at least 0, got {speed_threshold}")
 
 
-def _check_seconds(**times: float | None) -> None:
-    for name, value in times.items():
-        if value is not None and not 0.0 < value < math.inf:
-            raise ValueError(f"{name} must be a positive number of seconds, got {value}")
-
-
 def compile_kernels(scene: Scene) -> None:
     """Compile what a simulation of the scene runs, so that no budget pays for it."""
-    _compile(make_plan(model_of(scene)))
+    compiled(make_plan(model_of(scene)))
 
 
-def _compile(plan: Plan) -> tuple[float, str]:
+def compiled(plan: Plan) -> float:
     """Run the kernels once on very short paths; returns the seconds this took (machine code is
-    cached) and a digest of the averages."""
+    cached)."""
     start = time.perf_counter()
-    averages = plan.shortest().averages(0, 0, 2)
-    lengths = np.array([plan.step, plan.burn_in, plan.duration, plan.block])
-    digest = hashlib.sha256(averages.tobytes() + lengths.tobytes()).hexdigest()
-    return time.perf_counter() - start, digest
+    plan.shortest().averages(0, 0, 2)
+    return time.perf_counter() - start

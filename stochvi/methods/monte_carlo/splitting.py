@@ -27,14 +27,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.methods.monte_carlo.blocks import LANES
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.missions import NO_EVENT, Fleet, MissionPlan
-from stochvi.methods.monte_carlo.stop_flag import given_up_after
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotConverged
 from stochvi.results.intervals import binomial_interval, logarithmic_interval, mean_and_error
 from stochvi.results.machine import thread_seconds
+from stochvi.sampling.blocks import LANES
+from stochvi.sampling.stop_flag import GivenUp, given_up_after
 
 SHARE = 0.2
 """Share p of the paths that should reach the next level. The work at a given error is proportional
@@ -122,7 +122,7 @@ def repetition(
 ) -> Trial:
     """One splitting with fixed levels and `particles` paths in each stage.
 
-    Raises `NotConverged` if the deadline passes before it ends, or `GivenUp` within a stage.
+    Raises `GivenUp` if the deadline passes before it ends.
     """
     with given_up_after(deadline):
         return _repetition(plan, levels, seed, hits, first_path, particles, deadline)
@@ -137,7 +137,8 @@ def _repetition(
     random = np.random.default_rng([seed, index])
     chance, steps = 1.0, plan.settled * particles
     for stage, level in enumerate((*levels, math.inf)):
-        _check_deadline(deadline, plan)
+        if deadline.passed():
+            raise GivenUp
         steps += plan.advance(fleet, level)
         reached = np.flatnonzero(fleet.top >= level)
         chance *= len(reached) / particles
@@ -183,16 +184,6 @@ def _hits_of(plan: MissionPlan, fleet: Fleet) -> tuple[Vector, int]:
     return fleet.hits[chosen] + rest.hits, steps
 
 
-def _check_deadline(deadline: Deadline, plan: MissionPlan) -> None:
-    if deadline.passed():
-        # the motion before a short mission is not shorter
-        change = "shorter" if plan.counted > plan.before + plan.settled else "longer"
-        raise NotConverged(
-            "the budget ended before a splitting did; raise budget or rel_error, or ask for a "
-            f"{change} mission"
-        )
-
-
 def _first_path(index: int, stage: int, particles: int) -> int:
     return (index * (MOST_LEVELS + 1) + stage) * particles
 
@@ -217,7 +208,7 @@ def pilot_levels(
     """Levels that a share of about SHARE of the paths reach from the level before.
 
     Every stage is simulated twice: to its end, for the largest energies, and up to the level.
-    Raises `NotConverged` if the deadline passes before it ends, or `GivenUp` within a stage.
+    Raises `GivenUp` if the deadline passes before it ends.
     """
     with given_up_after(deadline):
         return _pilot_levels(plan, seed, first_path, particles, deadline)
@@ -232,7 +223,8 @@ def _pilot_levels(
     levels: list[float] = []
     chance, steps = 1.0, plan.settled * particles
     while True:
-        _check_deadline(deadline, plan)
+        if deadline.passed():
+            raise GivenUp
         again = fleet.chosen(np.arange(particles))
         steps += plan.advance(fleet, math.inf)
         happened = float(fleet.happened.mean())

@@ -59,9 +59,9 @@ from stochvi.methods.monte_carlo.step_bias import (
     bias_of_smooth_motion,
     lossiest,
 )
-from stochvi.methods.monte_carlo.stop_flag import stop_flag
 from stochvi.model.model import Model, Signal, Stop
 from stochvi.results.errors import NotApplicable
+from stochvi.sampling.stop_flag import stop_flag
 from stochvi.scenes.impact_laws import CompliantLaw
 
 SAMPLES_PER_PERIOD = 20.0

@@ -11,22 +11,19 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
-from concurrent.futures import Executor
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
-from stochvi.methods.monte_carlo.blocks import blocks_between, check_price, crew_of, in_pieces
 from stochvi.methods.monte_carlo.impact_logs import ImpactPlan, plan_impacts
+from stochvi.methods.monte_carlo.prices import check_price
 from stochvi.methods.monte_carlo.quantities import collapses
-from stochvi.methods.monte_carlo.resumable import resumable
-from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.methods.monte_carlo.simulate import check_threshold
 from stochvi.methods.monte_carlo.step_bias import lossiest
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions
@@ -35,7 +32,9 @@ from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Cost, Estimate, provenance
 from stochvi.results.intervals import ratio_and_error
-from stochvi.results.progress import Progress
+from stochvi.sampling.options import SamplingOptions
+from stochvi.sampling.run import Run, sampled
+from stochvi.sampling.sampler import ListSampler
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impacts.answer import Exponent, ImpactStatistics, PairStatistics
@@ -117,24 +116,14 @@ left."""
 
 
 @calculation
-@resumable
+@sampled
 def impacts(
     scene: Scene,
     *,
-    rel_error: float | None = None,
-    paths: int | None = None,
-    duration: float | None = None,
     speed_threshold: float | None = None,
     slow_impacts: bool = False,
     first_hits: bool = False,
-    seed: int = 0,
-    threads: int | None = None,
-    executor: Executor | None = None,
-    budget: float | None = 60.0,
-    progress: Progress | None = None,
-    checkpoint: str | Path | None = None,
-    checkpoint_interval: float = 1.0,
-    resume: str | Path | None = None,
+    **options: Unpack[SamplingOptions],
 ) -> ImpactStatistics:
     """Rates, intervals, speeds, energy and clusters of the impacts of every pair.
 
@@ -142,11 +131,6 @@ def impacts(
     ----------
     scene
         Any scene with an impact pair that `simulate` covers.
-    rel_error, paths
-        Relative standard error of every pair's rate to reach, by default 0.02, or instead the
-        number of paths. A pair that is never hit while others are does not count for the error.
-    duration
-        Seconds counted of a path, in eight windows for the dispersion.
     speed_threshold
         Slowest impacts that count, m/s; by default 0, or 5 % of the rms speed where stops lose
         energy.
@@ -155,13 +139,11 @@ def impacts(
     first_hits
         Simulate first crossings, too, for the rate of first hits without stops (one oscillator
         under Gaussian noise, a pair about its mean).
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
-    threads, executor, progress, checkpoint, checkpoint_interval, resume
-        The same arguments as those of `simulate`.
-    budget
-        Seconds after which `NotConverged` is raised with the answer so far; None for no limit.
-        Ctrl-C does the same, with `Interrupted`.
+    **options
+        `SamplingOptions`: `rel_error` of every pair's rate, by default 0.02, or the number of
+        `paths` and their counted `duration`, in eight windows for the dispersion; `seed`,
+        `threads`, `executor`, `budget`, `progress`, `checkpoint`, `resume`. A pair that is never
+        hit while others are does not count for the error.
 
     Returns
     -------
@@ -197,51 +179,43 @@ def impacts(
     >>> abs(found.value - 0.2828) < 4.5 * found.standard_error + 1e-4
     True
     """
-    check_arguments(rel_error, paths, duration, seed, speed_threshold, budget, threads)
-    asked = REL_ERROR if rel_error is None else rel_error
-    started, deadline = time.perf_counter(), Deadline.after(budget)
-    model = model_of(scene)
+    check_threshold(speed_threshold)
+    started, run = time.perf_counter(), Run.of(options)
+    asked = REL_ERROR if run.rel_error is None else run.rel_error
+    deadline, paths, model = run.deadline, run.paths, model_of(scene)
     if conditions := functions(model):
         raise NotApplicable("simulate", conditions)
     shares = {"corner_share": CORNER_SHARE} if lossiest(model) < RESOLVED_EXPONENT else {}
-    plan = plan_impacts(scene, speed_threshold, duration, slow_impacts, deadline=deadline, **shares)
-    grids = {pair.name: _grid(plan, pair) for pair in model.pairs}
-    replace(plan, source=plan.source.shortest()).impacts(seed, 0, 2)
-    check_price([plan.source], seed, deadline)
-    found: dict[str, list[Tally]] = {name: [] for name in grids}
+    plan = plan_impacts(
+        scene, speed_threshold, run.duration, slow_impacts, deadline=deadline, **shares
+    )
+    sampler = ImpactSampler(plan, {pair.name: _grid(plan, pair) for pair in model.pairs}, run.seed)
+    replace(plan, source=plan.source.shortest()).impacts(run.seed, 0, 2)
+    check_price([plan.source], run.seed, deadline)
     sampling = deadline.sooner(FOR_FIRST_HITS) if first_hits else deadline
-    done, target = 0, max(plan.block, FEWEST_PATHS) if paths is None else paths
 
-    work = partial(_block, plan, grids, seed)
-    with crew_of(executor, threads) as crew:
-        while True:
-            blocks = [*blocks_between(done, target, plan.block)]
-            for tallies in crew.results(work, blocks, sampling, at_least=0 if done else 1):
-                for name, tally in tallies.items():
-                    found[name].append(tally)
-                done += len(tally.numbers)  # all pairs have the same paths
-                if progress and paths:
-                    progress(done / paths, f"{done} paths")
-            found = {name: [merged(tallies)] for name, tallies in found.items()}
-            error = _largest_error([tally for (tally,) in found.values()], plan)
-            if progress and not paths:
-                progress((asked / max(error, asked)) ** 2, f"{done} paths")
-            short = _fell_short(done, paths, error, asked, sampling)
-            if short or _reached(done, paths, error, asked):
-                break
-            target = done + math.ceil(done * min(1.1 * (error / asked) ** 2 - 1.0, 3.0))
-            target = math.ceil(target / plan.block) * plan.block
+    def error_of(sample: list[dict[str, Tally]]) -> float:
+        error = _largest_error([*joined(sample).values()], plan)
+        # equal counts on few paths are no error of zero
+        few = sampler.paths(sample) < FEWEST_PATHS
+        hopeless = math.isinf(error) and sampler.paths(sample) >= MOST_UNSEEN
+        return math.inf if few else 0.0 if hopeless else error
+
+    if paths is None:
+        first = max(plan.block, FEWEST_PATHS)
+        taken = run.to_accuracy(sampler, first, error_of, asked, deadline=sampling)
+    else:
+        taken = run.until(sampler, paths, deadline=sampling)
+    done, found = taken.paths, joined(taken.sample)
+    short = _fell_short(done, paths, _largest_error([*found.values()], plan), asked, sampling)
     late = deadline.passed()
     pairs = {
-        pair.name: _pair(scene, pair, plan, grids[pair.name], found[pair.name][0])
+        pair.name: _pair(scene, pair, plan, sampler.grids[pair.name], found[pair.name])
         for pair in model.pairs
     }
     if first_hits and not late:
-        sampled = {"seed": seed, "threads": threads, "executor": executor}
         pairs = {
-            pair.name: replace(
-                pairs[pair.name], first_hit_rate=_first_hits(scene, pair, deadline, sampled)
-            )
+            pair.name: replace(pairs[pair.name], first_hit_rate=_first_hits(scene, pair, run))
             for pair in model.pairs
         }
     answer = ImpactStatistics(
@@ -259,12 +233,12 @@ def impacts(
         ),
         cost=Cost(
             wall_time=time.perf_counter() - started,
-            impacts=round(sum(t.numbers.sum() for tallies in found.values() for t in tallies)),
+            impacts=round(sum(tally.numbers.sum() for tally in found.values())),
             steps=round(done * plan.duration / plan.step),
             paths=done,
-            threads=crew.workers,
+            threads=run.workers,
         ),
-        provenance=provenance(scene.document(), seed),
+        provenance=provenance(scene.document(), run.seed),
     )
     if short:
         raise short(answer)
@@ -308,18 +282,36 @@ def _fell_short(
     return None
 
 
-def _block(
-    plan: ImpactPlan, grids: dict[str, Grid], seed: int, first: int, paths: int, deadline: Deadline
-) -> dict[str, Tally]:
-    """One task: the counts of the impacts of some paths, or of the first of these paths where the
-    deadline passes."""
+@dataclass(frozen=True, eq=False)
+class ImpactSampler(ListSampler):
+    """Counts of the impacts of each path, for each pair."""
 
-    def counted(first: int, paths: int) -> dict[str, Tally]:
-        logs = plan.impacts(seed, first, paths)
-        return {name: Tally.of(log, paths, grids[name]) for name, log in logs.items()}
+    plan: ImpactPlan
+    grids: dict[str, Grid]
+    seed: int
 
-    parts = in_pieces(counted, first, paths, deadline)
-    return {name: merged([part[name] for part in parts]) for name in grids}
+    @property
+    def block(self) -> int:
+        """Number of paths whose impacts are logged together."""
+        return self.plan.block
+
+    def simulate(self, first_path: int, paths: int) -> dict[str, Tally]:
+        """The tallies of some paths."""
+        logs = self.plan.impacts(self.seed, first_path, paths)
+        return {name: Tally.of(log, paths, self.grids[name]) for name, log in logs.items()}
+
+    def add_up(self, pieces: list[dict[str, Tally]]) -> list[dict[str, Tally]]:
+        """The tallies of a block."""
+        return [joined(pieces)]
+
+    def paths(self, sample: list[dict[str, Tally]]) -> int:
+        """Number of paths; all pairs have the same."""
+        return sum(len(next(iter(each.values())).numbers) for each in sample)
+
+
+def joined(parts: list[dict[str, Tally]]) -> dict[str, Tally]:
+    """The tallies of all parts together, in their order."""
+    return {name: merged([part[name] for part in parts]) for name in parts[0]}
 
 
 def _grid(plan: ImpactPlan, pair: Pair) -> Grid:
@@ -440,12 +432,9 @@ def _fitted(fits: NDArray[np.float64], grid: Grid, shift: float | None) -> Estim
     return replace(found, bias=found.bias + shift)
 
 
-def _first_hits(
-    scene: Scene, pair: Pair, deadline: Deadline, sampled: Mapping[str, Any]
-) -> Estimate | None:
+def _first_hits(scene: Scene, pair: Pair, run: Run) -> Estimate | None:
     """Limiting rate of first crossings of the stops without them, as far as it is known by the
-    deadline; None where it does not apply. `sampled` has the other arguments of
-    `first_crossings`."""
+    deadline; None where it does not apply."""
     gap = linear_gap(model_of(scene), pair)
     if gap is None:
         return None
@@ -453,7 +442,7 @@ def _first_hits(
     upper = None if pair.upper is None else pair.upper.position - gap.mean
     try:
         found = partial_result(
-            first_crossings, scene, lower=lower, upper=upper, budget=deadline.rest, **sampled
+            first_crossings, scene, lower=lower, upper=upper, **run.options(progress=None)
         )
     except (NotApplicable, ValueError):  # a scene, or stops, that it does not cover
         return None

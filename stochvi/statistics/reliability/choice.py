@@ -5,15 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from stochvi.methods.monte_carlo.block_results import Block
-from stochvi.methods.monte_carlo.blocks import Crew, Work, blocks_between
 from stochvi.methods.monte_carlo.missions import MissionPlan
-from stochvi.methods.monte_carlo.rounds import PILOT_SEED
+from stochvi.methods.monte_carlo.simulation import PILOT_SEED
 from stochvi.methods.monte_carlo.splitting import (
     PARTICLES,
     SHARE,
@@ -31,7 +28,8 @@ from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import logarithmic_interval, student_factor, upper_limit_unseen
-from stochvi.results.progress import Progress
+from stochvi.sampling.run import Run
+from stochvi.sampling.sampler import ListSampler
 from stochvi.statistics.reliability.answer import Chance
 
 Way = Literal["crude", "splitting", "first crossings"]
@@ -114,20 +112,100 @@ class Found:
     seconds: float
 
 
+@dataclass(frozen=True, eq=False)
+class TrialSampler(ListSampler):
+    """Blocks of paths each of which is one trial, done as a whole or given up: a part of one would
+    over-represent what happens early."""
+
+    plan: MissionPlan
+    seed: int
+
+    def trial(self, first_path: int, paths: int, deadline: Deadline) -> Any:
+        """The trial of a block; `GivenUp` if the deadline passes before its end."""
+        raise NotImplementedError
+
+    def simulate(self, first_path: int, paths: int) -> Any:
+        """The trial of a block."""
+        return self.trial(first_path, paths, NEVER)
+
+    def add_up(self, pieces: list[Any]) -> list[Any]:
+        """The trials."""
+        return pieces
+
+    def sample(self, first_path: int, paths: int, deadline: Deadline) -> list[Any]:
+        """The trial of a block."""
+        return [self.trial(first_path, paths, deadline)]
+
+    def paths(self, sample: list[Any]) -> int:
+        """Number of paths."""
+        return len(sample) * self.block
+
+    def is_whole(self, sample: list[Any], paths: int) -> bool:
+        """Always: a trial is done as a whole."""
+        return True
+
+
+@dataclass(frozen=True, eq=False)
+class MissionSampler(TrialSampler):
+    """Crude missions."""
+
+    hits: bool
+
+    @property
+    def block(self) -> int:
+        """Number of missions in a block."""
+        return crude_block(self.plan)
+
+    def trial(self, first_path: int, paths: int, deadline: Deadline) -> Any:
+        """Some crude missions."""
+        return crude(self.plan, self.seed, self.hits, first_path, paths, deadline)
+
+
+@dataclass(frozen=True, eq=False)
+class RepetitionSampler(TrialSampler):
+    """Repetitions of a splitting with fixed levels."""
+
+    levels: tuple[float, ...]
+    hits: bool
+    particles: int
+
+    @property
+    def block(self) -> int:
+        """Number of paths in a stage of a repetition."""
+        return self.particles
+
+    def trial(self, first_path: int, paths: int, deadline: Deadline) -> Any:
+        """One repetition."""
+        return repetition(self.plan, self.levels, self.seed, self.hits, first_path, paths, deadline)
+
+
+@dataclass(frozen=True, eq=False)
+class LevelSampler(TrialSampler):
+    """The levels of a splitting, from one pilot."""
+
+    particles: int
+
+    @property
+    def block(self) -> int:
+        """Number of paths in a stage of the pilot."""
+        return self.particles
+
+    def trial(self, first_path: int, paths: int, deadline: Deadline) -> Any:
+        """The levels."""
+        return pilot_levels(self.plan, self.seed, first_path, paths, deadline)
+
+
 @dataclass(kw_only=True)
 class Jobs:
-    """The settings with which chances are found: workers, seed, accuracy and budget.
+    """The settings with which chances are found: the run with its seed and accuracy, and budget.
 
     `until` is the deadline of the present calculation; `cut_short` names the results that come from
     fewer trials than were asked for.
     """
 
-    crew: Crew
-    seed: int
-    rel_error: float
+    run: Run
     confidence: float
     deadline: Deadline
-    progress: Progress | None
     until: Deadline = NEVER
     cut_short: list[str] = field(default_factory=list)
 
@@ -135,14 +213,12 @@ class Jobs:
     def sampling(self) -> dict[str, Any]:
         """Arguments of another calculation that samples for the same answer, in the time that is
         left."""
-        crew = self.crew
-        return {
-            "seed": self.seed,
-            "threads": crew.workers,
-            "executor": crew.executor if crew.external_executor else None,
-            "budget": self.deadline.sooner(KEPT).rest,
-            "progress": self.progress,
-        }
+        return self.run.options(self.deadline.sooner(KEPT))
+
+    @property
+    def rel_error(self) -> float:
+        """The relative error that is asked for."""
+        return self.run.accuracy
 
     @property
     def sampling_to_rel_error(self) -> dict[str, Any]:
@@ -229,8 +305,8 @@ class Jobs:
         repeated: Sample | None = None
         particles = PARTICLES
         if way != "crude" and (way == "splitting" or pilot.chance < SHARE):
-            work = partial(pilot_levels, plan, self._seed("levels"))
-            (levels,) = self._all(work, [(0, particles)])
+            sampler = LevelSampler(plan, self._seed("levels"), particles)
+            (levels,) = self._all(sampler, particles)
             steps, spent = steps + levels.steps, spent + levels.seconds
             while True:
                 repeated = self._repeated(
@@ -346,38 +422,38 @@ class Jobs:
     def _missions(
         self, plan: MissionPlan, purpose: str, missions: int, hits: bool, enough: float = math.inf
     ) -> Counted:
-        blocks = [*blocks_between(0, missions, crude_block(plan))]
-        work = partial(crude, plan, self._seed(purpose), hits)
-        return of_missions(self._all(work, blocks, enough))
+        sampler = MissionSampler(plan, self._seed(purpose), hits)
+        return of_missions(self._all(sampler, missions, enough))
 
     def _repeated(
         self, plan: MissionPlan, levels: Levels, purpose: str, count: int, particles: int,
         hits: bool, enough: float = math.inf,
     ) -> Sample:  # fmt: skip
-        blocks = [*blocks_between(0, count * particles, particles)]
-        work = partial(repetition, plan, levels.levels, self._seed(purpose), hits)
-        return of_repetitions(self._all(work, blocks, enough))
+        sampler = RepetitionSampler(plan, self._seed(purpose), levels.levels, hits, particles)
+        return of_repetitions(self._all(sampler, count * particles, enough))
 
-    def _all(self, work: Work, blocks: list[Block], enough: float = math.inf) -> list[Any]:
-        """Results of the work on all blocks, in their order; when time is up, those of the first
-        ones if they are `enough`."""
+    def _all(self, sampler: TrialSampler, paths: int, enough: float = math.inf) -> list[Any]:
+        """The trials of so many paths, in their order; when time is up, the first ones if they are
+        `enough` blocks."""
+        blocks = math.ceil(paths / sampler.block)
+
+        def tell(done: list[Any]) -> tuple[float, str]:
+            return len(done) / blocks, f"{len(done)} of {blocks} parts"
+
         done: list[Any] = []
         try:
-            for result in self.crew.results(work, blocks, self.until):
-                done.append(result)
-                if self.progress:
-                    self.progress(len(done) / len(blocks), f"{len(done)} of {len(blocks)} parts")
+            done = self.run.until(sampler, paths, deadline=self.until, needed=0, tell=tell).sample
         except NotConverged:
             if not self.until.passed():
                 raise
-        if len(done) < min(len(blocks), enough):
+        if len(done) < min(blocks, enough):
             raise self.deadline.fell_short(
-                f"after {len(done)} of {len(blocks)} parts of a stage", "raise budget or rel_error"
+                f"after {len(done)} of {blocks} parts of a stage", "raise budget or rel_error"
             )
         return done
 
     def _seed(self, purpose: str) -> int:
-        seed = self.seed if purpose in OF_THE_ANSWER else PILOT_SEED
+        seed = self.run.seed if purpose in OF_THE_ANSWER else PILOT_SEED
         sequence = np.random.SeedSequence([seed, PURPOSES.index(purpose)])
         return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 

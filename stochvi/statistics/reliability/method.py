@@ -15,13 +15,11 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping
-from concurrent.futures import Executor
 from dataclasses import replace
-from pathlib import Path
+from typing import Unpack
 
 from scipy.special import ndtr
 
-from stochvi.methods.monte_carlo.blocks import crew_of
 from stochvi.methods.monte_carlo.missions import (
     MissionPlan,
     Start,
@@ -30,15 +28,13 @@ from stochvi.methods.monte_carlo.missions import (
     passage_plan,
     settling_time,
 )
-from stochvi.methods.monte_carlo.resumable import resumable
-from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator, without_noise
 from stochvi.model.model import Model, model_of
-from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Cost, Estimate, provenance
-from stochvi.results.progress import Progress
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import deviations
 from stochvi.statistics.pair_crossings import same_gaps
@@ -68,7 +64,7 @@ AT_ONCE = 0.05
 
 
 @calculation
-@resumable
+@sampled(rel_error=0.05)
 def reliability(
     scene: Scene,
     *,
@@ -80,16 +76,8 @@ def reliability(
     pair: str | None = None,
     start: Start = "stationary",
     way: Way | None = None,
-    rel_error: float = 0.05,
     confidence: float = 0.95,
-    seed: int = 0,
-    threads: int | None = None,
-    executor: Executor | None = None,
-    budget: float | None = 60.0,
-    progress: Progress | None = None,
-    checkpoint: str | Path | None = None,
-    checkpoint_interval: float = 1.0,
-    resume: str | Path | None = None,
+    **options: Unpack[AccuracyOptions],
 ) -> Reliability:
     """P(any hit), P(too fast a hit), P(too high an acceleration) and expected hits in a mission.
 
@@ -119,17 +107,12 @@ def reliability(
         with the stops.
     way
         "crude", "splitting" or "first crossings" instead of what the pilot would choose.
-    rel_error
-        Relative standard error of each chance, and of the expected hits.
     confidence
         Confidence level of intervals.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
-    threads, executor, progress, checkpoint, checkpoint_interval, resume
-        The same arguments as those of `simulate`.
-    budget
-        Seconds for all of them together, compilation apart, after which `NotConverged` is raised;
-        its `partial` holds what was found, and names what is missing. None for no limit.
+    **options
+        `AccuracyOptions`: `rel_error` is that of each chance and of the expected hits, by default
+        0.05; `budget` is for all of them together, and the answer that an error carries names what
+        is missing.
 
     Returns
     -------
@@ -162,20 +145,15 @@ def reliability(
     >>> chance.way, abs(chance.estimate.value - 7.29e-7) < 4.5 * chance.estimate.standard_error
     ('splitting', True)
     """
-    _check(mission, impact_speed, peak_acceleration, start, way, rel_error, confidence)
-    check_arguments(None, None, None, seed, None, budget, threads)
-    started = time.perf_counter()
+    run = Run.of(options)
+    _check(mission, impact_speed, peak_acceleration, start, way, run.accuracy, confidence)
+    started, jobs = time.perf_counter(), Jobs(run=run, confidence=confidence, deadline=run.deadline)
     model = model_of(scene)
     check_pair(model, pair)
     if not model.single:
         _check_several(model, barrier, start, way)
         hardest = _limits_of_pairs(scene, impact_speed, peak_acceleration, at)
-        with crew_of(executor, threads) as crew:
-            jobs = Jobs(
-                crew=crew, seed=seed, rel_error=rel_error, confidence=confidence,
-                deadline=Deadline.after(budget), progress=progress,
-            )  # fmt: skip
-            return _of_pairs(scene, pair, hardest, mission, jobs, started)
+        return _of_pairs(scene, pair, hardest, mission, jobs, started)
     if at is not None:
         raise ValueError(f"at is for several coordinates or pairs, got {at!r} for one oscillator")
     ends = _barriers(model, barrier)
@@ -192,16 +170,11 @@ def reliability(
         )
         if limit is not None
     }  # fmt: skip
-    with crew_of(executor, threads) as crew:
-        jobs = Jobs(
-            crew=crew, seed=seed, rel_error=rel_error, confidence=confidence,
-            deadline=Deadline.after(budget), progress=progress,
-        )  # fmt: skip
-        if coloured:
-            chances, hits, missing = by_conditioning(scene, ends, limits, mission, jobs)
-        else:
-            chances, hits, missing = _sampled(model, scene, ends, limits, mission, start, way, jobs)
-        missing |= _inaccurate(_estimates(chances, hits), jobs)
+    if coloured:
+        chances, hits, missing = by_conditioning(scene, ends, limits, mission, jobs)
+    else:
+        chances, hits, missing = _sampled(model, scene, ends, limits, mission, start, way, jobs)
+    missing |= _inaccurate(_estimates(chances, hits), jobs)
     found = Reliability(
         mission=mission,
         start=start,
@@ -221,9 +194,9 @@ def reliability(
             steps=sum(chance.steps for chance in chances.values())
             + (0 if hits is None else hits.steps),
             paths=sum(chance.trials for chance in chances.values()),
-            threads=crew.workers,
+            threads=run.workers,
         ),
-        provenance=provenance(scene.document(), seed),
+        provenance=provenance(scene.document(), run.seed),
     )
     unfound = [name.replace("_", " ") for name in missing]
     if jobs.deadline.interrupted:
@@ -235,7 +208,7 @@ def reliability(
         reasons = zip(unfound, missing.values(), strict=True)
         raise NotConverged("; ".join(f"{name}: {why}" for name, why in reasons), found)
     if jobs.cut_short:
-        where = f"before the relative error of {', '.join(jobs.cut_short)} was {rel_error:g}"
+        where = f"before the relative error of {', '.join(jobs.cut_short)} was {run.accuracy:g}"
         raise jobs.deadline.fell_short(where, "raise budget or rel_error", found)
     return found
 
@@ -341,9 +314,9 @@ def _of_pairs(
             wall_time=time.perf_counter() - started,
             steps=0 if hits is None else hits.steps,
             paths=sum(each.trials for each in chances.values()),
-            threads=jobs.crew.workers,
+            threads=jobs.run.workers,
         ),
-        provenance=provenance(scene.document(), jobs.seed),
+        provenance=provenance(scene.document(), jobs.run.seed),
     )
     if jobs.deadline.interrupted:
         raise jobs.deadline.fell_short("before its errors were small enough", "", found)

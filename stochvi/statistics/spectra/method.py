@@ -19,25 +19,23 @@ from __future__ import annotations
 
 import math
 import time
-from concurrent.futures import Executor
-from functools import partial
-from pathlib import Path
-from typing import Literal
+from dataclasses import dataclass
+from typing import Literal, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.monte_carlo.blocks import blocks_between, check_price, crew_of, in_pieces
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
-from stochvi.methods.monte_carlo.resumable import resumable
-from stochvi.methods.monte_carlo.simulate import check_arguments
+from stochvi.methods.monte_carlo.prices import check_price
 from stochvi.model.calculations import calculation
 from stochvi.model.model import Model
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.intervals import CONFIDENCE, PathMoments, delta_method, student_quantile
-from stochvi.results.progress import Progress
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
+from stochvi.sampling.sampler import Sampler
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.spectra.answer import UNITS, Curve, ResponseSpectrum
@@ -88,23 +86,15 @@ higher."""
 
 
 @calculation
-@resumable
+@sampled
 def spectrum(
     scene: Scene,
     *,
-    rel_error: float | None = None,
     paths: int | None = None,
     method: Literal["welch", "multitaper"] = "welch",
     highest: float | None = None,
     segment: float | None = None,
-    seed: int = 0,
-    threads: int | None = None,
-    executor: Executor | None = None,
-    budget: float | None = 60.0,
-    progress: Progress | None = None,
-    checkpoint: str | Path | None = None,
-    checkpoint_interval: float = 1.0,
-    resume: str | Path | None = None,
+    **options: Unpack[AccuracyOptions],
 ) -> ResponseSpectrum:
     """Power spectral densities of the stationary response, one-sided per hertz, with 95 % bands.
 
@@ -120,21 +110,17 @@ def spectrum(
     ----------
     scene
         Any scene that `simulate` covers.
-    rel_error, paths
-        Median relative standard error to reach, by default 0.05, or instead the number of paths.
+    paths
+        Number of paths, instead of a relative error.
     method
         Welch's: Hann segments that overlap by half. Or Thomson's multitapers over whole paths.
     highest
         Frequency up to which to estimate, Hz; by default four times that of the fastest mode.
     segment
         Length of a segment, s; by default 21 over the narrowest half-power bandwidth.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
-    threads, executor, progress, checkpoint, checkpoint_interval, resume
-        The same arguments as those of `simulate`.
-    budget
-        Seconds after which `NotConverged` is raised with the answer so far; None for no limit.
-        Ctrl-C does the same, with `Interrupted`.
+    **options
+        `AccuracyOptions`: `rel_error` is the median relative standard error to reach, by default
+        0.05; `seed`, `threads`, `executor`, `budget`, `progress`, `checkpoint`, `resume`.
 
     Returns
     -------
@@ -169,42 +155,23 @@ def spectrum(
     >>> bool(0.3 < below < 0.5)
     True
     """
-    check_arguments(rel_error, paths, None, seed, None, budget, threads)
     _check_options(method, highest, segment)
-    asked = REL_ERROR if rel_error is None else rel_error
-    started, deadline = time.perf_counter(), Deadline.after(budget)
-    plan, layout, bandwidth = _planned(scene, method, highest, segment, deadline)
-    plan.plan.shortest().histories(seed, 0, 2, samples=2)
-    check_price([plan.plan], seed, deadline)
-    target = FEWEST_PATHS if paths is None else paths
-    moments: PathMoments | None = None
-    error = math.inf
-
-    work = partial(_block, plan, layout, seed)
-    with crew_of(executor, threads) as crew:
-        while True:
-            part: PathMoments | None = None  # of the round under way
-            first = 0 if moments is None else moments.count
-            blocks = [*blocks_between(first, target, plan.block)]
-            needed = 1 if moments is None else 0
-            for part in crew.merged(work, blocks, PathMoments.merge, deadline, needed):
-                if progress:
-                    there = first + part.count
-                    share = there / paths if paths else _share(part, asked, first, error)
-                    progress(min(share, 1.0), f"{there} paths")
-            if part is not None:  # time may run out before a block of a later round
-                moments = part if moments is None else moments.merge(part)
-            assert moments is not None
-            error = _median_error(moments)
-            if progress and not paths:
-                progress((asked / max(error, asked)) ** 2, f"{moments.count} paths")
-            if deadline.passed() or paths is not None or error <= asked:
-                break
-            target = math.ceil(moments.count * min(1.1 * (error / asked) ** 2, 4.0)) + 1
+    started, run = time.perf_counter(), Run.of(options)
+    asked = REL_ERROR if run.rel_error is None else run.rel_error
+    plan, layout, bandwidth = _planned(scene, method, highest, segment, run.deadline)
+    plan.plan.shortest().histories(run.seed, 0, 2, samples=2)
+    check_price([plan.plan], run.seed, run.deadline)
+    sampler = SpectrumSampler(plan, layout, run.seed)
+    if paths is None:
+        found = run.to_accuracy(sampler, FEWEST_PATHS, _median_error, asked)
+    else:
+        found = run.until(sampler, paths)
+    moments = found.sample
     short = remedy = ""
-    if paths is not None and moments.count < paths:
+    if not found.enough and paths is not None:
         short, remedy = f"after {moments.count} of {paths} paths", "raise budget"
-    elif error > asked and paths is None:
+    elif not found.enough:
+        error = _median_error(moments)
         short = f"at a median relative standard error of {error:.2g}, asked for {asked:g}"
         remedy = "raise budget or rel_error"
     curves, meanings = _curves(scene, plan, layout, moments, method)
@@ -227,12 +194,12 @@ def spectrum(
             wall_time=time.perf_counter() - started,
             steps=moments.count * (plan.samples + plan.plan.settling),
             paths=moments.count,
-            threads=crew.workers,
+            threads=run.workers,
         ),
-        provenance=provenance(scene.document(), seed),
+        provenance=provenance(scene.document(), run.seed),
     )
     if short:
-        raise deadline.fell_short(short, remedy, answer)
+        raise run.deadline.fell_short(short, remedy, answer)
     return answer
 
 
@@ -295,24 +262,35 @@ def _jumps(model: Model) -> list[float]:
     return [float(end) for pair in ends for end in pair]
 
 
-def _block(
-    plan: HistoryPlan, layout: Layout, seed: int, first: int, paths: int, deadline: Deadline
-) -> PathMoments:
-    """One task: the moments of records of some paths, or of the first of these paths where the
-    deadline passes."""
+@dataclass(frozen=True, eq=False)
+class SpectrumSampler(Sampler[NDArray[np.float64], PathMoments]):
+    """Products of the transforms of records, averaged over paths."""
 
-    def reduced(first: int, paths: int) -> NDArray[np.float64]:
-        return products(channels_of(plan, plan.histories(seed, first, paths)), layout)
+    plan: HistoryPlan
+    layout: Layout
+    seed: int
 
-    return moments_of(np.concatenate(in_pieces(reduced, first, paths, deadline)))
+    @property
+    def block(self) -> int:
+        """Number of paths that are recorded together."""
+        return self.plan.block
 
+    def simulate(self, first_path: int, paths: int) -> NDArray[np.float64]:
+        """Products of each path, (paths, rows, bins)."""
+        records = self.plan.histories(self.seed, first_path, paths)
+        return products(channels_of(self.plan, records), self.layout)
 
-def _share(part: PathMoments, asked: float, before: int, error: float) -> float:
-    """Share of the paths needed for the error `asked` that are done: the `before` ones of earlier
-    rounds, whose error is `error`, and those of this round."""
-    if before:
-        return (asked / error) ** 2 * (before + part.count) / before
-    return (asked / _median_error(part)) ** 2 if part.count > 1 else 0.0
+    def add_up(self, pieces: list[NDArray[np.float64]]) -> PathMoments:
+        """Their moments."""
+        return moments_of(np.concatenate(pieces))
+
+    def merge(self, sample: PathMoments, more: PathMoments) -> PathMoments:
+        """The moments of both groups of paths."""
+        return sample.merge(more)
+
+    def paths(self, sample: PathMoments) -> int:
+        """Number of paths."""
+        return sample.count
 
 
 def _median_error(moments: PathMoments) -> float:

@@ -7,12 +7,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stochvi.methods.monte_carlo.simulate import check_arguments
 from stochvi.model.calculations import calculation
 from stochvi.results.base import COMMON, Result
 from stochvi.results.estimates import Cost, Estimate, format_with_error
 from stochvi.results.intervals import normal_score, student_quantile
 from stochvi.results.response import QUANTITY_UNITS, CoordinateResponse, PairResponse, Response
+from stochvi.sampling.options import check_options
 from stochvi.scenes.scene import Scene
 from stochvi.verification.check import (
     AGREES,
@@ -295,7 +295,7 @@ def judge(
     True
     """
     _check_allowed(allowed_percent)
-    check_arguments(None, None, None, seed, None, None, None)
+    check_options({"seed": seed})
     known = known_problems(scenes, paths=paths, relaxations=relaxations)
     seeds = seeds_of(seed, len(known))
     measured = [

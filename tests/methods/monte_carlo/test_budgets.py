@@ -20,20 +20,20 @@ from stochvi import (
     load_scene,
     simulate,
 )
-from stochvi.methods.monte_carlo import blocks, rounds
-from stochvi.methods.monte_carlo.blocks import (
-    FULL_LANES,
-    averages_in_time,
-    check_price,
-    crew_of,
-)
+from stochvi.methods.monte_carlo import prices, simulation
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.plan import RELAXATIONS, Plan
+from stochvi.methods.monte_carlo.prices import check_price
+from stochvi.methods.monte_carlo.response_sampler import averages_in_time
 from stochvi.methods.monte_carlo.rigid_white import COLLAPSE_RESTITUTION, WhitePaths, WhitePlan
-from stochvi.methods.monte_carlo.stop_flag import GivenUp
 from stochvi.model.model import model_of
 from stochvi.results import Interrupted
 from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
+from stochvi.sampling import run as sampling_run
+from stochvi.sampling.blocks import FULL_LANES
+from stochvi.sampling.run import Run
+from stochvi.sampling.stop_flag import GivenUp
+from stochvi.sampling.workers import pool_of
 from stochvi.scenes.datasets import shipped_scene, zoo_files
 from stochvi.scenes.excitations import ConstantLoad
 from stochvi.testing import assert_agrees
@@ -186,9 +186,9 @@ def test_a_price_is_found_in_a_moment_also_where_there_is_much_time(
 ) -> None:
     """The trials of a path of 3 s used to take as long again where the budget was 400 s."""
     clock = [0.0]
-    monkeypatch.setattr(blocks, "thread_seconds", lambda: clock[0])
-    price = blocks.seconds_of_first_paths(SlowPlan(100_000, clock), 0, Deadline.after(400.0))
-    assert price == pytest.approx(100.0) and clock[0] < 4.0 * blocks.MOST_PRICE
+    monkeypatch.setattr(prices, "thread_seconds", lambda: clock[0])
+    price = prices.seconds_of_first_paths(SlowPlan(100_000, clock), 0, Deadline.after(400.0))
+    assert price == pytest.approx(100.0) and clock[0] < 4.0 * prices.MOST_PRICE
 
 
 @pytest.mark.parametrize("name", ["isolator-bumper", "rigid-box"])
@@ -196,11 +196,11 @@ def test_the_price_of_synthesised_paths_is_not_that_of_their_first_samples(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On a slow machine a block of three samples seemed to make 7000 as dear as 2000 blocks."""
-    monkeypatch.setattr(blocks, "_seconds_of", lambda *_: blocks.MOST_PRICE)
+    monkeypatch.setattr(prices, "_seconds_of", lambda *_: prices.MOST_PRICE)
     deadline = Deadline.after(1000.0)
     synthesised = make_plan(model_of(load_scene(shipped_scene(name))))
-    assert blocks.seconds_of_first_paths(synthesised, 0, deadline) == 0.0
-    assert blocks.seconds_of_first_paths(plan_of(2e3), 0, deadline) > 1.0  # in steps
+    assert prices.seconds_of_first_paths(synthesised, 0, deadline) == 0.0
+    assert prices.seconds_of_first_paths(plan_of(2e3), 0, deadline) > 1.0  # in steps
 
 
 def test_paths_are_not_begun_after_ctrl_c() -> None:
@@ -216,13 +216,13 @@ def test_progress_does_not_go_back_where_the_step_is_halved(
 ) -> None:
     """The step is chosen before the first path of the answer."""
 
-    def biased(run: rounds.Run, errors: float) -> float:
+    def biased(run: simulation.Simulation, errors: float) -> float:
         return 1.0 if run.plan.step > halved else 0.0
 
     scene, fractions = oscillator(-1.0, 1.0, 0.5), list[float]()
     halved = 0.6 * make_plan(model_of(scene)).step
-    monkeypatch.setattr(rounds, "largest_bias", biased)
-    monkeypatch.setattr(rounds, "REPORT_SECONDS", 0.0)
+    monkeypatch.setattr(simulation, "largest_bias", biased)
+    monkeypatch.setattr(sampling_run, "REPORT_SECONDS", 0.0)
     found = simulate(
         scene, rel_error=0.002, threads=1, progress=lambda done, _: fractions.append(done)
     )
@@ -234,13 +234,14 @@ def test_the_seed_does_not_decide_the_scheme() -> None:
     """One stop at rest: the plain step leaves 1.6 % in F1, and rates that are 12 % too low."""
     scene, seeds, asked = oscillator(0.0, None, 0.3), range(6), 0.0125
     plan = make_plan(model_of(scene))
-    with crew_of(None, 1) as crew:
-        runs = [rounds.Run(scene, plan, seed, crew, None, 0.0) for seed in seeds]
+    with pool_of(None, 1) as pool:
+        run = Run(pool, NEVER)
+        runs = [simulation.Simulation(scene, plan, run, 0.0, seed) for seed in seeds]
         own = set()
-        for run in runs:
-            rounds.choose_step(run, asked, NEVER)
-            again = rounds.Run(scene, plan, run.seed, crew, None, 0.0)
+        for each in runs:
+            simulation.choose_step(each, asked)
+            again = simulation.Simulation(scene, plan, run, 0.0, each.seed)
             again.add_paths(1024)
-            own.add(rounds.largest_bias(again, 1.0) > asked)
-    assert len({run.plan for run in runs}) == 1 and runs[0].plan.slow_impacts
+            own.add(simulation.largest_bias(again, 1.0) > asked)
+    assert len({each.plan for each in runs}) == 1 and runs[0].plan.slow_impacts
     assert own == {False, True}  # negative control: by its own paths each run was lucky or not

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-import stochvi.methods.monte_carlo.checkpoints as checkpoints
+import stochvi.sampling.checkpoints as checkpoints
 from stochvi.cli import main
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.checkpoints import LONG_SECONDS, Checkpoint
 from stochvi.results.atomic_files import write_whole
 from stochvi.results.errors import CheckpointError, Interrupted, NotConverged
+from stochvi.sampling.checkpoints import LONG_SECONDS, Checkpoint
 from stochvi.scenes.excitations import WhiteNoise
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
@@ -38,7 +38,7 @@ def oscillator() -> Scene:
 
 
 def paths_in(kept: Path) -> int:
-    return Checkpoint.read(kept).state["fine"]["count"]
+    return sum(each["paths"] for each in Checkpoint.read(kept).samples.values())
 
 
 # ---- what is there ----------------------------------------------------------------------------
@@ -84,15 +84,15 @@ def test_what_took_long_is_kept_as_earlier(tmp_path: Path) -> None:
         """After a run that took so long."""
         simulate(oscillator(), **ASKED, checkpoint=kept)
         found = Checkpoint.read(kept)
-        replace(found, state={**found.state, "seconds": seconds}).write()
+        replace(found, seconds=seconds).write()
         simulate(oscillator(), **ASKED, checkpoint=kept)
 
     rerun(0.5 * LONG_SECONDS)
     assert not earlier.exists()
     for seconds, longest in ((3.0, 3.0), (2.0, 3.0), (4.0, 4.0)):
         rerun(seconds * LONG_SECONDS)
-        assert Checkpoint.read(earlier).state["seconds"] == longest * LONG_SECONDS
-    assert Checkpoint.read(kept).state["seconds"] < LONG_SECONDS
+        assert Checkpoint.read(earlier).seconds == longest * LONG_SECONDS
+    assert Checkpoint.read(kept).seconds < LONG_SECONDS
     simulate(oscillator(), resume=earlier)  # that goes on is no new run: it stays where it is
     assert earlier.exists()
 
@@ -184,40 +184,44 @@ def test_another_format_and_missing_keys_are_said(tmp_path: Path) -> None:
     kept = tmp_path / "run"
     simulate(oscillator(), **ASKED, checkpoint=kept)
     text = kept.read_bytes()
-    kept.write_bytes(text.replace(b"checkpoint 3", b"checkpoint 12", 1))
-    with pytest.raises(CheckpointError, match=r"another version of stochvi \(format 12, here 3\)"):
+    kept.write_bytes(text.replace(b"checkpoint 4", b"checkpoint 12", 1))
+    with pytest.raises(CheckpointError, match=r"another version of stochvi \(format 12, here 4\)"):
         simulate(oscillator(), resume=kept)
     whole = json.loads(text.partition(b"\n")[2])
-    state = whole["state"]
+    ((name, entry),) = whole["samples"].items()
+    fields = entry["sample"]["fields"]
     for document in (
         {"scene": {}},
         [],
-        whole | {"asked": {"path": 3}},
-        whole | {"state": {key: state[key] for key in state if key != "pairs"}},
-        whole | {"state": state | {"fine": {"count": 64}}},
-        whole | {"state": state | {"more": 1}},
-        whole | {"state": state | {"fine": state["fine"] | {"count": "64"}}},
-        whole | {"state": state | {"fine": state["fine"] | {"count": True}}},
-        whole | {"state": state | {"fine": state["fine"] | {"count": -1}}},
-        whole | {"state": state | {"pairs": state["fine"]}},
-        whole | {"state": state | {"fine": state["fine"] | {"mean": [[0.0]]}}},
-        whole | {"state": state | {"fine": state["fine"] | {"mean": "abc"}}},
-        whole | {"state": state | {"machines": "abc"}},
-        whole | {"state": state | {"goal": 1e3}},
+        whole | {"more": 1},
         whole | {"scene": [1]},
         whole | {"proof": None},
-        whole | {"asked": whole["asked"] | {"paths": "64"}},
-        whole | {"asked": whole["asked"] | {"paths": None}},
+        whole | {"seconds": -1.0},
+        {key: whole[key] for key in whole if key != "samples"},
+        *(
+            whole | {"samples": {name: changed}}
+            for changed in (
+                {key: entry[key] for key in entry if key != "paths"},
+                entry | {"paths": "64"},
+                entry | {"paths": True},
+                entry | {"paths": -1},
+                entry | {"goal": 1e3},
+                entry | {"machines": "abc"},
+                entry | {"more": 1},
+                entry | {"sample": {"record": "os:system", "fields": {}}},
+                entry | {"sample": entry["sample"] | {"fields": {"fine": fields["fine"]}}},
+            )
+        ),
     ):
         body = json.dumps(document).encode()
-        header = f"stochvi checkpoint 3 {hashlib.sha256(body).hexdigest()}\n".encode()
+        header = f"stochvi checkpoint 4 {hashlib.sha256(body).hexdigest()}\n".encode()
         kept.write_bytes(header + body)
         with pytest.raises(CheckpointError, match="does not hold what a checkpoint"):
             simulate(oscillator(), resume=kept)
     nested = b'{"scene": ' + b"[" * 100_000 + b"]" * 100_000 + b"}"
     for body in (nested, b"{", b"\xff", text.partition(b"\n")[2].replace(b"0.", b"NaN, 0.", 1)):
         digest = hashlib.sha256(body).hexdigest()
-        kept.write_bytes(f"stochvi checkpoint 3 {digest}\n".encode() + body)
+        kept.write_bytes(f"stochvi checkpoint 4 {digest}\n".encode() + body)
         with pytest.raises(CheckpointError, match="does not hold what a checkpoint"):
             simulate(oscillator(), resume=kept)
 
@@ -287,7 +291,7 @@ def test_control_c_while_the_code_is_compiled(
     (tmp_path / "scene.toml").write_text(SCENE)
     kept = tmp_path / "run"
     # the package's `simulate` is the function
-    monkeypatch.setattr(sys.modules["stochvi.methods.monte_carlo.simulate"], "_compile", interrupts)
+    monkeypatch.setattr(sys.modules["stochvi.methods.monte_carlo.simulate"], "compiled", interrupts)
     with pytest.raises(Interrupted, match="before any path") as stopped:
         simulate(oscillator(), **ASKED)
     assert stopped.value.partial is None

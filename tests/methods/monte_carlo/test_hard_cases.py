@@ -22,9 +22,9 @@ from stochvi.methods.monte_carlo.kernels.rows import SUMS
 from stochvi.methods.monte_carlo.kernels.steps import Counting, Kick, Paths
 from stochvi.methods.monte_carlo.modal import ModalPlan
 from stochvi.methods.monte_carlo.rigid_white import ENOUGH_STEPS, WhitePlan, _flow
-from stochvi.methods.monte_carlo.stop_flag import stop_flag
 from stochvi.model.model import model_of
 from stochvi.results.intervals import upper_limit_unseen
+from stochvi.sampling.stop_flag import stop_flag
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases, rel_errors
 from support.known import oscillator, values

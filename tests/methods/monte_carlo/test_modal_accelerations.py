@@ -18,7 +18,7 @@ from stochvi import (
     linearise,
     simulate,
 )
-from stochvi.methods.monte_carlo.rounds import BETWEEN_IMPACTS
+from stochvi.methods.monte_carlo.simulation import BETWEEN_IMPACTS
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.model import model_of

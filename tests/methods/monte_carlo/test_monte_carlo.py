@@ -21,7 +21,7 @@ from stochvi import (
     exact,
     simulate,
 )
-from stochvi.methods.monte_carlo import record_path, rounds
+from stochvi.methods.monte_carlo import record_path, simulation
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
@@ -400,18 +400,17 @@ def test_a_budget_too_small_is_refused_with_what_was_reached() -> None:
 
 def test_errors_that_are_small_by_chance_are_not_believed_of_two_paths(monkeypatch) -> None:
     """Two paths that happen to agree have no error, and any accuracy would count as reached."""
-    monkeypatch.setattr(rounds, "relative_standard_errors", lambda run: {("x", "std"): 0.0})
-    monkeypatch.setattr(rounds, "largest_bias", lambda run, errors: 0.0)
+    monkeypatch.setattr(simulation, "relative_standard_errors", lambda run: {("x", "std"): 0.0})
+    monkeypatch.setattr(simulation, "largest_bias", lambda run, errors: 0.0)
     scene = oscillator(-1.0, 1.0, 0.8)
     assert simulate(scene, rel_error=0.01, budget=None).cost.paths >= 64
-    reach_goal = rounds.Run.reach_goal
+    add_paths = simulation.Simulation.add_paths
 
-    def two_paths(run: rounds.Run, deadline: object) -> bool:
-        run.set_goal(2)
-        reach_goal(run)
+    def two_paths(run: simulation.Simulation, *_: object) -> bool:
+        add_paths(run, 2)
         return False
 
-    monkeypatch.setattr(rounds.Run, "reach_goal", two_paths)
+    monkeypatch.setattr(simulation.Simulation, "add_paths", two_paths)
     with pytest.raises(NotConverged, match="after 2 paths, too few"):
         simulate(scene, rel_error=0.01, budget=0.5)
 

@@ -16,16 +16,21 @@ import numpy as np
 import pytest
 
 from stochvi import NotConverged, impacts, load_scene, simulate
-from stochvi.methods.monte_carlo import blocks
-from stochvi.methods.monte_carlo import stop_flag as room
-from stochvi.methods.monte_carlo.blocks import averages_in_time, crew_of, in_pieces
+from stochvi.methods.monte_carlo import response_sampler
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.missions import MissionPlan, passage_plan
+from stochvi.methods.monte_carlo.response_sampler import averages_in_time
 from stochvi.methods.monte_carlo.splitting import crude, pilot_levels, repetition
-from stochvi.methods.monte_carlo.stop_flag import GivenUp, check_flag, given_up_after, stop_flag
 from stochvi.model.model import model_of
 from stochvi.results import Interrupted
 from stochvi.results.deadline import Deadline
+from stochvi.sampling import blocks
+from stochvi.sampling import stop_flag as room
+from stochvi.sampling.blocks import in_pieces
+from stochvi.sampling.run import Run
+from stochvi.sampling.sampler import ListSampler
+from stochvi.sampling.stop_flag import GivenUp, check_flag, given_up_after, stop_flag
+from stochvi.sampling.workers import pool_of
 from stochvi.scenes.datasets import shipped_scene, zoo_files
 from support.known import oscillator
 
@@ -147,6 +152,7 @@ def test_ctrl_c_does_not_wait_for_a_path_that_takes_long(
             yield
 
     monkeypatch.setattr(blocks, "given_up_after", pressed)
+    monkeypatch.setattr(response_sampler, "given_up_after", pressed)
     # the guard of budgets, which would end it on a busy machine, goes by the clock
     monkeypatch.setattr("stochvi.model.calculations.ended_by", lambda _: nullcontext())
     with pytest.raises(Interrupted, match=r"before two paths|after 4 of 4 paths, cut after"):
@@ -167,16 +173,29 @@ def test_ctrl_c_in_the_burn_in_says_that_there_is_no_path(
         stop_flag()[0] = 0
 
     monkeypatch.setattr(blocks, "given_up_after", pressed)
+    monkeypatch.setattr(response_sampler, "given_up_after", pressed)
     with pytest.raises(Interrupted, match="by Ctrl-C before two paths were simulated"):
         solve(oscillator(-1.0, 1.0, 0.5), paths=4, budget=3600.0, threads=1)
     check_flag()
 
 
-def test_a_block_that_is_needed_says_that_there_was_no_time_for_it() -> None:
-    def give_up(*_: Any) -> None:
+class GivesUp(ListSampler):
+    """A sampler whose blocks are all given up."""
+
+    block = 2
+
+    def simulate(self, first_path: int, paths: int) -> Any:
         raise GivenUp
 
-    with crew_of(None, 1) as crew:
-        assert not [*crew.results(give_up, [(0, 2)], Deadline.after(9.0))]
+    def add_up(self, pieces: list[Any]) -> list[Any]:
+        return pieces
+
+    def paths(self, sample: list[Any]) -> int:
+        return len(sample)
+
+
+def test_a_run_without_any_paths_says_that_there_was_no_time_for_them() -> None:
+    with pool_of(None, 1) as pool:
+        assert not [*pool.do(GivesUp(), iter([(0, 2)]), 1, Deadline.after(9.0))]
         with pytest.raises(NotConverged, match="the budget of 9 s ended before two paths"):
-            [*crew.results(give_up, [(0, 2)], Deadline.after(9.0), at_least=1)]
+            Run(pool, Deadline.after(9.0)).until(GivesUp(), 2)

@@ -46,8 +46,8 @@ def to_plain(value: Any) -> Any:
         return [to_plain(each) for each in value]
     if isinstance(value, tuple):
         return {"tuple": [to_plain(each) for each in value]}
-    if isinstance(value, dict) and all(isinstance(key, str) for key in value):
-        return {"dict": {key: to_plain(each) for key, each in value.items()}}
+    if isinstance(value, dict):
+        return {"dict": [[to_plain(key), to_plain(each)] for key, each in value.items()]}
     raise TypeError(f"a {type(value).__name__} cannot be kept in a checkpoint")
 
 
@@ -73,7 +73,7 @@ def _from_plain(plain: Any) -> Any:
     if "tuple" in plain:
         return tuple(_from_plain(each) for each in plain["tuple"])
     if "dict" in plain:
-        return {key: _from_plain(each) for key, each in plain["dict"].items()}
+        return {_from_plain(key): _from_plain(each) for key, each in plain["dict"]}
     module, _, name = plain["record"].partition(":")
     if module.partition(".")[0] != PACKAGE:
         raise ValueError(f"{plain['record']} is no record of {PACKAGE}")

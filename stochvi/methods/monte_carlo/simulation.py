@@ -1,28 +1,17 @@
-"""Rounds of a simulation: how many paths it takes, when it stops, and the response that it
-gives."""
+"""A simulation: its paths, when there are enough of them, and the response that they give."""
 
 from __future__ import annotations
 
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
-from stochvi.methods.monte_carlo.blocks import (
-    FULL_LANES,
-    BlockStatistics,
-    Crew,
-    block_statistics,
-    blocks_of,
-    check_price,
-    machine,
-)
-from stochvi.methods.monte_carlo.checkpoints import Keeper, State
 from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.plan import Plan
+from stochvi.methods.monte_carlo.prices import check_price
 from stochvi.methods.monte_carlo.quantities import (
     EVENTS,
     RATES,
@@ -38,20 +27,21 @@ from stochvi.methods.monte_carlo.quantities import (
     of_pair,
     speed_mean,
 )
+from stochvi.methods.monte_carlo.response_sampler import PathsOf, ResponseSampler
 from stochvi.model.balances import residuals
 from stochvi.model.build_response import build_response
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Pair
-from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import TOO_FEW, Cost, Estimate, of_events
 from stochvi.results.intervals import events_suffice, student_factor, upper_limit_unseen
 from stochvi.results.progress import Progress
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
+from stochvi.sampling.blocks import FULL_LANES
+from stochvi.sampling.run import Run
+from stochvi.sampling.sampler import more_paths
+from stochvi.sampling.workers import machine
 from stochvi.scenes.scene import Scene
-
-FIRST_BLOCKS = 1
-"""Number of blocks of paths in the first round."""
 
 FEWEST_PATHS = 64
 """Smallest number of paths in the first round: with fewer, the standard error itself is too
@@ -77,47 +67,29 @@ BETWEEN_IMPACTS = (
 )
 """Assumption of an answer with accelerations where a stop is rigid."""
 
-REPORT_SECONDS = 0.5
-"""Seconds between two sentences of progress: making one evaluates the standard errors of all
-quantities that `rel_error` governs."""
-
 
 @dataclass
-class Run:
-    """A simulation: statistics of the paths at the step and, unless the scheme has no bias, of some
-    of them at twice the step.
+class Simulation:
+    """Paths of a plan, and the response that they give.
 
-    `state` holds all results so far, the last of which came after `merged_at` seconds: what is
-    under way at the end of a budget is no part of it. `rel_error` is the relative error that is
-    sought, None where a number of paths is. With `all_pairs` every path is simulated at twice the
-    step too. `resumed` is the state of the checkpoint from which
-    the run goes on, or None. All other attributes follow from the arguments of `simulate`.
+    `refinements` is the number of times that the plan was refined, and `sample` what the paths have
+    added up to so far; with `all_pairs` all of them are simulated at twice the step too. What is
+    under way at the end of a budget is no part of it, unless there is nothing else.
     """
 
     scene: Scene
     plan: Plan
-    seed: int
-    crew: Crew
-    progress: Progress | None
+    run: Run
     compile_time: float
-    resumed: State | None = None
-    keeper: Keeper | None = None
+    seed: int
     all_pairs: bool = False
+    refinements: int = field(default=0, init=False)
+    sample: PathsOf | None = field(default=None, init=False)
+    machines: tuple[str, ...] = field(default=(), init=False)
 
     def __post_init__(self) -> None:
         self.started = time.perf_counter()
         self.model = self.plan.model
-        self.state = self.resumed or State.start(self.plan.layout)
-        self.first_seconds, self.first_steps = self.state.seconds, self.state.steps
-        for _ in range(self.state.refinements):
-            self.plan = self.plan.finer()
-        self.state = self.state.of_layout(self.layout)
-        self.expected_paths = math.inf
-        self.rel_error: float | None = None
-        self.merged_at = self.first_seconds
-        self.shown_fraction = 0.0
-        self.sentence, self.last_sentence_at = "", -math.inf
-        self.whole_blocks: State | None = None
         self.whole_duration = self.plan.duration
 
     @property
@@ -128,12 +100,19 @@ class Run:
     @property
     def fine(self) -> PathStatistics:
         """Statistics of the paths at the step."""
-        return self.state.fine
+        return PathStatistics.none(self.layout) if self.sample is None else self.sample.fine
 
     @property
     def pairs(self) -> StepPairs:
         """Statistics of the paths that were simulated at twice the step as well."""
-        return self.state.pairs
+        return StepPairs.none(self.layout) if self.sample is None else self.sample.pairs
+
+    @property
+    def steps(self) -> int:
+        """Number of steps of all paths, those at twice the step included."""
+        pairs = self.pairs.count
+        coarse = pairs * self.plan.coarser().steps_per_path if pairs else 0
+        return self.fine.count * self.plan.steps_per_path + coarse
 
     @property
     def exposure(self) -> float:
@@ -141,15 +120,9 @@ class Run:
         return self.fine.count * self.plan.duration
 
     @property
-    def elapsed(self) -> float:
-        """Seconds since this process started or resumed the run."""
-        return time.perf_counter() - self.started
-
-    @property
     def seconds(self) -> float:
-        """Seconds that the run has taken since its first start, without the pauses between its
-        parts."""
-        return self.first_seconds + self.elapsed
+        """Seconds since this process started or resumed the simulation."""
+        return time.perf_counter() - self.started
 
     def cut(self) -> str:
         """Where the paths of the answer were cut, for a sentence; nothing where they are whole."""
@@ -157,93 +130,42 @@ class Run:
             return ""
         return f", cut after {self.plan.duration:.3g} of their {self.whole_duration:.3g} s"
 
-    def set_goal(self, goal: int) -> None:
-        """Set the number of paths at which the round that begins now ends."""
-        self.state = replace(self.state, goal=goal)
-
-    def add_paths(self, paths: int, deadline: Deadline = NEVER) -> bool:
-        """Simulate more paths; return False if the deadline passed first."""
-        self.set_goal(self.fine.count + paths)
-        return self.reach_goal(deadline)
-
-    def reach_goal(self, deadline: Deadline = NEVER) -> bool:
-        """Simulate the remaining paths of this round and merge them in the order of their numbers;
-        return False if the deadline passed first."""
+    def add_paths(
+        self, first: int, more: Callable[[], float] = lambda: 0, rel_error: float | None = None
+    ) -> bool:
+        """Simulate `first` paths, and `more` after each round; return False if the deadline passed
+        first."""
         plans = [self.plan] if self.plan.elastic else [self.plan, self.plan.coarser()]
-        if not self.fine.count:
-            least = min(self.state.goal, self.plan.block, FULL_LANES)
-            check_price(plans, self.seed, deadline, least, whole=False)
-        goal = self.state.goal
-        if self.rel_error is None:
-            self.expected_paths = goal
-        left = blocks_of(self.fine.count, goal - self.fine.count, self.plan.block)
-        total = math.ceil((goal - self.fine.count) / self.plan.block)
-        work = partial(
-            block_statistics, self.plan, self.layout, self.seed, all_pairs=self.all_pairs
+        deadline = self.run.deadline
+        check_price(
+            plans, self.seed, deadline, min(first, self.plan.block, FULL_LANES), whole=False
         )
-        results = self.crew.do([work], left, total, deadline)
-        with closing(results):  # closed at once, so that after an interrupt no further task begins
-            for (_, paths), (statistics,), where, _ in results:
-                if statistics.fine.count < paths or statistics.steps < self.plan.steps:
-                    self._end_early(statistics, where)
-                    return False
-                self.state = self.state.with_block(statistics, self._steps_of(statistics), where)
-                self.merged_at = self.seconds
-                if self.keeper and self.keeper.due():
-                    self.write_checkpoint()
-                self._report()
-        return self.fine.count == goal
 
-    def _steps_of(self, block: BlockStatistics) -> int:
-        """Number of steps of a block, those at twice the step included."""
-        coarse = block.pairs.count * self.plan.coarser().steps_per_path if block.pairs.count else 0
-        return block.fine.count * self.plan.steps_per_path + coarse
+        def wanted(sample: PathsOf) -> float:
+            self.sample = sample
+            return more()
 
-    def _end_early(self, statistics: BlockStatistics, where: list[str]) -> None:
-        """Use the paths of a block that the budget cut short, if there are no other paths; the plan
-        of the answer is then the one whose paths end there.
+        def tell(sample: PathsOf) -> tuple[float, str]:
+            self.sample = sample
+            return self._told(first, rel_error)
 
-        The checkpoint leaves them out: a run that resumes from it simulates the whole block.
-        """
-        if not self.fine.count:
-            self.whole_blocks = self.whole_blocks or self.state
-            if statistics.steps < self.plan.steps:
-                self.plan = self.plan.cut(statistics.steps)
-            self.state = self.state.with_block(statistics, self._steps_of(statistics), where)
-            self.merged_at = self.seconds
+        sampler = ResponseSampler(self.plan, self.seed, self.all_pairs)
+        found = self.run.until(sampler, first, wanted, tell=tell)
+        self.sample, self.machines = found.sample, found.machines
+        if found.sample.steps < self.plan.steps:
+            self.plan = self.plan.cut(found.sample.steps)
+        return found.enough
 
-    def leave_step_open(self) -> None:
-        """Have the checkpoint hold no path of this run: one that resumes from it chooses the step
-        first, as it was not chosen yet."""
-        if not self.state.goal:
-            self.whole_blocks = self.state
-
-    def write_checkpoint(self) -> None:
-        """Write the checkpoint now, if there is one."""
-        if self.keeper:
-            state = replace(self.whole_blocks or self.state, seconds=self.seconds)
-            self.keeper.keep(state.document())
-
-    def _report(self) -> None:
-        if not self.progress:
-            return
-        if self.elapsed - self.last_sentence_at > REPORT_SECONDS:
-            self.sentence, self.last_sentence_at = self._sentence(), self.elapsed
-        # the expected number of paths may grow, but a progress bar must not go back
-        self.shown_fraction = max(
-            self.shown_fraction,
-            min(1.0, self.fine.count / self.expected_paths),
-        )
-        self.progress(self.shown_fraction, self.sentence)
-
-    def _sentence(self) -> str:
-        """The rate of steps, the number of impacts, and the largest relative standard error."""
-        rate = (self.state.steps - self.first_steps) / self.elapsed
+    def _told(self, goal: int, rel_error: float | None) -> tuple[float, str]:
+        """The fraction done, and the rate of steps, the number of impacts, and the largest relative
+        standard error."""
         errors = relative_standard_errors(self) if self.fine.count > 1 else {}
-        error = f", error {100.0 * max(errors.values()):.2g} %" if errors else ""
-        if errors and self.rel_error is not None and self.fine.count >= FEWEST_PATHS:
-            self.expected_paths = self.fine.count * (max(errors.values()) / self.rel_error) ** 2
-        return f"{rate:.2g} steps/s, {self.impacts} impacts{error}"
+        largest, done = max(errors.values(), default=math.inf), self.fine.count / goal
+        if rel_error is not None:
+            known = self.fine.count >= FEWEST_PATHS
+            done = (rel_error / max(largest, rel_error)) ** 2 if known else 0.0
+        error = f", error {100.0 * largest:.2g} %" if errors else ""
+        return done, f"{self.steps / self.seconds:.2g} steps/s, {self.impacts} impacts{error}"
 
     @property
     def impacts(self) -> int:
@@ -255,7 +177,7 @@ class Run:
         resolved."""
         self.plan = self.plan.finer()
         self.whole_duration = self.plan.duration
-        self.state = replace(State.start(self.layout), refinements=self.state.refinements + 1)
+        self.refinements += 1
 
     def estimate(self, quantity: Quantity, name: str = "") -> Estimate:
         """A quantity with its standard error and the bias that the step leaves in it."""
@@ -327,10 +249,10 @@ class Run:
             cost=Cost(
                 wall_time=self.seconds,
                 compile_time=self.compile_time,
-                steps=self.state.steps,
+                steps=self.steps,
                 impacts=self.impacts,
                 paths=self.fine.count,
-                threads=self.crew.workers,
+                threads=self.run.workers,
                 tenfold_wall_time=100.0 * self.seconds,
             ),
             warnings=[*warnings, *self._warnings()],
@@ -456,11 +378,11 @@ class Run:
         return rigid and self._acceleration(self.model.coordinates[0]) is not None
 
     def _warnings(self) -> Iterator[str]:
-        if len(self.state.machines) > 1:
+        if len(self.machines) > 1:
             yield (
-                f"blocks were simulated on {len(self.state.machines)} kinds of machines: another "
+                f"blocks were simulated on {len(self.machines)} kinds of machines: another "
                 "run agrees within the standard errors, not in every digit ("
-                + "; ".join(self.state.machines)
+                + "; ".join(self.machines)
                 + ")"
             )
         pairs = self.model.pairs
@@ -536,86 +458,87 @@ def _with_largest_bias(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
     return {name: replace(each, bias=largest * abs(each.value)) for name, each in group.items()}
 
 
-def run_until_accurate(run: Run, rel_error: float, deadline: Deadline) -> None:
-    """Add paths until every governed quantity has the relative error `rel_error`.
+def run_until_accurate(simulation: Simulation, rel_error: float) -> None:
+    """Add paths until every governed quantity has the relative error `rel_error`."""
+    remaining = choose_step(simulation, rel_error)
+    deadline = simulation.run.deadline
+    short = ("the accuracy asked for was not reached",)
 
-    Apart from the deadline, every decision depends on the state alone, so that a run that resumes
-    from a checkpoint decides as one that was never stopped.
-    """
-    remaining = 0.0
-    if not run.state.goal or run.state.refinements == MOST_REFINEMENTS:
-        remaining = choose_step(run, rel_error, deadline)
-    if not run.state.goal:
-        run.set_goal(max(FIRST_BLOCKS * run.plan.block, FEWEST_PATHS))
-    run.rel_error = rel_error
-    while True:
-        in_time = run.reach_goal(deadline)
-        if run.fine.count < 2:
-            raise deadline.fell_short("before two paths were simulated", "raise budget")
-        errors = max(relative_standard_errors(run).values())
-        if errors <= rel_error and run.fine.count < FEWEST_PATHS:
-            raise deadline.fell_short(
-                f"after {run.fine.count} paths, too few to know a standard error",
-                "raise budget",
-                run.response(("the accuracy asked for was not reached",)),
-            )
-        if errors <= rel_error:
-            run.set_goal(run.fine.count)  # the accuracy is reached, even if the deadline passed
-            if remaining > rel_error:
-                raise NotConverged(
-                    f"the shortest step leaves a relative bias of {remaining:.2g} by the step, "
-                    f"asked for {rel_error:g}; raise rel_error",
-                    run.response(("the accuracy asked for was not reached",)),
-                )
-            return
-        needed = run.merged_at * (errors / rel_error) ** 2
-        if not in_time or deadline.passed():
-            raise deadline.fell_short(
-                f"at a relative standard error of {errors:.2g}, asked for {rel_error:g}, which "
-                f"takes about {needed:.0f} s of simulation",
-                "raise budget or rel_error",
-                run.response(("the accuracy asked for was not reached",)),
-            )
-        growth = (errors / rel_error) ** 2 - 1.0
-        paths = math.ceil(run.fine.count * min(max(1.1 * growth, 0.1), 3.0))
-        run.set_goal(run.fine.count + math.ceil(paths / run.plan.block) * run.plan.block)
+    def more() -> int:
+        errors = max(relative_standard_errors(simulation).values())
+        return more_paths(simulation.fine.count, errors, rel_error)
+
+    simulation.add_paths(max(simulation.plan.block, FEWEST_PATHS), more, rel_error)
+    if simulation.fine.count < 2:
+        raise deadline.fell_short("before two paths were simulated", "raise budget")
+    errors = max(relative_standard_errors(simulation).values())
+    if errors > rel_error:
+        needed = simulation.seconds * (errors / rel_error) ** 2
+        raise deadline.fell_short(
+            f"at a relative standard error of {errors:.2g}, asked for {rel_error:g}, which "
+            f"takes about {needed:.0f} s of simulation",
+            "raise budget or rel_error",
+            simulation.response(short),
+        )
+    if simulation.fine.count < FEWEST_PATHS:
+        raise deadline.fell_short(
+            f"after {simulation.fine.count} paths, too few to know a standard error",
+            "raise budget",
+            simulation.response(short),
+        )
+    if remaining > rel_error:
+        raise NotConverged(
+            f"the shortest step leaves a relative bias of {remaining:.2g} by the step, "
+            f"asked for {rel_error:g}; raise rel_error",
+            simulation.response(short),
+        )
 
 
-def choose_step(run: Run, rel_error: float, deadline: Deadline) -> float:
-    """Refine the plan of a run, before its first path, as far as `rel_error` needs; returns the
-    relative bias that is left, if it is larger.
+def choose_step(simulation: Simulation, rel_error: float) -> float:
+    """Refine the plan of a simulation, before its first path, as far as `rel_error` needs; returns
+    the relative bias that is left, if it is larger.
 
     A pilot of paths of its own (PILOT_SEED) is simulated at both steps, until its bias is clearly
     above or below `rel_error`, or it takes PILOT_SHARE of the paths of the run, when the estimate
     of the bias, less its standard error, decides: the largest of several estimates is as large as
-    their errors where there is no bias. The choice is the same for every seed of the run. A budget
-    that ends before leaves it open in the checkpoint.
+    their errors where there is no bias. The choice is the same for every seed of the run. A run
+    that resumes repeats it.
     """
-    while not run.plan.elastic:
-        speak = run.progress and partial(_say_pilot, run.progress)
-        pilot = Run(run.scene, run.plan, PILOT_SEED, run.crew, speak, 0.0, all_pairs=True)
-        paths, known = max(FEWEST_PATHS, run.plan.block // 4), False
-        while not known:
-            with suppress(NotConverged):
-                pilot.add_paths(paths, deadline)
-            run.crew.block_seconds = math.inf  # those of the run are larger
-            if deadline.passed() or pilot.fine.count < FEWEST_PATHS:
-                run.leave_step_open()
-                return 0.0  # the answer will say that the budget was too short
-            errors = max(relative_standard_errors(pilot).values())
-            most = pilot.fine.count * (errors / rel_error) ** 2
-            known = pilot.fine.count >= PILOT_SHARE * max(most, 2.0 * run.plan.block)
-            if largest_bias(pilot, -1.0) <= rel_error:
-                return 0.0
-            bias = largest_bias(pilot, 1.0 if known else SIGNIFICANT)
-            known = known or (bias > rel_error and run.state.refinements < MOST_REFINEMENTS)
-            paths = pilot.fine.count
+    while not simulation.plan.elastic:
+        last = simulation.refinements == MOST_REFINEMENTS
+        pilot, bias = _pilot(simulation, rel_error, last)
         if bias <= rel_error:
             return 0.0
-        if run.state.refinements == MOST_REFINEMENTS:
+        if last:
             return largest_bias(pilot, SIGNIFICANT)
-        run.refine()
+        simulation.refine()
     return 0.0
+
+
+def _pilot(simulation: Simulation, rel_error: float, last: bool) -> tuple[Simulation, float]:
+    """A pilot at the step, with its relative bias; 0 where it is small enough, or there is no time.
+    At the `last` step it does not end early for a large one."""
+    speak = simulation.run.progress
+    run = replace(simulation.run, progress=speak and partial(_say_pilot, speak))
+    pilot = Simulation(simulation.scene, simulation.plan, run, 0.0, PILOT_SEED, all_pairs=True)
+
+    def judged() -> tuple[bool, float]:
+        """Whether the paths suffice, and the bias."""
+        errors = max(relative_standard_errors(pilot).values())
+        most = pilot.fine.count * (errors / rel_error) ** 2
+        suffice = pilot.fine.count >= PILOT_SHARE * max(most, 2.0 * pilot.plan.block)
+        if largest_bias(pilot, -1.0) <= rel_error:
+            return True, 0.0
+        bias = largest_bias(pilot, 1.0 if suffice else SIGNIFICANT)
+        return suffice or (bias > rel_error and not last), bias
+
+    try:
+        enough = pilot.add_paths(
+            max(FEWEST_PATHS, pilot.plan.block // 4), lambda: 0 if judged()[0] else pilot.fine.count
+        )
+    except NotConverged:
+        return pilot, 0.0  # the answer will say that the budget was too short
+    return pilot, judged()[1] if enough else 0.0
 
 
 def _say_pilot(progress: Progress, done: float, sentence: str) -> None:
@@ -623,7 +546,7 @@ def _say_pilot(progress: Progress, done: float, sentence: str) -> None:
     progress(0.0, f"choosing the step, {sentence}")
 
 
-def largest_bias(run: Run, errors: float) -> float:
+def largest_bias(run: Simulation, errors: float) -> float:
     """Largest relative bias of a governed quantity, less so many of its standard errors."""
     biases = [0.0]
     for key, quantity in governed(run.model).items():
@@ -638,7 +561,7 @@ def largest_bias(run: Run, errors: float) -> float:
     return max(biases)
 
 
-def relative_standard_errors(run: Run) -> dict[Key, float]:
+def relative_standard_errors(run: Simulation) -> dict[Key, float]:
     """Relative standard errors of the governed quantities that are not zero."""
     found = {}
     for key, quantity in governed(run.model).items():
@@ -649,7 +572,7 @@ def relative_standard_errors(run: Run) -> dict[Key, float]:
     return found
 
 
-def _reference_size(run: Run, key: Key, value: float) -> float:
+def _reference_size(run: Simulation, key: Key, value: float) -> float:
     """Size to which an error is relative: the quantity itself, or for a mean the standard
     deviation."""
     owner, name = key

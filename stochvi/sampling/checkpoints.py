@@ -1,0 +1,413 @@
+"""Checkpoints: the samples of a run on disk, written atomically and bound to one scene.
+
+A checkpoint is one line, "stochvi checkpoint 4" and the SHA-256 of the rest of the file, followed
+by a JSON document with the command, the scene, the arguments, the versions, the processor and the
+samples. A sample is a function of its sampler and of the blocks in it alone. It is therefore kept
+under a digest of the sampler, and is taken when the same sampler is asked for again: a run that
+goes on takes the way of one that never stopped, and finds what it has done before. Floats are
+written with all their digits.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import json
+import os
+import re
+import time
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from annotated_types import Ge
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+from typing_extensions import TypedDict
+
+from stochvi.results.atomic_files import write_whole
+from stochvi.results.base import Result
+from stochvi.results.errors import CheckpointError, reason_of
+from stochvi.results.origin import named_files
+from stochvi.sampling.plain_values import digest_of, from_plain, to_plain
+from stochvi.sampling.workers import machine
+from stochvi.scenes.scene import Scene
+
+HEADER, FORMAT = "stochvi checkpoint", 4
+"""First words of a checkpoint file, and the number of its format, which follows them."""
+
+LONG_SECONDS = 10.0
+"""Seconds of simulation above which a checkpoint is renamed and not overwritten when a new run is
+given the same file."""
+
+WRITING_SHARE = 0.05
+"""Largest share of the time of a run that goes into writing checkpoints: large ones are written
+less often than asked for."""
+
+Answer = TypeVar("Answer", bound=Result)
+
+STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+"""How a checkpoint is checked: no value is converted, no key left out or added."""
+
+Count = Annotated[int, Ge(0)]
+
+
+class EntryDocument(TypedDict):
+    """An `Entry` as plain types."""
+
+    __pydantic_config__ = STRICT  # type: ignore[misc]
+    paths: Count
+    goal: Count
+    machines: list[str]
+    sample: Any
+
+
+class Document(TypedDict):
+    """What the body of a checkpoint holds."""
+
+    __pydantic_config__ = STRICT  # type: ignore[misc]
+    command: str
+    scene: dict[str, Any]
+    asked: dict[str, Any]
+    machine: str
+    proof: str
+    samples: dict[str, EntryDocument]
+    seconds: Annotated[float, Ge(0.0)]
+
+
+@dataclass
+class Entry:
+    """The sample of the first `paths` paths of a sampler, from whole blocks; the number of paths at
+    which its present round ends, and the kinds of machines that made it."""
+
+    paths: int = 0
+    goal: int = 0
+    machines: tuple[str, ...] = ()
+    sample: Any = None
+
+
+@dataclass
+class Samples:
+    """Samples of all samplers of a run. `begins` is called before the first is asked for, `changed`
+    after each new block."""
+
+    entries: dict[str, Entry] = field(default_factory=dict)
+    begins: Callable[[], None] = lambda: None
+    changed: Callable[[], None] = lambda: None
+
+    def of(self, sampler: Any) -> Entry:
+        """The sample of a sampler, which may be empty, to be replaced as it grows."""
+        self.begins()
+        return self.entries.setdefault(digest_of(sampler), Entry())
+
+    @property
+    def paths(self) -> int:
+        """Number of paths of all samplers."""
+        return sum(entry.paths for entry in self.entries.values())
+
+    def document(self) -> dict[str, Any]:
+        """The samples as types that JSON can hold."""
+        return {
+            name: {**vars(entry), "machines": [*entry.machines], "sample": to_plain(entry.sample)}
+            for name, entry in self.entries.items()
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checkpoint:
+    """A command, its scene and its arguments, with the samples of the run and the seconds that it
+    took. `proof` is a digest of the files that the scene names."""
+
+    path: Path
+    command: str
+    scene: Mapping[str, Any]
+    asked: Mapping[str, Any]
+    machine: str
+    proof: str = ""
+    samples: Mapping[str, Any] = field(default_factory=dict)
+    seconds: float = 0.0
+
+    @classmethod
+    def begun(cls, path: Path, command: str, scene: Scene, asked: Mapping[str, Any]) -> Checkpoint:
+        """The checkpoint of a run on this machine, without a sample yet."""
+        return cls(
+            path=path.resolve(), command=command, scene=plain_scene(scene), asked=asked,
+            machine=machine(), proof=digest_of_files(scene),
+        )  # fmt: skip
+
+    def write(self) -> None:
+        """Write the file as a whole or not at all; it is on the disk on return."""
+        document = {name: each for name, each in vars(self).items() if name != "path"}
+        body = json.dumps(document, allow_nan=False).encode()
+        write_whole(_header(body) + body, self.path, durable=True)
+
+    @classmethod
+    def read(cls, path: Path) -> Checkpoint:
+        """Read a file; CheckpointError unless it is a checkpoint without damage."""
+        if path.exists() and not _is_checkpoint(path):
+            raise CheckpointError(f"{path} is not a checkpoint of stochvi")
+        text = path.read_bytes()
+        header, newline, body = text.partition(b"\n")
+        number = re.match(rf"{HEADER} (\d+) [0-9a-f]{{64}}$".encode(), header)
+        if number and int(number[1]) != FORMAT:
+            raise CheckpointError(
+                f"{path} was written by another version of stochvi (format {int(number[1])}, here "
+                f"{FORMAT}); go on with that version, or start again without it"
+            )
+        if header + newline != _header(body):
+            raise CheckpointError(
+                f"{path} is damaged: it was cut short or changed since it was written (its "
+                "checksum does not match); start again without it"
+            )
+        try:
+            found: Any = TypeAdapter(Document).validate_python(json.loads(body))
+        except ValidationError as error:
+            first = error.errors()[0]
+            raise _incomplete(path, ".".join(map(str, first["loc"]))) from error
+        except (ValueError, RecursionError) as error:
+            raise _incomplete(path) from error
+        return cls(path=path, **found)
+
+    def asked_again(self, given: Mapping[str, Any], required: Sequence[str] = ()) -> dict[str, Any]:
+        """The arguments of the earlier run; CheckpointError if some of those `given` now differ
+        from them. Those that are `required` cannot be left out."""
+        for name, value in given.items():
+            before = self.asked.get(name)
+            if value != before:
+                had = f"{self._instead_of(name)}, not with {name} {value}"
+                if before is not None:
+                    had = f"{name} {before}, not {value}"
+                remedy = f"give {name} {before}" if name in required else f"leave {name} out"
+                raise CheckpointError(
+                    f"{self.path} is of a run with {had}; {remedy} to go on with it, or start "
+                    "again without the checkpoint"
+                )
+        return dict(self.asked)
+
+    def _instead_of(self, name: str) -> str:
+        """Words for the arguments of the earlier run where it had no value for `name`."""
+        paths, rel_error = self.asked.get("paths"), self.asked.get("rel_error")
+        if name == "rel_error" and paths is not None:
+            return f"{paths} paths"
+        if name == "paths" and rel_error is not None:
+            return f"rel_error {rel_error}"
+        return f"no {name}"
+
+    def check(self, command: str, scene: Scene) -> None:
+        """CheckpointError if it belongs to another command or scene, to other versions or to
+        another processor."""
+        if command != self.command:
+            raise CheckpointError(
+                f"{self.path} is of {self.command}, not of {command}; go on with it by "
+                f"{self.command}, or start again without it"
+            )
+        if differing := _difference(self.scene, plain_scene(scene)):
+            raise CheckpointError(f"{self.path} is of another scene: {differing}")
+        if self.machine != machine():
+            raise CheckpointError(
+                f"{self.path} is of another version or processor, where digits differ: it was made "
+                f"with {self.machine}; here is {machine()}"
+            )
+        if digest_of_files(scene) != self.proof:
+            raise CheckpointError(
+                f"{self.path} is of another scene: a file that the scene names has changed"
+            )
+
+    def known(self) -> dict[str, Entry]:
+        """The samples from which a run goes on; CheckpointError if they cannot be read."""
+        try:
+            return {
+                name: Entry(
+                    paths=each["paths"], goal=each["goal"], machines=tuple(each["machines"]),
+                    sample=from_plain(each["sample"]),
+                )
+                for name, each in self.samples.items()
+            }  # fmt: skip
+        except ValueError as error:
+            raise _incomplete(self.path, str(error)) from error
+
+
+class CheckpointWriter:
+    """Writes the checkpoint of a run: at its start, when the interval since the last is over, and
+    at the end.
+
+    It replaces a checkpoint but no other file. The checkpoint of another run (`new`) that took
+    longer than LONG_SECONDS is first renamed to FILE.earlier, and a damaged one to FILE.damaged.
+    """
+
+    def __init__(self, begun: Checkpoint, samples: Samples, interval: float, new: bool) -> None:
+        self.begun, self.samples, self.interval, self.new = begun, samples, interval, new
+        self.started, self.failure, self.ready = time.perf_counter(), "", False
+        samples.begins, samples.changed = self.begin, self.keep_if_due
+
+    def begin(self) -> None:
+        """Write the first checkpoint: once the arguments are checked, before any block is done.
+
+        CheckpointError if another file is there, or this one cannot be written.
+        """
+        if self.ready:
+            return
+        path = self.begun.path
+        try:
+            _check_place(path)
+            if self.new:
+                _keep_damaged(path)
+                _set_aside(path)
+            self._write()
+        except OSError as error:
+            raise CheckpointError(
+                f"{path} cannot be written: {reason_of(error)}; name another file for "
+                "the checkpoint"
+            ) from error
+        self.ready = True
+
+    def keep_if_due(self) -> None:
+        """Write the checkpoint if the interval since the last is over."""
+        wait = max(self.interval, self.writing / WRITING_SHARE)
+        if time.perf_counter() - self.written >= wait:
+            self.keep()
+
+    def keep(self) -> None:
+        """Write the checkpoint now, if the run has begun.
+
+        If that fails, for example on a full disk, `failure` gives the reason and the run goes on;
+        the next attempt follows when the interval is over.
+        """
+        if not self.ready:
+            return
+        try:
+            self._write()
+            self.failure = ""
+        except OSError as error:
+            self.failure = (
+                f"the checkpoint {self.begun.path} could not be written: {reason_of(error)}; it "
+                "holds what it held before"
+            )
+
+    def _write(self) -> None:
+        began = self.written = time.perf_counter()
+        self.writing = 0.0
+        seconds = self.begun.seconds + began - self.started
+        replace(self.begun, samples=self.samples.document(), seconds=seconds).write()
+        self.written = time.perf_counter()
+        self.writing = self.written - began
+
+    def noted(self, answer: Answer) -> Answer:
+        """The answer with the time of the earlier run in its cost, and a warning if the checkpoint
+        does not hold it."""
+        if not isinstance(answer, Result):
+            return answer
+        if self.begun.seconds:
+            wall_time = answer.cost.wall_time + self.begun.seconds
+            answer = replace(answer, cost=replace(answer.cost, wall_time=wall_time))
+        if not self.failure or self.failure in answer.warnings:
+            return answer
+        return replace(answer, warnings=[*answer.warnings, self.failure])
+
+
+def _check_place(path: Path) -> None:
+    """CheckpointError if the file is neither empty nor a checkpoint."""
+    if path.is_dir():
+        raise CheckpointError(f"{path} is a folder; name a file in it for the checkpoint")
+    if path.exists() and not _is_checkpoint(path) and not _is_empty(path):
+        raise CheckpointError(f"{path} is there and is no checkpoint of stochvi; name another file")
+
+
+def _is_checkpoint(path: Path) -> bool:
+    """Whether it is a regular file, no device or pipe, that begins like a checkpoint."""
+    if not path.is_file():
+        return False
+    with open(path, "rb") as file:
+        return file.read(len(HEADER)) == HEADER.encode()
+
+
+def _is_empty(path: Path) -> bool:
+    return path.is_file() and path.stat().st_size == 0
+
+
+def _set_aside(path: Path) -> None:
+    """Rename a checkpoint that took long to FILE.earlier, unless the one there took longer."""
+    earlier = path.with_name(path.name + ".earlier")
+    if _seconds_in(path) > max(LONG_SECONDS, _seconds_in(earlier)):
+        with contextlib.suppress(FileNotFoundError):  # another run has renamed it
+            os.replace(path, earlier)
+
+
+def _keep_damaged(path: Path) -> None:
+    """Rename a checkpoint that cannot be read to FILE.damaged, with a UserWarning that says so."""
+    if not path.exists() or _is_empty(path):
+        return
+    try:
+        Checkpoint.read(path)
+    except CheckpointError as error:
+        aside = path.with_name(path.name + ".damaged")
+        os.replace(path, aside)
+        reason = str(error).rpartition("; ")[0]
+        warnings.warn(f"{reason}; it was renamed to {aside.name}", stacklevel=2)
+
+
+def _seconds_in(path: Path) -> float:
+    """Seconds of simulation in a checkpoint; 0 if no run can resume from it."""
+    try:
+        found = Checkpoint.read(path)
+    except (CheckpointError, FileNotFoundError):
+        return 0.0
+    return found.seconds if any(each["paths"] for each in found.samples.values()) else 0.0
+
+
+def _incomplete(path: Path, where: str = "") -> CheckpointError:
+    place = f" ({where})" if where else ""
+    return CheckpointError(
+        f"{path} does not hold what a checkpoint of this version holds{place}; start again without "
+        "it"
+    )
+
+
+def plain_scene(scene: Scene) -> dict[str, Any]:
+    """The scene as JSON holds it, with files named without their folders, since a path may differ
+    from machine to machine."""
+    document: dict[str, Any] = json.loads(json.dumps(scene.document()))
+    return {key: _without_folders(value) for key, value in document.items()}
+
+
+def _without_folders(part: Any) -> Any:
+    if isinstance(part, list):
+        return [_without_folders(each) for each in part]
+    if not isinstance(part, dict):
+        return part
+    return {
+        key: Path(value).name if key == "file" else _without_folders(value)
+        for key, value in part.items()
+    }
+
+
+def digest_of_files(scene: Scene) -> str:
+    """Digest of the bytes of all files that a scene names."""
+    digest = hashlib.sha256()
+    for name in named_files(scene.document()):
+        file = Path(name)
+        digest.update(file.read_bytes() if file.is_file() else b"")
+    return digest.hexdigest()
+
+
+def _difference(there: Any, here: Any, key: str = "") -> str:
+    """A phrase about the first key in which two documents differ; empty if they are equal."""
+    if isinstance(there, list) and isinstance(here, list) and len(there) == len(here):
+        there, here = dict(enumerate(there)), dict(enumerate(here))
+    if isinstance(there, dict) and isinstance(here, dict):
+        for name in [*there, *(name for name in here if name not in there)]:
+            place = f"{key}.{name}".lstrip(".")
+            if found := _difference(there.get(name), here.get(name), place):
+                return found
+        return ""
+    return "" if there == here else f"{key} is {_short(there)} in it, {_short(here)} here"
+
+
+def _short(value: Any) -> str:
+    text = "not there" if value is None else json.dumps(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _header(body: bytes) -> bytes:
+    return f"{HEADER} {FORMAT} {hashlib.sha256(body).hexdigest()}\n".encode()

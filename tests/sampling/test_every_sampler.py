@@ -1,0 +1,335 @@
+"""All samplers have all of it: executors, checkpoints, budgets and Ctrl-C, with the same digits."""
+
+import math
+import os
+import pickle
+import signal
+import time
+from collections.abc import Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from stochvi import load_scene, simulate
+from stochvi.absorbers.design import design_absorber
+from stochvi.absorbers.performance import absorber
+from stochvi.isolators.sizing.clatter import clatter
+from stochvi.isolators.sizing.exceedances import chance_in_windows
+from stochvi.methods.monte_carlo.choose_plan import make_plan
+from stochvi.methods.monte_carlo.response_sampler import ResponseSampler
+from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline, graceful_interrupt
+from stochvi.results.errors import Interrupted, NotConverged
+from stochvi.sampling.workers import WorkerPool, packed, unpacked
+from stochvi.scenes.datasets import shipped_scene
+from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
+from stochvi.scenes.impact_laws import Elastic, Restitution
+from stochvi.scenes.scene import ImpactPair, Scene
+from stochvi.scenes.structures import Isolator, Oscillator
+from stochvi.statistics.bursts import bursts
+from stochvi.statistics.first_crossings import first_crossings
+from stochvi.statistics.impacts import impacts
+from stochvi.statistics.rare_hits import rare_hits
+from stochvi.statistics.reliability import reliability
+from stochvi.statistics.spectra import spectrum
+from stochvi.verification.cost import cost
+
+FREE = Scene(
+    structure=Oscillator(mass=1.0, damping=0.2, stiffness=1.0),
+    excitations=[WhiteNoise(intensity=0.2)],
+)
+STOPS = ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=0.8))
+FAR = FREE.model_copy(
+    update={"impact_pairs": (ImpactPair(lower=-2.5, upper=2.5, law=Elastic(stiffness=20.0)),)}
+)
+TRUCK = Scene(
+    structure=Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0),
+    impact_pairs=[ImpactPair(lower=-6e-3, upper=6e-3, law=Elastic(stiffness=5.7e5))],
+    excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
+)
+STOPPED = FREE.model_copy(update={"impact_pairs": (STOPS,)})
+
+
+BETWEEN = FREE.model_copy(
+    update={"impact_pairs": (ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=1.0)),)}
+)
+
+
+def _simulate(**how: Any) -> object:
+    return simulate(BETWEEN, **{"rel_error": 0.05, "seed": 3, "budget": None} | how).estimates()
+
+
+def _rare_hits(**how: Any) -> object:
+    asked = {"rel_error": 0.9, "seed": 3} | how
+    found = rare_hits(FAR, "impact_speed", 1.5, mission=100.0, **asked)
+    return found.chance, found.repetitions
+
+
+def _windows(**how: Any) -> object:
+    more = {} if how.pop("rel_error", None) is None else {"accepted": 0.4475}
+    asked = {"accepted": 0.2, "seed": 3} | how | more
+    return chance_in_windows(TRUCK, "impact_speed", 0.5, 60.0, **asked)
+
+
+CARRIER = FREE.model_copy(update={"structure": Oscillator(mass=1.0, damping=0.02, stiffness=1.0)})
+
+
+def _absorber(**how: Any) -> object:
+    scene = load_scene(shipped_scene("absorber-on-a-tower"))
+    found = absorber(
+        scene, levels_db=[0.0], **{"rel_error": 0.2, "seed": 3, "budget": None} | how
+    ).performances[0]
+    return found.ratio, found.peak_factor
+
+
+def _design(**how: Any) -> object:
+    found = design_absorber(
+        CARRIER, mass_budget=0.1, restitutions=[0.5], plays=[1, 2, 4, 8],
+        **{"rel_error": 0.3, "seed": 3, "budget": None} | how,
+    )  # fmt: skip
+    return found.best.play, found.best.ratio
+
+
+def _cost(**how: Any) -> object:
+    paths = 1024 if how.pop("rel_error", None) is None else None
+    found = cost(STOPPED, paths=paths, seed=3, **how)
+    return [(row.step, row.value, row.standard_error, row.step_bias) for row in found.errors]
+
+
+def _bursts(**how: Any) -> object:
+    found = bursts(FAR, **{"rel_error": 0.5, "seed": 3, "budget": None} | how)
+    return found.hit_rate(), found.path.tolist(), found.fastest.tolist()
+
+
+def _clatter(**how: Any) -> object:
+    return (
+        clatter(TRUCK, [6e-3], **{"rel_error": 0.1, "seed": 3, "budget": None} | how)
+        .to_numpy()
+        .tobytes()
+    )
+
+
+def _first_crossings(**how: Any) -> object:
+    found = first_crossings(FREE, [2.5], **{"rel_error": 0.2, "seed": 3, "budget": None} | how)
+    return found.first_rate(), found.ages.tolist()
+
+
+def _spectrum(**how: Any) -> object:
+    paths = None if "rel_error" in how else 96
+    found = spectrum(FREE, paths=paths, seed=3, **how)
+    return [curve.value.tolist() for curve in found.curves["x"].values()]
+
+
+def _impacts(**how: Any) -> object:
+    paths = None if "rel_error" in how else 4096
+    found = impacts(STOPPED, paths=paths, duration=50.0, seed=3, **how).pairs["stops"]
+    return found.rates, found.energy, found.speed_rms
+
+
+def _reliability(**how: Any) -> object:
+    found = reliability(
+        STOPPED.model_copy(update={"impact_pairs": (ImpactPair(upper=2.0, law=STOPS.law),)}),
+        mission=30.0, impact_speed=3.0, start="rest",
+        **{"rel_error": 0.3, "seed": 3, "budget": None} | how,
+    )  # fmt: skip
+    chances = {name: chance.estimate for name, chance in found.chances.items()}
+    assert {chance.way for chance in found.chances.values()} == {"crude", "splitting"}
+    return chances, found.hits
+
+
+SAMPLERS = {
+    "simulate": _simulate,
+    "rare hits": _rare_hits,
+    "windows": _windows,
+    "absorber": _absorber,
+    "absorber design": _design,
+    "cost": _cost,
+    "bursts": _bursts,
+    "clatter": _clatter,
+    "first_crossings": _first_crossings,
+    "spectrum": _spectrum,
+    "impacts": _impacts,
+    "reliability": _reliability,
+}
+SLOW = ("rare hits", "absorber design")
+"""Samplers that take seconds: `make verify` tests them."""
+
+samplers = pytest.mark.parametrize(
+    "sampler",
+    [
+        pytest.param(sampler, id=name, marks=[pytest.mark.verify] * (name in SLOW))
+        for name, sampler in SAMPLERS.items()
+    ],
+)
+
+
+MOST_BLOCKS, MOST_SECONDS = 24, 15.0
+"""Blocks that a calculation may do, and seconds of CPU that it may take, where there is no time."""
+
+
+class Remembers(ThreadPoolExecutor):
+    """Keeps the futures of its tasks, each pickled on its way as to another process."""
+
+    def __init__(self) -> None:
+        super().__init__(2)
+        self.futures: list[Future[Any]] = []
+
+    def submit(self, function: Any, /, *arguments: Any, **named: Any) -> Future[Any]:
+        function, arguments, named = pickle.loads(pickle.dumps((function, arguments, named)))
+        self.futures.append(super().submit(function, *arguments, **named))
+        return self.futures[-1]
+
+
+@samplers
+def test_the_executor_never_shows_in_a_digit(sampler: Any) -> None:
+    alone = sampler(threads=1)
+    assert sampler(threads=2) == alone
+    with Remembers() as executor:
+        assert sampler(executor=executor) == alone
+    assert executor.futures
+
+
+@pytest.fixture(scope="module")
+def processes() -> Iterator[Executor]:
+    with ProcessPoolExecutor(2) as executor:
+        yield executor
+
+
+@samplers
+def test_processes_give_the_same_digits(sampler: Any, processes: Executor) -> None:
+    assert sampler(executor=processes) == sampler(threads=1)
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[Executor]:
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None
+        ) as local,
+        distributed.Client(local) as client,
+    ):
+        yield client.get_executor(pure=False)
+
+
+@samplers
+def test_a_cluster_of_two_workers_gives_the_same_digits(sampler: Any, cluster: Executor) -> None:
+    assert sampler(executor=cluster) == sampler(threads=1)
+
+
+class Blocks:
+    """Counts the blocks that are done, and presses Ctrl-C twice after the n-th."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.done, self.stops_at = 0, math.inf
+        do = WorkerPool.do
+
+        def counted(pool: WorkerPool, *asked: Any) -> Any:
+            for each in do(pool, *asked):
+                yield each
+                self.done += 1
+                if self.done >= self.stops_at:
+                    raise KeyboardInterrupt
+
+        monkeypatch.setattr(WorkerPool, "do", counted)
+
+    def of(self, sampler: Any, **how: Any) -> tuple[int, object]:
+        """Number of blocks of a calculation, and its answer."""
+        self.done = 0
+        found = sampler(threads=1, **how)
+        return self.done, found
+
+
+@samplers
+def test_killed_and_resumed_it_has_the_digits_of_a_run_that_never_stopped(
+    sampler: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blocks, kept = Blocks(monkeypatch), tmp_path / "run"
+    number, whole = blocks.of(sampler)
+    blocks.stops_at = max(1, number // 2)
+    with pytest.raises(KeyboardInterrupt):
+        blocks.of(sampler, checkpoint=kept, checkpoint_interval=1e-9)
+    blocks.stops_at = math.inf
+    left, found = blocks.of(sampler, resume=kept)
+    assert found == whole
+    assert left <= number - number // 2 + 1  # the block before Ctrl-C may not be kept yet
+    assert blocks.of(sampler, resume=kept) == (0, whole)
+
+
+@samplers
+def test_a_budget_ends_it_after_the_blocks_that_are_needed(
+    sampler: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """An accuracy that takes minutes to hours: the last block under way at the deadline is cut."""
+    blocks, began = Blocks(monkeypatch), time.process_time()
+    with suppress(NotConverged):  # some have an answer with larger errors all the same
+        sampler(threads=1, budget=1e-3, rel_error=1e-3)
+    assert blocks.done <= MOST_BLOCKS
+    assert time.process_time() - began < MOST_SECONDS
+
+
+def test_what_is_sent_is_small_and_kept() -> None:
+    """A box on three tables: its tables and modes are made anew by a worker, once."""
+    plan = make_plan(model_of(load_scene(shipped_scene("rigid-box"))))
+    before = plan.averages(3, 0, 2)
+    packet = packed(ResponseSampler(plan, 3))
+    assert len(packet) < 20_000 < len(pickle.dumps(plan))
+    sampler = unpacked(packet)
+    assert unpacked(bytes(packet)) is sampler
+    assert sampler.plan.averages(3, 0, 2).tobytes() == before.tobytes()
+
+
+@samplers
+def test_ctrl_c_leaves_no_task_that_may_begin(sampler: Any) -> None:
+    def interrupts(share: float, sentence: str) -> None:
+        if "compiling" not in sentence:
+            raise KeyboardInterrupt
+
+    with Remembers() as executor:
+        with pytest.raises(KeyboardInterrupt):
+            sampler(executor=executor, progress=interrupts)
+        assert executor.futures
+        assert all(future.running() or future.done() for future in executor.futures)
+
+
+WITHOUT_PARTS = (*SLOW, "windows")
+"""Samplers whose answer after Ctrl-C is that of another test, or of the calculation that asks."""
+
+
+def ctrl_c() -> None:
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.mark.parametrize("name", [name for name in SAMPLERS if name not in WITHOUT_PARTS])
+def test_ctrl_c_answers_with_what_there_is(name: str) -> None:
+    told: list[str] = []
+
+    def once(share: float, sentence: str) -> None:
+        if share > 0.0 and not told:
+            told.append(sentence)
+            ctrl_c()
+
+    usual = signal.getsignal(signal.SIGINT)
+    with pytest.raises(Interrupted, match="interrupted by Ctrl-C") as stopped:
+        SAMPLERS[name](threads=1, progress=once, rel_error=1e-3)
+    answer = stopped.value.partial
+    assert answer is not None
+    assert getattr(answer, "interrupted", True)
+    assert signal.getsignal(signal.SIGINT) is usual
+    assert not Deadline.after(None).passed()  # of what begins after it
+
+
+def test_a_second_ctrl_c_ends_at_once() -> None:
+    with graceful_interrupt():
+        ctrl_c()
+        with pytest.raises(KeyboardInterrupt):
+            ctrl_c()
+
+
+@samplers
+def test_what_takes_no_tasks_is_refused(sampler: Any) -> None:
+    with pytest.raises(ValueError, match=r"executor must be a concurrent.futures.Executor"):
+        sampler(executor=4)
