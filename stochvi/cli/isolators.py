@@ -198,7 +198,6 @@ def size(
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
     from stochvi.results.base import plain
-    from stochvi.results.errors import NotConverged
     from stochvi.scenes.scene import load_scene
     from stochvi.views.isolator_tables import print_sizing
 
@@ -223,21 +222,17 @@ def size(
         fell_short.extend(answer.fell_short)
         document, table = answer.to_dict(), None
         if sensitivity:
-            try:
-                with options.progress("sensitivity") as report:
-                    table = vary(
-                        answer, seed=options.seed, threads=options.threads, progress=report,
-                        budget=deadline.part(1.0 if options.out is None else FIRST),
-                    )  # fmt: skip
-            except NotConverged as reason:  # the sizing itself is known all the same
-                fell_short.append(f"--sensitivity: {reason}")
-            else:
-                document |= {"sensitivity": plain(table)}
-                fell_short.extend(
-                    f"--sensitivity, {change}: {note}"
-                    for change, note in zip(table["change"], table["note"], strict=True)
-                    if note
-                )
+            with options.progress("sensitivity") as report:
+                table = vary(
+                    answer, seed=options.seed, threads=options.threads,
+                    budget=deadline.part(1.0 if options.out is None else FIRST), progress=report,
+                )  # fmt: skip
+            document |= {"sensitivity": plain(table)}
+            fell_short.extend(
+                f"--sensitivity, {change}: {note}"
+                for change, note in zip(table["change"], table["note"], strict=True)
+                if note
+            )
         options.show(
             answer, lambda console, each: print_sizing(console, each, table), None, document
         )

@@ -21,8 +21,8 @@ from stochvi.model.model import Model, model_of
 from stochvi.results.base import COMMON, Result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
-from stochvi.scenes.rigid_body import AXES, RigidBody
 from stochvi.scenes.scene import Scene
+from stochvi.scenes.structures.rigid_body import AXES, RigidBody
 
 
 @dataclass(frozen=True, kw_only=True)

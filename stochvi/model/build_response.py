@@ -58,7 +58,7 @@ def build_response(
         identities=identities,
         effects=scene.effects(),
         assumptions=[*scene.assumptions(), *assumptions],
-        warnings=[*notes, *warnings],
+        warnings=[*notes, *scene.cautions(), *warnings],
         cost=cost,
         provenance=provenance(scene.document(), seed) | dict(made_by or {}),
         interrupted=interrupted,

@@ -35,9 +35,9 @@ from stochvi.scenes.impact_laws import (
     Restitution,
     not_rigid,
 )
-from stochvi.scenes.rigid_body import AXES, RigidBody, rows_at
 from stochvi.scenes.scene import ImpactPair, Scene
-from stochvi.scenes.structures import Isolator, NonlinearOscillator, Oscillator, Structure
+from stochvi.scenes.structures import NonlinearOscillator
+from stochvi.scenes.structures.rigid_body import rows_at
 
 PerUnitMass = Callable[[ArrayLike], Vector]
 """A force per unit mass (m/s^2), or an energy (m^2/s^2), as a function of x (m) or v (m/s)."""
@@ -547,13 +547,11 @@ def _build_model(scene: Scene) -> Model:
     structure = scene.structure
     mass = structure.matrices[0]
     damping, stiffness = np.zeros_like(mass), np.zeros_like(mass)
-    rates = None
     restoring: PerUnitMass | None = None
     potential: PerUnitMass | None = None
     drag: PerUnitMass | None = None
     if isinstance(structure, NonlinearOscillator):
         m = structure.mass
-        rates = (0.0, structure.damping_rate or 0.0)
         restoring, potential = (
             lambda x: structure.force_at(x) / m,
             lambda x: structure.potential_at(x) / m,
@@ -562,10 +560,7 @@ def _build_model(scene: Scene) -> Model:
             drag = lambda v: structure.damping_at(v) / m  # noqa: E731
     else:
         mass, damping, stiffness = structure.matrices
-        if isinstance(structure, Oscillator):
-            rates = (structure.omega, structure.damping_rate)
-        elif len(mass) == 1:
-            rates = (math.sqrt(stiffness[0, 0] / mass[0, 0]), float(damping[0, 0] / mass[0, 0]))
+    rates = structure.rates
     directions = [_direction(scene, excitation, mass) for excitation in scene.excitations]
     shaken = list(zip(scene.excitations, directions, strict=True))
     model = Model(
@@ -574,14 +569,14 @@ def _build_model(scene: Scene) -> Model:
         damping=damping,
         stiffness=stiffness,
         whites=tuple((e.si_intensity, d) for e, d in shaken if isinstance(e, WhiteNoise)),
-        constants=tuple(_constants(scene, mass, shaken)),
+        constants=tuple(_constants(scene, shaken)),
         signals=tuple(_signals(scene, shaken)),
         tables=tuple(_tables(scene, mass, shaken)),
         pairs=tuple(_pair(scene, pair, mass) for pair in scene.impact_pairs),
-        moving_base=isinstance(structure, Isolator)
+        moving_base=structure.on_mount
         or any(scene.place(excitation) == BASE for excitation in scene.excitations),
-        base=_base(structure),
-        points=_points(structure),
+        base=structure.carried,
+        points=structure.reported,
         rates=rates,
         cautions=tuple(
             sentence
@@ -597,7 +592,9 @@ def _build_model(scene: Scene) -> Model:
     if records and restoring is None and drag is None:
         model = replace(model, cautions=(*model.cautions, *_lost_motion(model, records)))
     references, motions = scene.drifts
-    return _seen_from(model, references, motions) if references else model
+    if references:
+        return _seen_from(model, references, motions)
+    return _at_its_gap(scene, model) if len(mass) == 1 and model.points else model
 
 
 def _lost_motion(model: Model, records: Sequence[RecordedNoise]) -> list[str]:
@@ -613,6 +610,36 @@ def _lost_motion(model: Model, records: Sequence[RecordedNoise]) -> list[str]:
     alone = len(model.coordinates) == 1
     found = (each.lost_below(omega, float(damping_rate), alone=alone) for each in records)
     return [sentence for each in found if each is not None for sentence in each[1:]]
+
+
+def _at_its_gap(scene: Scene, model: Model) -> Model:
+    """The model of one mode by the displacement of the gap, or of the first point without stops.
+
+    It is one oscillator: all of its points move in proportion to that one.
+    """
+    if len(model.pairs) > 1:
+        return model
+    name, row = next(iter(model.points.items()))
+    if scene.impact_pairs:
+        name, row = scene.words_of(scene.impact_pairs[0]), model.pairs[0].direction
+    if not row[0]:
+        return model
+    share = float(row[0])
+    assert model.rates is not None
+    return replace(
+        model,
+        coordinates=(name,),
+        mass=model.mass / share**2,
+        damping=model.damping / share**2,
+        stiffness=model.stiffness / share**2,
+        whites=tuple((strength, force / share) for strength, force in model.whites),
+        constants=tuple((strength, force / share) for strength, force in model.constants),
+        signals=tuple(replace(each, direction=each.direction / share) for each in model.signals),
+        tables=tuple((table, np.asarray(force) / share) for table, force in model.tables),
+        pairs=tuple(replace(pair, direction=pair.direction / share) for pair in model.pairs),
+        base={axis: share * moved for axis, moved in model.base.items()},
+        points={},
+    )
 
 
 def _seen_from(model: Model, references: list[int], motions: Matrix) -> Model:
@@ -685,7 +712,7 @@ def _tables(
     are expressed by independent sources."""
     together = scene.tables_by_axis() if scene.cross_densities else {}
     sources = independent_sources(scene.cross_densities, together)
-    influence = _base(scene.structure)
+    influence = scene.structure.carried
     rows = np.array([inertia_of(mass, influence[axis]) for axis in together]).T
     breaks = [
         *(table.frequency_hz for table in together.values()),
@@ -701,13 +728,10 @@ def _tables(
 
 
 def _constants(
-    scene: Scene, mass: Matrix, shaken: list[tuple[Excitation, Vector]]
+    scene: Scene, shaken: list[tuple[Excitation, Vector]]
 ) -> Iterator[tuple[float, Vector]]:
-    """Size and direction of every constant load, with gravity as an acceleration of the base."""
-    if isinstance(scene.structure, Oscillator) and scene.structure.gravity_load:
-        yield -scene.structure.gravity_load, -mass.sum(axis=1)
-    if isinstance(scene.structure, RigidBody) and scene.structure.gravity:
-        yield 1.0, mass @ scene.structure.load_of_gravity
+    """Size and direction of every constant load, those of gravity first."""
+    yield from scene.structure.constant_forces()
     for excitation, direction in shaken:
         if isinstance(excitation, ConstantLoad):
             yield excitation.magnitude, direction
@@ -715,12 +739,12 @@ def _constants(
 
 def _direction(scene: Scene, excitation: Excitation, mass: Matrix) -> Vector:
     """Forces (n,) on the coordinates per newton of an excitation, or per m/s^2 of the base."""
-    if excitation.between is not None:
-        return scene.unit(*excitation.between)
     place = scene.place(excitation)
     if place == BASE:
-        return inertia_of(mass, _base(scene.structure)[excitation.axis or ""])
-    return scene.unit(place)
+        return inertia_of(mass, scene.structure.carried[excitation.axis or ""])
+    if not scene.words_of(excitation):
+        return np.asarray(scene.structure.places[place])
+    return scene.row_of(excitation)
 
 
 def inertia_of(mass: Matrix, influence: Vector) -> Vector:
@@ -729,37 +753,21 @@ def inertia_of(mass: Matrix, influence: Vector) -> Vector:
     return np.asarray(-(mass * influence).sum(axis=1))
 
 
-def _base(structure: Structure) -> dict[str, Vector]:
-    """Accelerations of the coordinates that follow the base, by its axes."""
-    if isinstance(structure, RigidBody):
-        return dict(zip(AXES, np.eye(6), strict=False))
-    return {"": np.ones(len(structure.coordinates))}
-
-
-def _points(structure: Structure) -> dict[str, Vector]:
-    """Rows of the displacements of named points of a rigid body along each axis."""
-    points = structure.points if isinstance(structure, RigidBody) else None
-    return {
-        f"{name}.{axis}": row
-        for name, place in (points or {}).items()
-        for axis, row in zip(AXES, rows_at(place), strict=True)
-    }
-
-
 def _pair(scene: Scene, pair: ImpactPair, mass: Matrix) -> Pair:
     if pair.at is not None and pair.direction is not None:
-        along = np.array(pair.direction)
+        along, compliance = np.array(pair.direction), 0.0
         direction = along @ rows_at(pair.at) / float(np.linalg.norm(along))
     else:
-        direction = scene.unit(*(pair.between or (pair.on or "",)))
+        direction = scene.row_of(pair)
+        compliance = scene.structure.compliance(scene.weights_of(pair))
     places = {"lower": (LOWER, pair.lower), "upper": (UPPER, pair.upper)}
     return Pair(
         name=pair.name,
         direction=direction,
         mass=float(1.0 / (direction @ np.linalg.solve(mass, direction))),
-        relative=pair.between is not None or pair.at is not None,
+        relative=bool(np.count_nonzero(direction) > 1) or pair.at is not None,
         stops=tuple(
-            Stop(side, position, pair.law_of(name))
+            Stop(side, position, pair.law_of(name).in_series(compliance))
             for name, (side, position) in places.items()
             if position is not None
         ),

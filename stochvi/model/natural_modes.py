@@ -11,7 +11,12 @@ import numpy as np
 from stochvi.mathematics.rounding import CANCELLATION
 from stochvi.model.coverage import functions
 from stochvi.model.model import Model
-from stochvi.scenes.rigid_body import LEAST_SHARE, MOTIONS, energy_shares, motion_in_words
+from stochvi.scenes.structures.rigid_body import (
+    LEAST_SHARE,
+    MOTIONS,
+    energy_shares,
+    motion_in_words,
+)
 
 
 class NaturalMode(NamedTuple):

@@ -11,13 +11,24 @@ from .excitations import (
 )
 from .impact_laws import Elastic, ForceTable, Hertz, Restitution, SpeedRestitution, Viscoelastic
 from .records import Record, read_record
-from .rigid_body import Mount, RigidBody
 from .scene import ImpactPair, Scene, load_scene
-from .structures import Isolator, Matrices, NonlinearOscillator, Oscillator
+from .structures import (
+    Bar,
+    Beam,
+    Isolator,
+    Matrices,
+    Modes,
+    NonlinearOscillator,
+    Oscillator,
+    Plate,
+)
+from .structures.rigid_body import Mount, RigidBody
 from .vehicles import QuarterCar
 
 __all__ = [
     "Absorber",
+    "Bar",
+    "Beam",
     "ConstantLoad",
     "Elastic",
     "FilteredNoise",
@@ -26,9 +37,11 @@ __all__ = [
     "ImpactPair",
     "Isolator",
     "Matrices",
+    "Modes",
     "Mount",
     "NonlinearOscillator",
     "Oscillator",
+    "Plate",
     "Profile",
     "QuarterCar",
     "Record",

@@ -136,6 +136,32 @@ def uff(path: str) -> Iterator[dict[str, Any]]:
         }  # fmt: skip
 
 
+def uff_modes(path: str) -> Iterator[dict[str, Any]]:
+    """The mode shapes in datasets 55, (nodes, directions) over the numbers of the nodes."""
+    import numpy as np
+    import pyuff
+
+    file = pyuff.UFF(path)
+    for number, kind in enumerate(file.get_set_types()):
+        if int(kind) != 55:
+            continue
+        entry = file.read_sets(number)
+        if int(entry["analysis_type"]) not in (2, 3, 7):  # normal or complex modes
+            continue
+        given = [np.asarray(entry[f"r{n}"]) for n in range(1, 7) if entry.get(f"r{n}") is not None]
+        columns = [each for each in given if each.size]
+        normal = int(entry["analysis_type"]) == 2
+        yield {
+            "name": str(number + 1),
+            "complex": not normal or any(np.any(np.imag(each)) for each in columns),
+            "frequency_hz": float(entry.get("freq") or 0.0) if normal else 0.0,
+            "modal_mass": float(entry.get("modal_m") or 0.0) if normal else 0.0,
+            "zeta": float(entry.get("modal_damp_vis") or 0.0) if normal else 0.0,
+            "x": np.asarray(entry["node_nums"]).astype(float),
+            "y": np.real(np.stack(columns, axis=1)).astype(float),
+        }
+
+
 def ide(path: str) -> Iterator[dict[str, Any]]:
     """The channels of acceleration of a logger, with their times in seconds."""
     import idelib
@@ -155,6 +181,7 @@ def ide(path: str) -> Iterator[dict[str, Any]]:
 READERS: dict[str, Callable[[str], Iterator[dict[str, Any]]]] = {
     "MATLAB": matlab,
     "UFF": uff,
+    "UFF modes": uff_modes,
     "IDE": ide,
 }
 """Name of a format -> its reader."""

@@ -15,6 +15,16 @@ KEY_UNITS = {
     "play": "m",
     "deflection": "m",
     "thickness": "m",
+    "length": "m",
+    "width": "m",
+    "height": "m",
+    "second_moment": "m4",
+    "young": "Pa",
+    "tip_mass": "kg",
+    "tip_spring": "N/m",
+    "modal_mass": "kg",
+    "residual_compliance": "m/N",
+    "max_frequency_hz": "Hz",
     "area": "m2",
     "mass": "kg",
     "body_mass": "kg",
@@ -53,6 +63,8 @@ def key_unit(document: Mapping[str, Any], part: Mapping[str, Any], name: str) ->
     'g2/Hz'
     """
     match part.get("kind"), name:
+        case "bar" | "beam" | "plate", "density":
+            return "kg/m3"
         case _, "density":
             return str(part.get("unit", ""))
         case "hertz", "coefficient":

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self, assert_never
 
@@ -31,10 +31,10 @@ from stochvi.scenes.excitations import (
 from stochvi.scenes.excitations.base import Density, StrengthNoise
 from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelastic
 from stochvi.scenes.impact_laws.rubber_data import AS_WRITTEN
-from stochvi.scenes.rigid_body import AXES, RigidBody, Triple
-from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
+from stochvi.scenes.structures import Matrices, NonlinearOscillator, Oscillator, Structure
+from stochvi.scenes.structures.rigid_body import AXES, RigidBody, Triple
 from stochvi.scenes.text_tables import read_text
-from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, given
+from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, Weights, given
 from stochvi.scenes.vehicles import QuarterCar
 
 
@@ -50,9 +50,10 @@ class ImpactPair(Checked):
         A stop beyond it (an upper stop below 0) is a preload.
     clearance
         Instead of the two, one clearance on both sides, m: stops at -clearance and clearance.
-    on, between
-        The coordinate that hits, which may be left out if there is only one; or two coordinates,
-        of which the difference, first minus second, is the gap.
+    on, between, weights
+        The coordinate or point that hits, which may be left out if there is only one; or two of
+        them, of which the difference, first minus second, is the gap; or the weights of several,
+        as { tip = 0.5, middle = 0.5 }, whose sum is the gap.
     at, direction
         Of a rigid body: the place that hits, m from the centre of mass, and the direction in which
         its displacement counts as positive; of any length above 0, it is divided by its length.
@@ -76,6 +77,7 @@ class ImpactPair(Checked):
     name: str = "stops"
     on: str | None = None
     between: tuple[str, str] | None = None
+    weights: Weights | None = None
     at: Triple | None = None
     direction: Triple | None = None
     lower: Number | None = None
@@ -129,8 +131,8 @@ class ImpactPair(Checked):
 
     @model_validator(mode="after")
     def _stops(self) -> Self:
-        if self.on is not None and self.between is not None:
-            raise ValueError("takes on or between, got both")
+        if len(several := given(self, "on", "between", "weights").split(", ")) > 1:
+            raise ValueError(f"takes one of on, between and weights, got {' and '.join(several)}")
         if self.direction is not None and not any(self.direction):
             raise SceneError(
                 [("direction", "must have a length above 0, as [0, 0, 1], got [0, 0, 0]")]
@@ -315,10 +317,10 @@ class Scene(Checked):
 
     def _misplaced(self, pair: ImpactPair) -> str:
         """What is wrong with the coordinates of an impact pair; empty if nothing is."""
-        known = self.structure.coordinates
+        known = self.structure.places
         places = given(pair, "at", "direction")
         if isinstance(self.structure, RigidBody):
-            named = given(pair, "on", "between")
+            named = given(pair, "on", "between", "weights")
             if named != "none" or None in (pair.at, pair.direction):
                 return (
                     "needs at (m from the centre of mass) and direction on a rigid body, got "
@@ -330,17 +332,19 @@ class Scene(Checked):
                 f"takes {places} with structure.kind = 'rigid-body' only, got "
                 f"{self.structure.kind!r}"
             )
-        names = pair.between or (() if pair.on is None else (pair.on,))
+        names = pair.between or tuple(pair.weights or ()) or (() if pair.on is None else (pair.on,))
         for name in names:
             if name not in known:
                 only = ", the only coordinate of this scene" if len(known) == 1 else ""
                 return f"must be on {_one_of(known)}{only}, got {name!r}"
         if not names and len(known) > 1:
             return f"needs on or between, with names of {_one_of(known)}, got none"
-        if self.structure.mass is None and not all(law.rigid for _, law in pair.stops()):
+        if not self.structure.knows_mass and not all(law.rigid for _, law in pair.stops()):
             return "has a stop with a force, which needs structure.mass, got none"
         if pair.between is not None and pair.between[0] == pair.between[1]:
             return f"needs two different coordinates in between, got {pair.between[0]!r} twice"
+        if not np.any(self.row_of(pair)):
+            return f"is where the structure does not move, got {self.words_of(pair)!r}"
         return ""
 
     @property
@@ -374,7 +378,7 @@ class Scene(Checked):
             return none
         if any(self.place(excitation) == BASE for excitation in self.excitations):
             return none
-        rows = [self.unit(*(pair.between or (pair.on or "",))) for pair in self.impact_pairs]
+        rows = [self.row_of(pair) for pair in self.impact_pairs]
         return drifts(np.vstack(structure.matrices[1:]), np.array(rows))
 
     @property
@@ -384,14 +388,27 @@ class Scene(Checked):
         names = enumerate(self.structure.coordinates)
         return tuple(name for place, name in names if place not in references)
 
-    def unit(self, first: str = "", second: str = "") -> Array:
-        """Row (n,) that selects the coordinate `first`, or the difference of two coordinates.
+    def weights_of(self, part: ImpactPair | Excitation) -> Mapping[str, float]:
+        """Weights of the places on which a pair or a force acts, by name."""
+        if part.weights is not None:
+            return part.weights
+        if part.between is not None:
+            return dict(zip(part.between, (1.0, -1.0), strict=True))
+        return {part.on or next(iter(self.structure.places)): 1.0}
 
-        Without a name it selects the first coordinate.
-        """
-        names = self.structure.coordinates
-        row = np.array([float(name == (first or names[0])) for name in names])
-        return np.asarray(row - np.array([float(name == second) for name in names]))
+    def row_of(self, part: ImpactPair | Excitation) -> Array:
+        """Row (n,) of the displacement on which a pair or a force acts, row . q."""
+        known = self.structure.places
+        rows = [weight * known[name] for name, weight in self.weights_of(part).items()]
+        return np.asarray(np.sum(rows, axis=0))
+
+    def words_of(self, part: ImpactPair | Excitation) -> str:
+        """What a pair or a force acts on, in words; empty if it does not say so."""
+        if part.weights is not None:
+            return " + ".join(f"{weight:g} {name}" for name, weight in part.weights.items())
+        if part.between is not None:
+            return " against ".join(part.between)
+        return part.on or ""
 
     @property
     def absorber_coordinates(self) -> tuple[str, ...]:
@@ -431,7 +448,7 @@ class Scene(Checked):
         """Problems for numbers whose products and squares would leave the floating-point range."""
         numbers: list[tuple[str, str, float | None]] = []
         mass = 1.0
-        if isinstance(self.structure, Matrices | RigidBody):
+        if self.structure.linear and not isinstance(self.structure, Oscillator):
             names = ("the mass (kg)", "the damping (N s/m)", "the stiffness (N/m)")
             for name, matrix in zip(names, self.structure.matrices, strict=True):
                 numbers += [("structure", name, float(entry)) for entry in matrix.ravel()]
@@ -439,11 +456,10 @@ class Scene(Checked):
                 for word in ("si_intensity", "peak", "magnitude"):
                     strength = getattr(excitation, word, None)
                     numbers.append(("excitation", "its strength", strength))
-        elif self.structure.mass is not None and not _fits(self.structure.mass):
-            return [("structure", _range_sentence("the mass (kg)", self.structure.mass))]
+        elif not _fits(mass := float(self.structure.matrices[0][0, 0])):
+            return [("structure", _range_sentence("the mass (kg)", mass))]
         else:
             numbers += self._numbers_per_unit_mass()
-            mass = self.structure.mass or 1.0
         for pair in self.impact_pairs:
             numbers += [
                 ("impact_pair", "the lower stop (m)", pair.lower),
@@ -494,15 +510,15 @@ class Scene(Checked):
 
     def _misfit(self, excitation: Excitation) -> str:
         """What is wrong with the place of an excitation; empty if nothing is."""
-        if excitation.between is not None:
-            return self._misfit_between(excitation, excitation.between)
+        if excitation.between is not None or excitation.weights is not None:
+            return self._misfit_of_several(excitation)
         rigid = isinstance(self.structure, RigidBody)
-        known = AXES if rigid else self.structure.coordinates
+        known = AXES if rigid else tuple(self.structure.places)
         where = self.place(excitation)
-        if where == BASE and not isinstance(self.structure, Isolator | Matrices | RigidBody):
+        if where == BASE and not self.structure.movable:
             return (
-                "acts on the base, which needs structure.kind = 'isolator', 'matrices' or "
-                f"'rigid-body', got {self.structure.kind!r}"
+                "acts on the base, which needs structure.kind = 'isolator' or one of several "
+                f"coordinates, got {self.structure.kind!r}"
             )
         if excitation.axis is not None and not (rigid and where == BASE):
             got = f"on = {where!r}" if rigid else f"structure.kind = {self.structure.kind!r}"
@@ -519,7 +535,7 @@ class Scene(Checked):
             return f"needs on = {_one_of((*known, BASE))} to say where it acts, got none"
         if where != BASE and where not in known:
             return f"must act on {_one_of((*known, BASE))}, got on = {where!r}"
-        if where != BASE and self.structure.mass is None:
+        if where != BASE and not self.structure.knows_mass:
             return "is a force, which needs structure.mass, got none"
         if isinstance(excitation, ConstantLoad) and (where == BASE) != (excitation.force is None):
             return "takes force on a coordinate and acceleration on the base"
@@ -527,30 +543,41 @@ class Scene(Checked):
             return sentence
         return _misfit_unit(excitation, where)
 
-    def _misfit_between(self, excitation: Excitation, between: tuple[str, str]) -> str:
-        """What is wrong with the place of a force between two coordinates; empty if nothing is."""
-        if not isinstance(self.structure, Matrices):
+    def _misfit_of_several(self, excitation: Excitation) -> str:
+        """What is wrong with the place of a force between two places, or on several; empty if
+        nothing is."""
+        known, key = self.structure.places, "weights" if excitation.between is None else "between"
+        if isinstance(self.structure, RigidBody) or len(known) < 2:
             return (
-                f"takes between with structure.kind = 'matrices' only, got {self.structure.kind!r}"
+                f"takes {key} with a structure of several coordinates or points only, got "
+                f"{self.structure.kind!r}"
             )
-        if excitation.on is not None or excitation.axis is not None:
-            return f"takes on or between, got between with {given(excitation, 'on', 'axis')}"
-        known = self.structure.coordinates
-        if len(set(between) & set(known)) < 2:
-            return f"needs two different names of {_one_of(known)} in between, got {list(between)}"
+        if given(excitation, "on", "axis", "between", "weights") != key:
+            others = given(excitation, "on", "axis", *({"between", "weights"} - {key}))
+            return f"takes on, between or weights, got {key} with {others}"
+        names = excitation.between or tuple(excitation.weights or ())
+        if not set(names) <= set(known) or len(set(names)) < len(names):
+            wanted = "two different names of " if key == "between" else "names of "
+            return f"needs {wanted}{_one_of(known)} in {key}, got {list(names)}"
         where = self.place(excitation)
         if isinstance(excitation, ConstantLoad) and excitation.force is None:
-            return "takes force between coordinates, got acceleration"
+            return f"takes force with {key}, got acceleration"
         if isinstance(excitation, Sine):
-            i, j = (known.index(name) for name in between)
-            _, damping, stiffness = self.structure.matrices
-            if excitation.crank and not (stiffness[i, j] or damping[i, j]):
+            if excitation.crank and not self._joined(*names):
                 return (
                     f"has displacement of a crank, which needs a spring or damper between "
-                    f"{between[0]!r} and {between[1]!r}, got none; give amplitude (N)"
+                    f"{names[0]!r} and {names[1]!r}, got none; give amplitude (N)"
                 )
             return excitation.misplaced(where)
         return _misfit_unit(excitation, where)
+
+    def _joined(self, first: str, second: str) -> bool:
+        """Whether a spring or damper of matrices joins two coordinates."""
+        known = self.structure.coordinates
+        if not {first, second} <= set(known):
+            return False
+        i, j = known.index(first), known.index(second)
+        return any(matrix[i, j] for matrix in self.structure.matrices[1:])
 
     def tables_by_axis(self) -> dict[str, Table]:
         """The densities of the axes of the base that cross densities name.
@@ -603,18 +630,18 @@ class Scene(Checked):
         It follows from the keys of the excitation, otherwise from its kind and that of the
         structure; it is empty if they do not tell.
         """
-        if excitation.between is not None:
-            return " against ".join(excitation.between)
-        if excitation.on is not None:
-            return excitation.on
+        if words := self.words_of(excitation):
+            return words
         if isinstance(self.structure, RigidBody):
             return "" if excitation.axis is None else BASE
-        if isinstance(excitation, ConstantLoad) and not isinstance(self.structure, Matrices):
+        if isinstance(excitation, ConstantLoad) and isinstance(
+            self.structure, Oscillator | NonlinearOscillator
+        ):
             return BASE if excitation.acceleration is not None else "x"
-        if isinstance(self.structure, Isolator):
+        if self.structure.on_mount:
             return BASE
-        coordinates = self.structure.coordinates
-        return coordinates[0] if len(coordinates) == 1 else ""
+        known = tuple(self.structure.places)
+        return known[0] if len(known) == 1 else ""
 
     def place_in_words(self, excitation: Excitation) -> str:
         """Where an excitation acts: a coordinate or "base", with the axis along which it moves."""
@@ -652,7 +679,7 @@ class Scene(Checked):
         if self._short_absorbers:
             return (*self.expanded.assumptions(), *self._reaction())
         found = [UNLOADED]
-        if self.structure.mass is None:
+        if not self.structure.knows_mass:
             found.append("mass is not given: 1 kg, which only forces and energies depend on")
         for place in self.drifts[0]:
             name = self.structure.coordinates[place]
@@ -661,8 +688,7 @@ class Scene(Checked):
                 f"{name!r}"
             )
         words = {law.word for pair in self.impact_pairs for _, law in pair.stops()}
-        if isinstance(self.structure, RigidBody):
-            found += self.structure.assumptions()
+        found += self.structure.assumptions()
         if "rigid" in words:
             which = "stops are rigid" if words == {"rigid"} else "the rigid stop does not give way"
             found.append(f"{which}; an impact is instantaneous (Newton's restitution)")
@@ -683,14 +709,17 @@ class Scene(Checked):
                 found += excitation.assumptions(*self._resonance())
         return (*found, *self._reaction())
 
+    def cautions(self) -> list[str]:
+        """Sentences on what makes answers doubtful, whatever the method."""
+        rigid = [p.name for p in self.impact_pairs if any(law.rigid for _, law in p.stops())]
+        return self.structure.cautions(rigid)
+
     def _reaction(self) -> tuple[str, ...]:
         """The assumption that the vehicle does not feel the mount, with their ratio of masses."""
         if self.vehicle is None:
             return ()
-        known = isinstance(self.structure, Matrices) or self.structure.mass is not None
-        mass = self.structure.mass if isinstance(self.structure, RigidBody) else None
-        if known and mass is None:
-            mass = float(self.expanded.structure.matrices[0].sum())
+        known = self.structure.carried_mass is not None
+        mass = self.expanded.structure.carried_mass if known else None
         return (self.vehicle.reaction(mass),)
 
     def table_of(self, excitation: DensityNoise) -> Table:
@@ -743,7 +772,7 @@ def _misfit_unit(excitation: Excitation, where: str) -> str:
     return ""
 
 
-def _one_of(names: Sequence[str]) -> str:
+def _one_of(names: Iterable[str]) -> str:
     return " or ".join(repr(name) for name in names)
 
 
@@ -808,6 +837,8 @@ def scene_from(document: Mapping[str, Any], folder: Path = Path()) -> Scene:
     for key in ("excitation", "impact_pair"):
         if isinstance(entries := document.get(key), list):
             document[key] = [_files_from(folder, entry) for entry in entries]
+    if "structure" in document:
+        document["structure"] = _files_from(folder, document["structure"])
     return Scene(**document)
 
 

@@ -17,6 +17,7 @@ from pydantic.json_schema import GenerateJsonSchema
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Viscoelastic
 from stochvi.scenes.impact_laws.rubber_data import DAMPING, PAD
 from stochvi.scenes.scene import Scene
+from stochvi.scenes.structures import Modes
 from stochvi.scenes.validation import PYTHON_ONLY, Checked
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -83,6 +84,9 @@ def scene_schema() -> dict[str, Any]:
     table = described[ForceTable.__name__]
     table["required"] = ["kind"]
     table["anyOf"] = [{"required": ["file"]}, {"required": ["deflection", "force"]}]
+    modes = described[Modes.__name__]
+    modes["required"] = ["kind"]
+    modes["anyOf"] = [{"required": ["file"]}, {"required": ["frequency_hz", "shapes"]}]
     head = {"$schema": DIALECT, "title": "stochvi scene"}
     return head | _described(_tidy(whole, left_out), Scene) | {"$defs": described}
 

@@ -84,6 +84,16 @@ Matrix = Annotated[tuple[tuple[Number, ...], ...], BeforeValidator(_plain_number
 """A matrix, row by row."""
 
 
+def _weighted(weights: dict[str, float]) -> dict[str, float]:
+    if not any(weights.values()):
+        raise ValueError(f"must hold a weight other than 0 of one place at least, got {weights}")
+    return weights
+
+
+Weights = Annotated[dict[str, Number], AfterValidator(_weighted)]
+"""Weights of places by their names: a pair or a force acts on the weighted sum of their motions."""
+
+
 def _name_of(function: Any) -> str:
     """Module and name of a function; of an object that can be called, those of its class."""
     named = function if hasattr(function, "__qualname__") else type(function)
@@ -243,7 +253,11 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
     "omega": ("frequency_hz",),
     "w": ("frequency_hz",),
     "f": ("frequency_hz",),
-    "m": ("mass",),
+    "m": ("mass", "modal_mass"),
+    "E": ("young",),
+    "rho": ("density",),
+    "I": ("second_moment",),
+    "A": ("area",),
     "M": ("mass",),
     "c": ("damping",),
     "C": ("damping",),

@@ -36,8 +36,8 @@ from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.sampling.sampler import ListSampler
 from stochvi.scenes.impact_laws import CompliantLaw
-from stochvi.scenes.rigid_body import MOTIONS, RigidBody
 from stochvi.scenes.scene import Scene
+from stochvi.scenes.structures.rigid_body import MOTIONS, RigidBody
 from stochvi.statistics.bursts import UNFINISHED, Bursts, bursts, chance_of
 from stochvi.statistics.cluster_paths import WINDOW_RELAXATIONS, WINDOWS
 from stochvi.statistics.pair_crossings import PairCrossings, PairMotion

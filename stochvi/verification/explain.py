@@ -177,7 +177,7 @@ def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS
         absent=scene.absent_effects(),
         methods=methods,
         assumptions=(*_environments(scene), *scene.assumptions()),
-        notes=tuple(notes),
+        notes=(*notes, *scene.cautions()),
         natural_frequency_hz=[mode.frequency_hz for mode in modes],
         modes=modes,
         rest=rest,

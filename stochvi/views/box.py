@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stochvi.scenes.rigid_body import AXES, RigidBody
+from stochvi.scenes.structures.rigid_body import AXES, RigidBody
 from stochvi.views.colours import COLOURS
 from stochvi.views.words import MM, chance_in_words, four_digits
 

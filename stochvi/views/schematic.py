@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from stochvi.scenes.rigid_body import RigidBody
 from stochvi.scenes.structures import Isolator, Oscillator
+from stochvi.scenes.structures.rigid_body import RigidBody
 from stochvi.views.axes import axes_or_new
 from stochvi.views.colours import COLOURS, DRAWING
 from stochvi.views.words import MM, four_digits

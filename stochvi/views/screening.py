@@ -29,20 +29,18 @@ def _plot_rice(found: Screening, ax: Axes | None) -> Axes:
     """Impacts by Rice's formula against the clearance of one mass, three sigma marked."""
     ax = axes_or_new(ax)
     sigma = found.displacement_std
-    # of a scene with stops, hits are those on the stops that it has
-    rate = next((gap.rate_at for gap in found.impact_pairs.values()), found.rice_rate)
     unit, name = length_unit(3.0 * sigma)
     places = SIGMAS * sigma
     ax.semilogy(
         places / unit,
-        [rate(place) for place in places],
+        [found.rice_rate(place) for place in places],
         color=COLOURS["exact"],
         linestyle="--",
         label="Rice, impacts change nothing",
     )
     ax.plot(
         3.0 * sigma / unit,
-        rate(3.0 * sigma),
+        found.rice_rate(3.0 * sigma),
         "o",
         color=COLOURS["linearise:closure"],
         label="3 sigma",

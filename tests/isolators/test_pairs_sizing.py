@@ -403,21 +403,6 @@ def test_the_command_sizes_a_box(stochvi: Run, tmp_path: Path) -> None:
     assert 'id="sensitivity"' in page
 
 
-def test_a_sizing_outlives_a_sensitivity_that_its_budget_ends(
-    stochvi: Run, both: PairsSizing, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def late(*_: object, **__: object) -> None:
-        raise NotConverged("the budget ended before there was an answer; raise budget", None)
-
-    monkeypatch.setattr("stochvi.isolators.sizing.method.size", lambda *_, **__: both)
-    monkeypatch.setattr("stochvi.isolators.sizing.sensitivity.sensitivity", late)
-    scene = Path(__file__).parents[2] / "data" / "scenes" / "rigid-box.toml"
-    done = stochvi("size", scene, "--probability", "0.05", "--sensitivity", "--json", "-")
-    assert done.code == 1 and "--sensitivity: the budget ended" in done.err
-    document = one_document(done.out)
-    assert set(document["clearances"]) == {"x", "z"} and "sensitivity" not in document
-
-
 @pytest.mark.parametrize("hazard", [1e-6, 0.3, 5.0, 25.0])
 def test_a_chance_next_to_one_has_an_interval(hazard: float) -> None:
     """Of 1000 paths: next to 1 the relative error of a hazard grows like 1 / (1 - P), beyond what a

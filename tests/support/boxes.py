@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from stochvi.scenes.excitations import TabulatedNoise
-from stochvi.scenes.rigid_body import RigidBody
 from stochvi.scenes.scene import Scene
+from stochvi.scenes.structures.rigid_body import RigidBody
 
 PLACES = [
     (x + 0.03, y - 0.02, z + 0.01)

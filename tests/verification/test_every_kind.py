@@ -35,15 +35,19 @@ from stochvi.scenes.excitations import (
 from stochvi.scenes.impact_laws import CompliantLaw, Hertz, Law, Restitution
 from stochvi.scenes.impact_laws.base import Form
 from stochvi.scenes.key_units import key_unit
-from stochvi.scenes.rigid_body import Mount, RigidBody
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene
 from stochvi.scenes.structures import (
+    Bar,
+    Beam,
     Isolator,
     Matrices,
+    Modes,
     NonlinearOscillator,
     Oscillator,
+    Plate,
     Structure,
 )
+from stochvi.scenes.structures.rigid_body import Mount, RigidBody
 from stochvi.scenes.validation import Checked
 from stochvi.scenes.vehicles import QuarterCar
 from stochvi.verification.explain import explain
@@ -122,6 +126,10 @@ MOUNTS: list[dict[str, Any]] = [
     for x, y in ((0.1, 0.1), (0.1, -0.1), (-0.1, 0.0))
 ]
 BAND: dict[str, Any] = {"frequency_hz": [1.0, 9.0], "unit": "(m/s2)2/Hz"}
+ROD: dict[str, Any] = {
+    "length": 1.0, "young": 2e11, "density": 7850.0, "zeta": 0.01, "modes": 2
+}  # fmt: skip
+FORCE_AT_TIP = WhiteNoise(intensity=1.0, on="tip")
 ROAD = RoadNoise(road="A", speed=10.0)
 
 
@@ -145,6 +153,22 @@ OTHER_PARTS: dict[type[Checked], tuple[dict[str, Any], Callable[[Any], Any]]] = 
     Matrices: (
         {"coordinates": ["x"], "mass": [[1.0]], "damping": [[0.1]], "stiffness": [[1.0]]},
         lambda part: of_unit_mass(structure=part),
+    ),
+    Modes: (
+        {"frequency_hz": [1.0, 3.0], "zeta": [0.1], "shapes": {"tip": [1.0, -1.0]}},
+        lambda part: of_unit_mass(structure=part, excitation=[FORCE_AT_TIP]),
+    ),
+    Bar: (
+        ROD | {"area": 1e-4},
+        lambda part: of_unit_mass(structure=part, excitation=[FORCE_AT_TIP]),
+    ),
+    Beam: (
+        ROD | {"area": 1e-4, "second_moment": 1e-9},
+        lambda part: of_unit_mass(structure=part, excitation=[FORCE_AT_TIP]),
+    ),
+    Plate: (
+        ROD | {"width": 0.5, "height": 1e-3, "points": {"tip": [0.5, 0.5]}},
+        lambda part: of_unit_mass(structure=part, excitation=[FORCE_AT_TIP]),
     ),
     RigidBody: (RIGID | {"mounts": MOUNTS}, on_axis),
     Mount: (MOUNTS[0], lambda part: RigidBody(**RIGID, mounts=[part, *MOUNTS[1:]])),

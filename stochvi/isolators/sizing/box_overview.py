@@ -12,8 +12,8 @@ import numpy as np
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.model.natural_modes import NaturalMode, natural_modes
-from stochvi.scenes.rigid_body import AXES, RigidBody
 from stochvi.scenes.scene import Scene
+from stochvi.scenes.structures.rigid_body import AXES, RigidBody
 from stochvi.statistics.pair_crossings import own_distances
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from stochvi.scenes.impact_laws import Law, Restitution
-from stochvi.scenes.rigid_body import AXES, Mount, RigidBody
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Structure
+from stochvi.scenes.structures.rigid_body import AXES, Mount, RigidBody
 
 WORST = "worst within all tolerances"
 """Name of the row with the largest clearance of the whole region of the tolerances."""

@@ -33,8 +33,8 @@ from stochvi.mathematics.units import power_ratio
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import NEVER, Deadline
-from stochvi.scenes.rigid_body import AXES
 from stochvi.scenes.scene import Scene
+from stochvi.scenes.structures.rigid_body import AXES
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,7 +10,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Quantities
-from stochvi.scenes.rigid_body import AXES
+from stochvi.scenes.structures.rigid_body import AXES
 
 if TYPE_CHECKING:
     import pandas as pd

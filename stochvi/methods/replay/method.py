@@ -20,7 +20,7 @@ from stochvi.model.model import Model, Pair, Stop, inertia_of, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.sizes import MOST_NUMBERS
-from stochvi.scenes.excitations import BASE, ConstantLoad, RecordedNoise
+from stochvi.scenes.excitations import BASE, ConstantLoad, DensityNoise, RecordedNoise
 from stochvi.scenes.scene import Scene
 
 EXACT = "the record itself, exact steps"
@@ -187,19 +187,23 @@ def unmet(scene: Scene, model: Model) -> list[str]:
 def shaking_of(scene: Scene, model: Model) -> list[SampledExcitation]:
     """The records of a scene as forces on its coordinates, a part for each segment."""
     records = [
-        (each.record, scene.place(each), list(model.base).index(each.axis or ""))
-        for each in scene.excitations
+        (each.record, scene.place(each), list(model.base).index(each.axis or ""), direction)
+        for each, (_, direction) in zip(
+            (each for each in scene.excitations if isinstance(each, DensityNoise)),
+            model.tables,
+            strict=True,
+        )
         if isinstance(each, RecordedNoise)
     ]
     first = records[0][0]
     forces = np.zeros((len(first.values), len(model.coordinates)))
     base = np.zeros((len(first.values), len(model.base)))
-    for record, place, axis in records:
+    for record, place, axis, direction in records:
         if place == BASE:
             forces += np.outer(record.values, inertia_of(model.mass, model.base_rows[:, axis]))
             base[:, axis] += record.values
         else:
-            forces[:, model.coordinates.index(place)] += record.values
+            forces += np.outer(record.values, np.asarray(direction))
     cuts = np.cumsum(first.lengths)[:-1]
     return [
         SampledExcitation(step=1.0 / first.fs, forces=force, base=acceleration)

@@ -69,6 +69,11 @@ class ImpactLaw(Checked):
     def restitution(self) -> float:
         """Restitution R that a free mass sees, v+ = -R v-."""
 
+    def in_series(self, compliance: float) -> Self:
+        """The law of the stop and of a spring in series with it, of a compliance in m/N; the law
+        itself where the spring is left out."""
+        return self
+
     def form(self) -> Form | None:
         """The form for simulations, for a law for forces per unit mass; None if there is none."""
         return None

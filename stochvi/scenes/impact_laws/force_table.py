@@ -220,6 +220,12 @@ class ForceTable(CompliantLaw):
         force = tuple(push * time**2 / length for push in self.force)
         return self.model_copy(update={"deflection": deflection, "force": force})
 
+    def in_series(self, compliance: float) -> Self:
+        deeper = tuple(
+            y + compliance * push for y, push in zip(self.deflection, self.force, strict=True)
+        )
+        return self.model_copy(update={"deflection": deeper})
+
     def phrase(self) -> str:
         tail = f" (source: {self.source})" if self.source else ""
         deepest, most = f"{1e3 * self.deflection[-1]:#.4g}".rstrip("."), self.force[-1]

@@ -42,6 +42,10 @@ class LinearLaw(RubberLaw):
     def scaled(self, length: float, time: float) -> Self:
         return self.model_copy(update={"stiffness": self.stiffness * time**2})
 
+    def in_series(self, compliance: float) -> Self:
+        softer = 1.0 + compliance * self.stiffness
+        return self.model_copy(update={"stiffness": self.stiffness / softer})
+
     def strengths(self) -> tuple[float, ...]:
         return (self.stiffness,)
 
@@ -151,6 +155,17 @@ class Viscoelastic(LinearLaw):
         y = np.asarray(deflection, dtype=float)
         push = self.stiffness * y + self.damping(mass) * np.asarray(rate, dtype=float)
         return np.where(y > 0.0, np.maximum(push, 0.0), 0.0)
+
+    def in_series(self, compliance: float) -> Self:
+        """The stop and a spring in series, for contacts that last longer than the damper takes to
+        relax: the force is that of K / (1 + K s) and c / (1 + K s)^2, s the compliance."""
+        softer = 1.0 + compliance * self.stiffness
+        return self.model_copy(
+            update={
+                "stiffness": self.stiffness / softer,
+                "damping_ratio": self.damping_ratio / softer**1.5,
+            }
+        )
 
     def impact(self, speed: float, mass: float) -> ContactSolution:
         return kelvin_voigt(self.stiffness, self.damping_ratio, speed, mass)

@@ -218,9 +218,11 @@ def _unmet(model: Model) -> list[str]:
         for kind in sorted(kinds)
     ]
     unmet += model.not_rigid()
-    if len(model.base) > 1:
+    named = [sorted(pair.direction[pair.direction != 0.0]) for pair in model.pairs]
+    if len(model.base) > 1 or model.points or any(row not in NAMED for row in named):
         unmet.append(
-            "structure.kind must not be 'rigid-body': problems name pairs and noises by coordinates"
+            "structure.kind must be 'oscillator', 'isolator' or 'matrices', with pairs on a "
+            "coordinate or between two: problems name pairs and noises by coordinates"
         )
     unmet += without_noise(model)
     if not unmet and not math.isfinite(_relaxation_time(model)):
@@ -231,6 +233,10 @@ def _unmet(model: Model) -> list[str]:
     if any(stop.deflection(0.0) > 0.0 for stop in model.stops) and not model.single:
         unmet.append("impact pairs must be open where all displacements are 0")
     return unmet
+
+
+NAMED = ([1.0], [-1.0, 1.0])
+"""Entries of the gap of a pair on a coordinate, or between two."""
 
 
 def _restitution(stop: Stop | None) -> float:

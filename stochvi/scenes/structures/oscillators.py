@@ -1,24 +1,26 @@
-"""The structure that moves between the stops: M x'' + C x' + K x = force, or m x'' + c + g = force
-with a damping force c(x') and a restoring force g(x)."""
+"""One mass on a spring and a damper.
+
+Its motion is m x'' + c x' + k x = force. With a damping force c(x') and a restoring force g(x) it
+is m x'' + c + g = force.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.mathematics.units import STANDARD_GRAVITY
-from stochvi.scenes.rigid_body import RigidBody
+from stochvi.scenes.structures.base import AnyStructure
 from stochvi.scenes.validation import (
-    Checked,
     Count,
     Function,
-    Matrix,
     NonNegative,
     Positive,
     Tolerance,
@@ -28,7 +30,7 @@ from stochvi.scenes.validation import (
 )
 
 
-class Oscillator(Checked):
+class Oscillator(AnyStructure):
     """A mass on a spring and a damper, x'' + b x' + omega^2 x = f(t).
 
     Give `mass`, `damping` and `stiffness`, or `frequency_hz` with exactly one of `zeta` and `Q`.
@@ -97,14 +99,29 @@ class Oscillator(Checked):
         return 1
 
     @property
-    def gravity_load(self) -> float:
-        """Constant acceleration of gravity along x, m/s^2; 0 if the scene leaves gravity out."""
-        return 0.0
-
-    @property
     def coordinates(self) -> tuple[str, ...]:
         """The displacements that move: of an oscillator, x."""
         return ("x",)
+
+    @property
+    def movable(self) -> bool:
+        return self.on_mount
+
+    @property
+    def knows_mass(self) -> bool:
+        return self.mass is not None
+
+    @property
+    def carried_mass(self) -> float | None:
+        return self.mass
+
+    @property
+    def rates(self) -> tuple[float, float]:
+        return self.omega, self.damping_rate
+
+    def constant_forces(self) -> Iterator[tuple[float, Vector]]:
+        if self.gravity_load:
+            yield -self.gravity_load, -self.matrices[0].sum(axis=1)
 
     @property
     def matrices(self) -> tuple[NDArray[np.float64], ...]:
@@ -163,6 +180,8 @@ class Isolator(Oscillator):
     (12.0, 1.725, -9.807)
     """
 
+    on_mount: ClassVar[bool] = True
+
     kind: Literal["isolator"] = "isolator"  # type: ignore[assignment]
     mounts: Count | None = None
     gravity: Annotated[bool, Field(strict=True)] = False
@@ -197,102 +216,7 @@ class Isolator(Oscillator):
         return STANDARD_GRAVITY / self.omega**2
 
 
-class Matrices(Checked):
-    """A linear structure of several coordinates, M x'' + C x' + K x = force.
-
-    Parameters
-    ----------
-    coordinates
-        A name for each displacement, in the order of rows and columns.
-    mass, damping, stiffness
-        Symmetric matrices, kg, N s/m and N/m; the mass positive definite, the others without
-        negative eigenvalues. On a moving base, displacements are relative to it.
-
-    See Also
-    --------
-    stochvi.Oscillator : A single mass.
-    stochvi.scenes.RigidBody : A box, whose matrices are built.
-
-    Examples
-    --------
-    >>> loose = Matrices(
-    ...     coordinates=["structure", "absorber"],
-    ...     mass=[[1.0, 0.0], [0.0, 0.1]],
-    ...     damping=[[0.1, 0.0], [0.0, 0.0]],
-    ...     stiffness=[[1.0, 0.0], [0.0, 0.0]],
-    ... )
-    >>> loose.coordinates
-    ('structure', 'absorber')
-    """
-
-    kind: Literal["matrices"] = "matrices"
-    coordinates: tuple[str, ...]
-    mass: Matrix
-    damping: Matrix
-    stiffness: Matrix
-
-    @field_validator("coordinates", mode="before")
-    @classmethod
-    def _names(cls, names: object) -> object:
-        return tuple(names) if isinstance(names, list) else names
-
-    @model_validator(mode="after")
-    def _fit_together(self) -> Self:
-        count = len(self.coordinates)
-        taken = {"base", ""} & set(self.coordinates)
-        if count == 0 or len(set(self.coordinates)) < count or taken:
-            raise ValueError(
-                "needs coordinates with different names, none of them empty or 'base', "
-                f"got {list(self.coordinates)}"
-            )
-        for name in ("mass", "damping", "stiffness"):
-            rows = getattr(self, name)
-            if len(rows) != count or any(len(row) != count for row in rows):
-                shape = " and ".join(str(len(row)) for row in rows)
-                raise ValueError(
-                    f"needs {name} with {count} rows and columns, one for each coordinate, got "
-                    f"{len(rows)} rows of {shape}"
-                )
-            matrix = np.array(rows)
-            if not np.allclose(matrix, matrix.T, rtol=SYMMETRY, atol=0.0):
-                i, j = np.unravel_index(np.argmax(np.abs(matrix - matrix.T)), matrix.shape)
-                raise ValueError(
-                    f"needs a symmetric matrix {name}, got {matrix[i, j]:g} in row {i + 1}, column "
-                    f"{j + 1} and {matrix[j, i]:g} in row {j + 1}, column {i + 1}"
-                )
-            smallest = _smallest_eigenvalue(matrix)
-            if smallest < -SYMMETRY:
-                raise ValueError(
-                    f"needs a matrix {name} without negative eigenvalues (a spring or damper that "
-                    "pushes); a zero on its diagonal needs zeros in its row"
-                )
-            if name == "mass" and smallest <= SYMMETRY:
-                raise ValueError(
-                    "needs a positive definite matrix mass: every coordinate needs a mass above 0"
-                )
-        return self
-
-    @property
-    def matrices(self) -> tuple[NDArray[np.float64], ...]:
-        """Mass, damping and stiffness."""
-        return tuple(np.array(rows) for rows in (self.mass, self.damping, self.stiffness))
-
-
-SYMMETRY = 1e-9
-"""Largest relative difference of two entries that counts as a rounding error when the symmetry of a
-matrix is checked."""
-
-
-def _smallest_eigenvalue(matrix: NDArray[np.float64]) -> float:
-    """Smallest eigenvalue of D^-1/2 A D^-1/2 with D the diagonal of A, which is free of units."""
-    size = np.sqrt(np.abs(np.diag(matrix)))
-    if np.any(matrix[size == 0.0]):
-        return -1.0  # a zero on the diagonal of a matrix without negative eigenvalues is alone
-    inverse = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-    return float(np.linalg.eigvalsh(inverse[:, None] * matrix * inverse)[0])
-
-
-class NonlinearOscillator(Checked):
+class NonlinearOscillator(AnyStructure):
     """A mass on a spring and a damper of any characteristic, m x'' + c(x') + g(x) = f(t).
 
     Functions cannot be written in a scene file: this structure is for Python only, and for
@@ -326,6 +250,8 @@ class NonlinearOscillator(Checked):
     ([0.0, 0.75], 0.1)
     """
 
+    linear: ClassVar[bool] = False
+
     kind: Literal["nonlinear"] = "nonlinear"
     mass: Positive
     restoring_force: Function
@@ -355,6 +281,14 @@ class NonlinearOscillator(Checked):
     def matrices(self) -> tuple[NDArray[np.float64], ...]:
         """The mass as a matrix of one row; there are no matrices of damping and stiffness."""
         return (np.array([[self.mass]]),)
+
+    @property
+    def movable(self) -> bool:
+        return False
+
+    @property
+    def rates(self) -> tuple[float, float]:
+        return 0.0, self.damping_rate or 0.0
 
     @property
     def damping_rate(self) -> float | None:
@@ -433,7 +367,3 @@ def _panel(function: Function, starts: Vector, stops: Vector) -> tuple[Vector, V
     nodes = ((starts + stops) / 2.0)[:, None] + half[:, None] * NODES
     values = evaluated(function, nodes)
     return np.asarray(half * (values @ WEIGHTS)), np.abs(values).max(axis=1)
-
-
-Structure = Oscillator | Isolator | Matrices | RigidBody | NonlinearOscillator
-"""A structure that a scene may hold, of any kind."""

@@ -10,6 +10,7 @@ stiffnesses k along x, y, z stores u'diag(k)u / 2, so that with u = B q
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -18,6 +19,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.errors import SceneError
+from stochvi.scenes.structures.base import AnyStructure
 from stochvi.scenes.validation import (
     Checked,
     NonNegative,
@@ -125,7 +127,7 @@ class Mount(Checked):
         return rows_at(self.at)
 
 
-class RigidBody(Checked):
+class RigidBody(AnyStructure):
     """A rigid box on mounts, on a base that moves along x, y and z.
 
     The coordinates are those of the centre of mass relative to the base: x, y, z (m) and the small
@@ -248,6 +250,26 @@ class RigidBody(Checked):
         """Undamped natural frequencies in rising order (6,), Hz."""
         mass, _, stiffness = self.matrices
         return np.asarray(np.sqrt(modes_of(mass, stiffness)[0]) / (2.0 * math.pi))
+
+    @property
+    def carried(self) -> Mapping[str, Vector]:
+        return dict(zip(AXES, np.eye(6), strict=False))
+
+    @property
+    def carried_mass(self) -> float:
+        return self.mass
+
+    @property
+    def reported(self) -> Mapping[str, Vector]:
+        return {
+            f"{name}.{axis}": row
+            for name, place in (self.points or {}).items()
+            for axis, row in zip(AXES, rows_at(place), strict=True)
+        }
+
+    def constant_forces(self) -> Iterator[tuple[float, Vector]]:
+        if self.gravity:
+            yield 1.0, self._mass @ self.load_of_gravity
 
     @property
     def load_of_gravity(self) -> Vector:

@@ -1,0 +1,99 @@
+"""What every structure answers: a scene and its model ask nothing else of it.
+
+A structure moves by coordinates q (n,). What acts on it or is measured on it is a linear functional
+of them, row . q: a coordinate itself, a named point, the difference of two, or a weighted sum.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
+
+from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.scenes.validation import Checked
+
+
+class AnyStructure(Checked):
+    """Base class of every structure, M q'' + C q' + K q = force."""
+
+    linear: ClassVar[bool] = True
+    """Whether springs and dampers are linear, so that `matrices` hold all of them."""
+
+    on_mount: ClassVar[bool] = False
+    """Whether an excitation that does not say where it acts moves the base."""
+
+    if TYPE_CHECKING:  # some structures compute them, and of some they are a key
+
+        @property
+        def coordinates(self) -> tuple[str, ...]:
+            """Names of the coordinates, n of them."""
+
+    @property
+    @abstractmethod
+    def matrices(self) -> tuple[Matrix, ...]:
+        """Mass, damping and stiffness, (n, n) each."""
+
+    @property
+    def places(self) -> Mapping[str, Vector]:
+        """Rows (n,) of the places on which a pair or a force may act, by name."""
+        return dict(zip(self.coordinates, np.eye(len(self.coordinates)), strict=True))
+
+    @property
+    def reported(self) -> Mapping[str, Vector]:
+        """Rows (n,) of the displacements that are reported besides the coordinates, by name."""
+        return {}
+
+    @property
+    def carried(self) -> Mapping[str, Vector]:
+        """Accelerations of the coordinates (n,) per unit of that of a base that they follow, by
+        axis of the base; the axis is "" where the base has only one."""
+        return {"": np.ones(len(self.coordinates))}
+
+    @property
+    def movable(self) -> bool:
+        """Whether the base may move."""
+        return True
+
+    @property
+    def gravity_load(self) -> float:
+        """Constant acceleration of gravity along x, m/s^2; 0 if the scene leaves gravity out."""
+        return 0.0
+
+    @property
+    def knows_mass(self) -> bool:
+        """Whether the mass is stated, on which forces depend."""
+        return True
+
+    @property
+    def carried_mass(self) -> float | None:
+        """Mass that a base carries, kg; None where it is not known."""
+        return None
+
+    @property
+    def rates(self) -> tuple[float, float] | None:
+        """omega (rad/s) and b (1/s) of a structure of one coordinate; None of several."""
+        mass, damping, stiffness = self.matrices
+        if len(mass) > 1:
+            return None
+        return math.sqrt(stiffness[0, 0] / mass[0, 0]), float(damping[0, 0] / mass[0, 0])
+
+    def compliance(self, weights: Mapping[str, float]) -> float:
+        """Static compliance (m/N) of the motion that the coordinates leave out, seen by a force on
+        the places of `weights`, times these weights."""
+        return 0.0
+
+    def constant_forces(self) -> Iterator[tuple[float, Vector]]:
+        """Strength and direction (n,) of each constant force that the structure brings along."""
+        yield from ()
+
+    def cautions(self, rigid: Sequence[str]) -> list[str]:
+        """Sentences on what makes answers doubtful where the pairs of these names are rigid."""
+        return []
+
+    def assumptions(self) -> list[str]:
+        """What is taken for granted of the structure, in words."""
+        return []
