@@ -1,8 +1,10 @@
 """First crossings of Gaussian responses, against a deterministic solver and crude counting."""
 
 import math
+from contextlib import nullcontext
 from dataclasses import replace
 from itertools import count
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -290,7 +292,10 @@ def test_where_no_crossing_was_a_first_one_the_chance_is_not_called_known(
 
 def test_a_long_block_is_timed_before_more_are_begun(monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = count()
-    monkeypatch.setattr("stochvi.statistics.crossing_ages.time.time", lambda: float(next(seconds)))
+    clock = SimpleNamespace(time=lambda: float(next(seconds)))
+    monkeypatch.setattr("stochvi.results.deadline.time", clock)
+    # the guard of budgets reads the same clock
+    monkeypatch.setattr("stochvi.model.calculations.ended_by", lambda _: nullcontext())
     found = first_crossings(UNIT, [2.0], mission=10.0, rel_error=1e-5, budget=0.5, threads=1)
     assert found.ages.shape[3] == crossing_plan(UNIT).block < FEWEST_PATHS
 

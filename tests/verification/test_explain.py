@@ -203,7 +203,7 @@ def test_two_paths_that_take_all_the_time_of_a_pilot_are_not_begun(
     begun: list[int] = []
     price = share * simulation.LEAST_PILOT_SECONDS
     monkeypatch.setattr(simulation, "seconds_of_first_paths", lambda *_: price)
-    monkeypatch.setattr(simulation.Run, "add_paths", lambda _run, paths, _end: begun.append(paths))
+    monkeypatch.setattr(simulation.Simulation, "add_paths", lambda _, paths: begun.append(paths))
     found = explain(oscillator(-1.0, 1.0, 0.8), threads=1, budget=1e-3).simulation
     assert found is not None and bool(begun) is pilot
     steps = simulation.FEWEST_AT_ONCE * found.steps_per_path
