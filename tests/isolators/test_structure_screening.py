@@ -193,7 +193,7 @@ def test_a_budget_leaves_the_rows_of_pairs_that_are_known(monkeypatch: pytest.Mo
         raise NotConverged("the budget of 1 s ended after 64 paths; raise budget", answer)
 
     monkeypatch.setattr(clearance, "simulate", ended)
-    with pytest.raises(NotConverged, match="before the hits at 1000 mm were known") as late:
+    with pytest.raises(NotConverged, match="before the impacts at 1000 mm were known") as late:
         clearance_curve(uncoupled(pair("x", "x", 3.0), pair("z", "z", 2.0)), [1.0], rel_error=0.01)
     curve = late.value.response
     assert list(curve["pair"]) == ["x", "z"]
