@@ -118,7 +118,7 @@ def recorded(case: Scene):
     return record_path(case, duration=1.0)
 
 
-METHODS = [average, linearise, simulate, prospect, recorded, screen, cost]
+METHODS = [average, linearise, simulate, prospect, recorded, cost]
 
 
 @pytest.mark.parametrize("method", METHODS, ids=lambda method: method.__name__)
@@ -127,6 +127,15 @@ def test_a_method_for_numbers_says_what_it_cannot_take(name, method):
     words = {"spring": "'nonlinear'", "restitution": "a function of speed at the lower stop"}[name]
     with pytest.raises(NotApplicable, match=words):
         method(SCENES[name])
+
+
+def test_a_linear_screening_takes_any_stop_and_no_nonlinear_spring():
+    with pytest.raises(NotApplicable, match="'nonlinear'"):
+        screen(SCENES["spring"])
+    scene = SCENES["restitution"]
+    elastic = ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=1.0))
+    other_stops = scene.model_copy(update={"impact_pairs": (elastic,)})
+    assert screen(scene).displacement_std == screen(other_stops).displacement_std
 
 
 @quick_cases("name", SCENES, keep=(0,))
