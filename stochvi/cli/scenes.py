@@ -19,6 +19,8 @@ KINDS = {
     "sine": "isolator-sine",
     "rigid-body": "rigid-box",
     "hammer": "hammer",
+    "beam": "beam-at-a-stop",
+    "modes": "panel-by-its-modes",
 }
 """Shipped scenes that `new` copies, by the kind that --kind names."""
 
@@ -37,6 +39,8 @@ zeta = 0.1
 # damping = .., stiffness = ..; then say on = or between = in every entry below, on = "base" for
 # an acceleration of the base, or between = ["box", "absorber"] for a force and its reaction
 # a percussion machine of such masses: stochvi new --kind hammer
+# a beam (kind = "beam"), bar or plate by its measures: stochvi new --kind beam; a structure by its
+# natural modes (kind = "modes"): stochvi new --kind modes
 # a box of six degrees of freedom on its mounts: stochvi new --kind rigid-body
 
 [[impact_pair]]              # leave the section out for no stops
@@ -49,7 +53,8 @@ law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law whe
 # area = 4e-4 (m^2) and thickness = 0.01 (m)), { kind = "hertz",
 # coefficient = 1e6 }, { kind = "table", deflection = [..], force = [..] } (m, N), or a measured
 # one: { kind = "table", file = "bumper.csv", unit = "mm,N" }
-# on = "absorber", or between = ["absorber", "box"] (first minus second)
+# on = "absorber", or between = ["absorber", "box"] (first minus second), or a weighted sum,
+# weights = { absorber = 1.0, box = -0.5 }
 
 [[excitation]]
 kind = "psd"                 # or "white", "filtered", "sine", "constant"; several add up
@@ -103,7 +108,8 @@ def profiles() -> None:
     "--kind", type=click.Choice(["any", *KINDS]), default="any",
     show_default=True,
     help="A scene with every key, an isolator of this kind with its tables, an absorber, a box "
-    "of six degrees of freedom on its mounts, or a percussion machine.",
+    "of six degrees of freedom on its mounts, a percussion machine, a beam, or a structure by its "
+    "modes.",
 )  # fmt: skip
 def new(file: Path, kind: str) -> None:
     """Write a commented scene file to start from."""
@@ -126,6 +132,8 @@ def new(file: Path, kind: str) -> None:
         "potholes": f"screen {file}",
         "absorber": f"absorber {file} --out out",
         "sine": f"sine {file} --from 60 --to 120 --out out",
+        "beam": f"explain {file}, and stochvi simulate {file} --out out",
+        "modes": f"explain {file}, and stochvi simulate {file} --out out",
         "hammer": f"sine {file} --from 8 --to 16 --out out, and stochvi impacts {file}",
     }.get(kind, f"size {file} --probability 0.01 --out out")
     click.echo(f"wrote {written}; try: stochvi {try_it}", err=True)

@@ -50,7 +50,8 @@ def build_response(
     """
     model = model_of(scene)
     # the notes hold for the response to noise alone, not for a scene with sines
-    notes = [] if model.sines else scene_notes(model)
+    noted = [] if model.sines else scene_notes(model)
+    notes = [*noted, *model.structure_cautions]
     return Response(
         method=method,
         coordinates=coordinates,

@@ -35,9 +35,10 @@ from stochvi.scenes.impact_laws import (
     Restitution,
     not_rigid,
 )
-from stochvi.scenes.rigid_body import AXES, RigidBody, rows_at
+from stochvi.scenes.rigid_body import rows_at
 from stochvi.scenes.scene import ImpactPair, Scene
-from stochvi.scenes.structures import Isolator, NonlinearOscillator, Oscillator, Structure
+from stochvi.scenes.structure_base import EVERYWHERE
+from stochvi.scenes.structures import NonlinearOscillator
 
 PerUnitMass = Callable[[ArrayLike], Vector]
 """A force per unit mass (m/s^2), or an energy (m^2/s^2), as a function of x (m) or v (m/s)."""
@@ -252,6 +253,8 @@ class Model:
         omega (rad/s) and b (1/s) of one oscillator; None for several coordinates.
     cautions
         Warnings about excitations, in words, for example a record that is too short.
+    structure_cautions
+        Warnings about the structure between its stops.
     restoring, potential, drag
         Spring force, its energy, and damper force per unit mass, where they are functions.
 
@@ -283,6 +286,7 @@ class Model:
     points: Mapping[str, Vector] = field(default_factory=dict)
     rates: tuple[float, float] | None = None
     cautions: tuple[str, ...] = ()
+    structure_cautions: tuple[str, ...] = ()
     restoring: PerUnitMass | None = None
     potential: PerUnitMass | None = None
     drag: PerUnitMass | None = None
@@ -545,49 +549,47 @@ def model_of(scene: Scene) -> Model:
 
 def _build_model(scene: Scene) -> Model:
     structure = scene.structure
-    mass = structure.matrices[0]
-    damping, stiffness = np.zeros_like(mass), np.zeros_like(mass)
-    rates = None
+    mass, damping, stiffness = structure.matrices
+    rates = structure.rates
     restoring: PerUnitMass | None = None
     potential: PerUnitMass | None = None
     drag: PerUnitMass | None = None
     if isinstance(structure, NonlinearOscillator):
         m = structure.mass
-        rates = (0.0, structure.damping_rate or 0.0)
         restoring, potential = (
             lambda x: structure.force_at(x) / m,
             lambda x: structure.potential_at(x) / m,
         )
         if structure.damping_force is not None:
             drag = lambda v: structure.damping_at(v) / m  # noqa: E731
-    else:
-        mass, damping, stiffness = structure.matrices
-        if isinstance(structure, Oscillator):
-            rates = (structure.omega, structure.damping_rate)
-        elif len(mass) == 1:
-            rates = (math.sqrt(stiffness[0, 0] / mass[0, 0]), float(damping[0, 0] / mass[0, 0]))
-    directions = [_direction(scene, excitation, mass) for excitation in scene.excitations]
-    shaken = list(zip(scene.excitations, directions, strict=True))
+    shaken = [
+        (excitation, direction)
+        for excitation in scene.excitations
+        for direction in _directions(scene, excitation, mass)
+    ]
     model = Model(
         coordinates=structure.coordinates,
         mass=mass,
         damping=damping,
         stiffness=stiffness,
         whites=tuple((e.si_intensity, d) for e, d in shaken if isinstance(e, WhiteNoise)),
-        constants=tuple(_constants(scene, mass, shaken)),
+        constants=tuple(_constants(scene, shaken)),
         signals=tuple(_signals(scene, shaken)),
         tables=tuple(_tables(scene, mass, shaken)),
         pairs=tuple(_pair(scene, pair, mass) for pair in scene.impact_pairs),
-        moving_base=isinstance(structure, Isolator)
+        moving_base=structure.stands_on_base
         or any(scene.place(excitation) == BASE for excitation in scene.excitations),
-        base=_base(structure),
-        points=_points(structure),
+        base=structure.influence,
+        points=structure.reported,
         rates=rates,
         cautions=tuple(
             sentence
             for excitation in scene.excitations
             if isinstance(excitation, DensityNoise)
             for sentence in excitation.cautions(*(rates or (0.0, 0.0)))
+        ),
+        structure_cautions=tuple(
+            structure.cautions([law for pair in scene.impact_pairs for _, law in pair.stops()])
         ),
         restoring=restoring,
         potential=potential,
@@ -596,6 +598,9 @@ def _build_model(scene: Scene) -> Model:
     records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
     if records and restoring is None and drag is None:
         model = replace(model, cautions=(*model.cautions, *_lost_motion(model, records)))
+    if model.single and model.points:
+        rows = [*(pair.direction for pair in model.pairs), *model.points.values()]
+        return _seen_at(model, rows[0])
     references, motions = scene.drifts
     return _seen_from(model, references, motions) if references else model
 
@@ -685,7 +690,7 @@ def _tables(
     are expressed by independent sources."""
     together = scene.tables_by_axis() if scene.cross_densities else {}
     sources = independent_sources(scene.cross_densities, together)
-    influence = _base(scene.structure)
+    influence = scene.structure.influence
     rows = np.array([inertia_of(mass, influence[axis]) for axis in together]).T
     breaks = [
         *(table.frequency_hz for table in together.values()),
@@ -701,26 +706,25 @@ def _tables(
 
 
 def _constants(
-    scene: Scene, mass: Matrix, shaken: list[tuple[Excitation, Vector]]
+    scene: Scene, shaken: list[tuple[Excitation, Vector]]
 ) -> Iterator[tuple[float, Vector]]:
-    """Size and direction of every constant load, with gravity as an acceleration of the base."""
-    if isinstance(scene.structure, Oscillator) and scene.structure.gravity_load:
-        yield -scene.structure.gravity_load, -mass.sum(axis=1)
-    if isinstance(scene.structure, RigidBody) and scene.structure.gravity:
-        yield 1.0, mass @ scene.structure.load_of_gravity
+    """Size and direction of every constant load, with that of gravity."""
+    if (weight := scene.structure.weight) is not None:
+        yield weight
     for excitation, direction in shaken:
         if isinstance(excitation, ConstantLoad):
             yield excitation.magnitude, direction
 
 
-def _direction(scene: Scene, excitation: Excitation, mass: Matrix) -> Vector:
-    """Forces (n,) on the coordinates per newton of an excitation, or per m/s^2 of the base."""
-    if excitation.between is not None:
-        return scene.unit(*excitation.between)
+def _directions(scene: Scene, excitation: Excitation, mass: Matrix) -> list[Vector]:
+    """Forces (n,) on the coordinates per newton of an excitation, or per m/s^2 of the base; one for
+    each of the independent noises that an excitation along the whole structure comes to."""
     place = scene.place(excitation)
     if place == BASE:
-        return inertia_of(mass, _base(scene.structure)[excitation.axis or ""])
-    return scene.unit(place)
+        return [inertia_of(mass, scene.structure.influence[excitation.axis or ""])]
+    if place == EVERYWHERE and (spread := scene.structure.spread) is not None:
+        return list(spread)
+    return [scene.row(excitation)]
 
 
 def inertia_of(mass: Matrix, influence: Vector) -> Vector:
@@ -729,38 +733,54 @@ def inertia_of(mass: Matrix, influence: Vector) -> Vector:
     return np.asarray(-(mass * influence).sum(axis=1))
 
 
-def _base(structure: Structure) -> dict[str, Vector]:
-    """Accelerations of the coordinates that follow the base, by its axes."""
-    if isinstance(structure, RigidBody):
-        return dict(zip(AXES, np.eye(6), strict=False))
-    return {"": np.ones(len(structure.coordinates))}
-
-
-def _points(structure: Structure) -> dict[str, Vector]:
-    """Rows of the displacements of named points of a rigid body along each axis."""
-    points = structure.points if isinstance(structure, RigidBody) else None
-    return {
-        f"{name}.{axis}": row
-        for name, place in (points or {}).items()
-        for axis, row in zip(AXES, rows_at(place), strict=True)
-    }
-
-
 def _pair(scene: Scene, pair: ImpactPair, mass: Matrix) -> Pair:
     if pair.at is not None and pair.direction is not None:
         along = np.array(pair.direction)
         direction = along @ rows_at(pair.at) / float(np.linalg.norm(along))
     else:
-        direction = scene.unit(*(pair.between or (pair.on or "",)))
+        direction = scene.row(pair)
+    compliance = scene.structure.compliance_left_out(scene.weighted(pair))
     places = {"lower": (LOWER, pair.lower), "upper": (UPPER, pair.upper)}
     return Pair(
         name=pair.name,
         direction=direction,
         mass=float(1.0 / (direction @ np.linalg.solve(mass, direction))),
-        relative=pair.between is not None or pair.at is not None,
+        relative=scene.spans(pair),
         stops=tuple(
-            Stop(side, position, pair.law_of(name))
+            Stop(side, position, _in_series(pair.law_of(name), compliance))
             for name, (side, position) in places.items()
             if position is not None
         ),
+    )
+
+
+def _in_series(law: Law, compliance: float) -> Law:
+    """The law with the compliance, m/N, of motions in series that the coordinates do not have."""
+    if compliance == 0.0 or not isinstance(law, CompliantLaw):
+        return law
+    softer: Law | None = law.in_series(compliance)  # type: ignore[assignment]
+    return law if softer is None else softer
+
+
+def _seen_at(model: Model, row: Vector) -> Model:
+    """The model of one mode with the displacement row . q as its coordinate, as methods for one
+    oscillator take it, and without other points."""
+    scale = 1.0 / float(row[0])
+    mass, damping, stiffness = (
+        scale**2 * matrix for matrix in (model.mass, model.damping, model.stiffness)
+    )
+    return replace(
+        model,
+        mass=mass,
+        damping=damping,
+        stiffness=stiffness,
+        whites=tuple((strength, scale * force) for strength, force in model.whites),
+        constants=tuple((strength, scale * force) for strength, force in model.constants),
+        signals=tuple(replace(each, direction=scale * each.direction) for each in model.signals),
+        tables=tuple((table, scale * np.asarray(force)) for table, force in model.tables),
+        pairs=tuple(
+            replace(pair, direction=scale * pair.direction, relative=False) for pair in model.pairs
+        ),
+        base={axis: influence / scale for axis, influence in model.base.items()},
+        points={},
     )

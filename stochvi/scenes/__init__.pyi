@@ -10,6 +10,9 @@ from .excitations import (
     WhiteNoise,
 )
 from .impact_laws import Elastic, ForceTable, Hertz, Restitution, SpeedRestitution, Viscoelastic
+from .members import Bar, Beam
+from .modal_structures import GivenModes
+from .plates import Plate
 from .records import Record, read_record
 from .rigid_body import Mount, RigidBody
 from .scene import ImpactPair, Scene, load_scene
@@ -18,10 +21,13 @@ from .vehicles import QuarterCar
 
 __all__ = [
     "Absorber",
+    "Bar",
+    "Beam",
     "ConstantLoad",
     "Elastic",
     "FilteredNoise",
     "ForceTable",
+    "GivenModes",
     "Hertz",
     "ImpactPair",
     "Isolator",
@@ -29,6 +35,7 @@ __all__ = [
     "Mount",
     "NonlinearOscillator",
     "Oscillator",
+    "Plate",
     "Profile",
     "QuarterCar",
     "Record",

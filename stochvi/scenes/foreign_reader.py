@@ -136,6 +136,27 @@ def uff(path: str) -> Iterator[dict[str, Any]]:
         }  # fmt: skip
 
 
+def uff_modes(path: str) -> Iterator[dict[str, Any]]:
+    """The normal modes (datasets 55): node numbers and displacements along x, y and z."""
+    import numpy as np
+    import pyuff
+
+    file = pyuff.UFF(path)
+    for number, kind in enumerate(file.get_set_types()):
+        if int(kind) != 55:
+            continue
+        entry = file.read_sets(number)
+        if int(entry["analysis_type"]) != 2:
+            continue
+        columns = [entry["node_nums"], *(entry[f"r{n}"] for n in (1, 2, 3))]
+        yield {
+            "name": str(entry["mode_n"]), "x": None,
+            "y": np.array([np.asarray(each).real for each in columns], dtype=float).T,
+            "frequency": float(entry["freq"]), "mass": float(entry["modal_m"]),
+            "damping": float(entry["modal_damp_vis"]),
+        }  # fmt: skip
+
+
 def ide(path: str) -> Iterator[dict[str, Any]]:
     """The channels of acceleration of a logger, with their times in seconds."""
     import idelib
@@ -155,6 +176,7 @@ def ide(path: str) -> Iterator[dict[str, Any]]:
 READERS: dict[str, Callable[[str], Iterator[dict[str, Any]]]] = {
     "MATLAB": matlab,
     "UFF": uff,
+    "UFF modes": uff_modes,
     "IDE": ide,
 }
 """Name of a format -> its reader."""

@@ -16,7 +16,18 @@ KEY_UNITS = {
     "deflection": "m",
     "thickness": "m",
     "area": "m2",
+    "length": "m",
+    "width": "m",
+    "height": "m",
+    "second_moment": "m4",
+    "young": "N/m2",
     "mass": "kg",
+    "modal_mass": "kg",
+    "tip_mass": "kg",
+    "tip_inertia": "kg m2",
+    "tip_stiffness": "N/m",
+    "tip_rotational_stiffness": "N m",
+    "max_frequency_hz": "Hz",
     "body_mass": "kg",
     "wheel_mass": "kg",
     "damping": "N s/m",
@@ -53,6 +64,8 @@ def key_unit(document: Mapping[str, Any], part: Mapping[str, Any], name: str) ->
     'g2/Hz'
     """
     match part.get("kind"), name:
+        case "bar" | "beam" | "plate", "density":
+            return "kg/m3"
         case _, "density":
             return str(part.get("unit", ""))
         case "hertz", "coefficient":

@@ -10,7 +10,7 @@ stiffnesses k along x, y, z stores u'diag(k)u / 2, so that with u = B q
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, field_validator, model_validator
@@ -18,6 +18,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.errors import SceneError
+from stochvi.scenes.structure_base import BaseStructure
 from stochvi.scenes.validation import (
     Checked,
     NonNegative,
@@ -125,7 +126,7 @@ class Mount(Checked):
         return rows_at(self.at)
 
 
-class RigidBody(Checked):
+class RigidBody(BaseStructure):
     """A rigid box on mounts, on a base that moves along x, y and z.
 
     The coordinates are those of the centre of mass relative to the base: x, y, z (m) and the small
@@ -171,6 +172,8 @@ class RigidBody(Checked):
     >>> box.natural_frequency_hz.round(2).tolist()
     [12.48, 12.73, 18.38, 22.24, 25.99, 29.06]
     """
+
+    base_axes: ClassVar[tuple[str, ...]] = AXES
 
     kind: Literal["rigid-body"] = "rigid-body"
     mass: Positive
@@ -250,13 +253,32 @@ class RigidBody(Checked):
         return np.asarray(np.sqrt(modes_of(mass, stiffness)[0]) / (2.0 * math.pi))
 
     @property
-    def load_of_gravity(self) -> Vector:
-        """Acceleration of each coordinate (6,) by gravity, m/s^2; zeros where it is left out."""
-        pull = np.zeros(6)
-        if self.gravity is not None:
-            sign = -1.0 if self.gravity[0] == "-" else 1.0
-            pull[AXES.index(self.gravity[-1])] = sign * STANDARD_GRAVITY
-        return pull
+    def places(self) -> dict[str, Vector]:
+        """Rows (6,) of the displacements of the centre of mass, by the axes of the base."""
+        return dict(zip(AXES, np.eye(6), strict=False))
+
+    @property
+    def reported(self) -> dict[str, Vector]:
+        """Rows (6,) of the displacements of the named points along each axis."""
+        return {
+            f"{name}.{axis}": row
+            for name, place in (self.points or {}).items()
+            for axis, row in zip(AXES, rows_at(place), strict=True)
+        }
+
+    @property
+    def influence(self) -> dict[str, Vector]:
+        """Accelerations (6,) of the coordinates that follow the base, by its axes."""
+        return self.places
+
+    @property
+    def weight(self) -> tuple[float, Vector] | None:
+        """1 m/s^2, and the forces (6,) of gravity on the coordinates, N, if it pulls."""
+        if self.gravity is None:
+            return None
+        sign = -1.0 if self.gravity[0] == "-" else 1.0
+        pull = sign * STANDARD_GRAVITY * np.eye(6)[AXES.index(self.gravity[-1])]
+        return 1.0, self._mass @ pull
 
     def assumptions(self) -> list[str]:
         """What is taken for granted of the body and its mounts, in words."""

@@ -32,9 +32,10 @@ from stochvi.scenes.excitations.base import Density, StrengthNoise
 from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelastic
 from stochvi.scenes.impact_laws.rubber_data import AS_WRITTEN
 from stochvi.scenes.rigid_body import AXES, RigidBody, Triple
-from stochvi.scenes.structures import Isolator, Matrices, NonlinearOscillator, Oscillator, Structure
+from stochvi.scenes.structure_base import EVERYWHERE
+from stochvi.scenes.structures import Matrices, NonlinearOscillator, Oscillator, Structure
 from stochvi.scenes.text_tables import read_text
-from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, given
+from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, Weights, given
 from stochvi.scenes.vehicles import QuarterCar
 
 
@@ -50,9 +51,10 @@ class ImpactPair(Checked):
         A stop beyond it (an upper stop below 0) is a preload.
     clearance
         Instead of the two, one clearance on both sides, m: stops at -clearance and clearance.
-    on, between
-        The coordinate that hits, which may be left out if there is only one; or two coordinates,
-        of which the difference, first minus second, is the gap.
+    on, between, weights
+        The place that hits, a coordinate or a point of the structure, which may be left out if
+        there is only one; or two places, of which the difference, first minus second, is the gap;
+        or a weighted sum of places, as { tip = 1.0, middle = -0.5 }.
     at, direction
         Of a rigid body: the place that hits, m from the centre of mass, and the direction in which
         its displacement counts as positive; of any length above 0, it is divided by its length.
@@ -76,6 +78,7 @@ class ImpactPair(Checked):
     name: str = "stops"
     on: str | None = None
     between: tuple[str, str] | None = None
+    weights: Weights | None = None
     at: Triple | None = None
     direction: Triple | None = None
     lower: Number | None = None
@@ -129,8 +132,8 @@ class ImpactPair(Checked):
 
     @model_validator(mode="after")
     def _stops(self) -> Self:
-        if self.on is not None and self.between is not None:
-            raise ValueError("takes on or between, got both")
+        if len(named := given(self, "on", "between", "weights").split(", ")) > 1:
+            raise ValueError(f"takes one of on, between and weights, got {' and '.join(named)}")
         if self.direction is not None and not any(self.direction):
             raise SceneError(
                 [("direction", "must have a length above 0, as [0, 0, 1], got [0, 0, 0]")]
@@ -314,11 +317,10 @@ class Scene(Checked):
         object.__setattr__(self, "excitations", driven)
 
     def _misplaced(self, pair: ImpactPair) -> str:
-        """What is wrong with the coordinates of an impact pair; empty if nothing is."""
-        known = self.structure.coordinates
+        """What is wrong with the place of an impact pair; empty if nothing is."""
         places = given(pair, "at", "direction")
+        named = given(pair, "on", "between", "weights")
         if isinstance(self.structure, RigidBody):
-            named = given(pair, "on", "between")
             if named != "none" or None in (pair.at, pair.direction):
                 return (
                     "needs at (m from the centre of mass) and direction on a rigid body, got "
@@ -330,17 +332,25 @@ class Scene(Checked):
                 f"takes {places} with structure.kind = 'rigid-body' only, got "
                 f"{self.structure.kind!r}"
             )
-        names = pair.between or (() if pair.on is None else (pair.on,))
-        for name in names:
+        if sentence := self._unknown_place(pair, "be on"):
+            return sentence
+        if named == "none" and len(known := tuple(self.structure.places)) > 1:
+            return f"needs on, between or weights, with names of {_one_of(known)}, got none"
+        if not self.structure.knows_mass and not all(law.rigid for _, law in pair.stops()):
+            return "has a stop with a force, which needs structure.mass, got none"
+        if not np.any(self.row(pair)):
+            return "is at a place that does not move in any mode; name another"
+        return ""
+
+    def _unknown_place(self, part: ImpactPair | Excitation, must: str) -> str:
+        """What is wrong with the names of places of a part; empty if nothing is."""
+        known = tuple(self.structure.places)
+        for name in self.weighted(part):
             if name not in known:
                 only = ", the only coordinate of this scene" if len(known) == 1 else ""
-                return f"must be on {_one_of(known)}{only}, got {name!r}"
-        if not names and len(known) > 1:
-            return f"needs on or between, with names of {_one_of(known)}, got none"
-        if self.structure.mass is None and not all(law.rigid for _, law in pair.stops()):
-            return "has a stop with a force, which needs structure.mass, got none"
-        if pair.between is not None and pair.between[0] == pair.between[1]:
-            return f"needs two different coordinates in between, got {pair.between[0]!r} twice"
+                return f"must {must} {_one_of(known)}{only}, got {name!r}"
+        if part.between is not None and part.between[0] == part.between[1]:
+            return f"needs two different names in between, got {part.between[0]!r} twice"
         return ""
 
     @property
@@ -374,7 +384,7 @@ class Scene(Checked):
             return none
         if any(self.place(excitation) == BASE for excitation in self.excitations):
             return none
-        rows = [self.unit(*(pair.between or (pair.on or "",))) for pair in self.impact_pairs]
+        rows = [self.row(pair) for pair in self.impact_pairs]
         return drifts(np.vstack(structure.matrices[1:]), np.array(rows))
 
     @property
@@ -384,14 +394,34 @@ class Scene(Checked):
         names = enumerate(self.structure.coordinates)
         return tuple(name for place, name in names if place not in references)
 
-    def unit(self, first: str = "", second: str = "") -> Array:
-        """Row (n,) that selects the coordinate `first`, or the difference of two coordinates.
+    def weighted(self, part: ImpactPair | Excitation) -> dict[str, float]:
+        """The weighted sum of places that an impact pair or a force is on.
 
-        Without a name it selects the first coordinate.
+        It is empty where the part names none, and of a structure with one place that place.
         """
-        names = self.structure.coordinates
-        row = np.array([float(name == (first or names[0])) for name in names])
-        return np.asarray(row - np.array([float(name == second) for name in names]))
+        if part.weights is not None:
+            return part.weights
+        if part.between is not None:
+            first, second = part.between
+            return {first: 1.0, second: -1.0}
+        if part.on is not None:
+            return {part.on: 1.0}
+        known = tuple(self.structure.places)
+        return {known[0]: 1.0} if len(known) == 1 else {}
+
+    def row(self, part: ImpactPair | Excitation) -> Array:
+        """Row (n,) by which the coordinates make the displacement that a part is on."""
+        rows = self.structure.places
+        total = np.zeros(len(self.structure.coordinates))
+        for name, weight in self.weighted(part).items():
+            total = total + weight * rows[name]
+        return total
+
+    def spans(self, pair: ImpactPair) -> bool:
+        """Whether the gap of a pair is not one of the coordinates, but made from several."""
+        named = self.weighted(pair)
+        alone = list(named.values()) == [1.0] and set(named) <= set(self.structure.coordinates)
+        return pair.at is not None or not alone
 
     @property
     def absorber_coordinates(self) -> tuple[str, ...]:
@@ -431,7 +461,7 @@ class Scene(Checked):
         """Problems for numbers whose products and squares would leave the floating-point range."""
         numbers: list[tuple[str, str, float | None]] = []
         mass = 1.0
-        if isinstance(self.structure, Matrices | RigidBody):
+        if not isinstance(self.structure, Oscillator | NonlinearOscillator):
             names = ("the mass (kg)", "the damping (N s/m)", "the stiffness (N/m)")
             for name, matrix in zip(names, self.structure.matrices, strict=True):
                 numbers += [("structure", name, float(entry)) for entry in matrix.ravel()]
@@ -494,32 +524,33 @@ class Scene(Checked):
 
     def _misfit(self, excitation: Excitation) -> str:
         """What is wrong with the place of an excitation; empty if nothing is."""
-        if excitation.between is not None:
-            return self._misfit_between(excitation, excitation.between)
-        rigid = isinstance(self.structure, RigidBody)
-        known = AXES if rigid else self.structure.coordinates
+        if excitation.between is not None or excitation.weights is not None:
+            return self._misfit_sum(excitation)
+        axes = self.structure.base_axes
+        known = tuple(self.structure.places)
         where = self.place(excitation)
-        if where == BASE and not isinstance(self.structure, Isolator | Matrices | RigidBody):
-            return (
-                "acts on the base, which needs structure.kind = 'isolator', 'matrices' or "
-                f"'rigid-body', got {self.structure.kind!r}"
+        if where == BASE and (sentence := self.structure.without_base):
+            return f"{sentence}, got {self.structure.kind!r}"
+        if excitation.axis is not None and not (len(axes) > 1 and where == BASE):
+            got = (
+                f"on = {where!r}" if len(axes) > 1 else f"structure.kind = {self.structure.kind!r}"
             )
-        if excitation.axis is not None and not (rigid and where == BASE):
-            got = f"on = {where!r}" if rigid else f"structure.kind = {self.structure.kind!r}"
             return (
                 "takes axis for the base of structure.kind = 'rigid-body' only, got axis with "
                 f"{got}"
             )
-        if rigid and where in ("", BASE) and excitation.axis is None:
+        if len(axes) > 1 and where in ("", BASE) and excitation.axis is None:
             return (
                 "needs axis = 'x', 'y' or 'z' to say along which axis it moves the base, or on = "
                 f"{_one_of(known)} for a force on the centre of mass, got none"
             )
         if not where:
             return f"needs on = {_one_of((*known, BASE))} to say where it acts, got none"
+        if where == EVERYWHERE:
+            return self._misfit_everywhere(excitation)
         if where != BASE and where not in known:
             return f"must act on {_one_of((*known, BASE))}, got on = {where!r}"
-        if where != BASE and self.structure.mass is None:
+        if where != BASE and not self.structure.knows_mass:
             return "is a force, which needs structure.mass, got none"
         if isinstance(excitation, ConstantLoad) and (where == BASE) != (excitation.force is None):
             return "takes force on a coordinate and acceleration on the base"
@@ -527,30 +558,56 @@ class Scene(Checked):
             return sentence
         return _misfit_unit(excitation, where)
 
-    def _misfit_between(self, excitation: Excitation, between: tuple[str, str]) -> str:
-        """What is wrong with the place of a force between two coordinates; empty if nothing is."""
-        if not isinstance(self.structure, Matrices):
+    def _misfit_everywhere(self, excitation: Excitation) -> str:
+        """What is wrong with an excitation of the whole structure; empty if nothing is."""
+        if self.structure.spread is None:
             return (
-                f"takes between with structure.kind = 'matrices' only, got {self.structure.kind!r}"
+                "acts everywhere, which needs a structure with a length (kind = 'bar', 'beam' or "
+                f"'plate'), got {self.structure.kind!r}"
             )
-        if excitation.on is not None or excitation.axis is not None:
-            return f"takes on or between, got between with {given(excitation, 'on', 'axis')}"
-        known = self.structure.coordinates
-        if len(set(between) & set(known)) < 2:
-            return f"needs two different names of {_one_of(known)} in between, got {list(between)}"
+        if not isinstance(excitation, StrengthNoise | DensityNoise):
+            return (
+                "acts everywhere, as noise does that is independent from place to place, got kind "
+                f"= {excitation.kind!r}; put it on a point, or on several"
+            )
+        return _misfit_unit(excitation, EVERYWHERE)
+
+    def _misfit_sum(self, excitation: Excitation) -> str:
+        """What is wrong with a force on several places; empty if nothing is."""
+        sums = given(excitation, "between", "weights")
+        beside = given(excitation, "on", "axis")
+        if beside != "none" or "," in sums:
+            others = "" if beside == "none" else f", {beside}"
+            return f"takes one of on, between and weights, got {sums}{others}"
+        known = tuple(self.structure.places)
+        if len(self.structure.base_axes) > 1 or len(known) < 2:
+            return (
+                f"takes {sums} with the names of several places, got structure.kind = "
+                f"{self.structure.kind!r}"
+            )
+        if sentence := self._unknown_place(excitation, "act on"):
+            return sentence
         where = self.place(excitation)
         if isinstance(excitation, ConstantLoad) and excitation.force is None:
-            return "takes force between coordinates, got acceleration"
+            return "takes force on places, got acceleration"
         if isinstance(excitation, Sine):
-            i, j = (known.index(name) for name in between)
-            _, damping, stiffness = self.structure.matrices
-            if excitation.crank and not (stiffness[i, j] or damping[i, j]):
-                return (
-                    f"has displacement of a crank, which needs a spring or damper between "
-                    f"{between[0]!r} and {between[1]!r}, got none; give amplitude (N)"
-                )
+            if excitation.crank and (sentence := self._without_crank(excitation)):
+                return sentence
             return excitation.misplaced(where)
         return _misfit_unit(excitation, where)
+
+    def _without_crank(self, sine: Sine) -> str:
+        """Why no crank can move the places that a sine is between; empty if one can."""
+        if isinstance(self.structure, Matrices) and sine.between is not None:
+            i, j = (self.structure.coordinates.index(name) for name in sine.between)
+            _, damping, stiffness = self.structure.matrices
+            if stiffness[i, j] or damping[i, j]:
+                return ""
+        named = " and ".join(repr(name) for name in self.weighted(sine))
+        return (
+            f"has displacement of a crank, which needs a spring or damper between {named}, got "
+            "none; give amplitude (N)"
+        )
 
     def tables_by_axis(self) -> dict[str, Table]:
         """The densities of the axes of the base that cross densities name.
@@ -605,16 +662,18 @@ class Scene(Checked):
         """
         if excitation.between is not None:
             return " against ".join(excitation.between)
+        if excitation.weights is not None:
+            return _sum_in_words(excitation.weights)
         if excitation.on is not None:
             return excitation.on
-        if isinstance(self.structure, RigidBody):
+        if len(self.structure.base_axes) > 1:
             return "" if excitation.axis is None else BASE
-        if isinstance(excitation, ConstantLoad) and not isinstance(self.structure, Matrices):
-            return BASE if excitation.acceleration is not None else "x"
-        if isinstance(self.structure, Isolator):
+        known = tuple(self.structure.places)
+        if isinstance(excitation, ConstantLoad) and (len(known) == 1 or excitation.force is None):
+            return BASE if excitation.acceleration is not None else known[0]
+        if self.structure.stands_on_base:
             return BASE
-        coordinates = self.structure.coordinates
-        return coordinates[0] if len(coordinates) == 1 else ""
+        return known[0] if len(known) == 1 else ""
 
     def place_in_words(self, excitation: Excitation) -> str:
         """Where an excitation acts: a coordinate or "base", with the axis along which it moves."""
@@ -652,7 +711,7 @@ class Scene(Checked):
         if self._short_absorbers:
             return (*self.expanded.assumptions(), *self._reaction())
         found = [UNLOADED]
-        if self.structure.mass is None:
+        if not self.structure.knows_mass:
             found.append("mass is not given: 1 kg, which only forces and energies depend on")
         for place in self.drifts[0]:
             name = self.structure.coordinates[place]
@@ -661,8 +720,7 @@ class Scene(Checked):
                 f"{name!r}"
             )
         words = {law.word for pair in self.impact_pairs for _, law in pair.stops()}
-        if isinstance(self.structure, RigidBody):
-            found += self.structure.assumptions()
+        found += self.structure.assumptions()
         if "rigid" in words:
             which = "stops are rigid" if words == {"rigid"} else "the rigid stop does not give way"
             found.append(f"{which}; an impact is instantaneous (Newton's restitution)")
@@ -687,11 +745,7 @@ class Scene(Checked):
         """The assumption that the vehicle does not feel the mount, with their ratio of masses."""
         if self.vehicle is None:
             return ()
-        known = isinstance(self.structure, Matrices) or self.structure.mass is not None
-        mass = self.structure.mass if isinstance(self.structure, RigidBody) else None
-        if known and mass is None:
-            mass = float(self.expanded.structure.matrices[0].sum())
-        return (self.vehicle.reaction(mass),)
+        return (self.vehicle.reaction(self.expanded.structure.moving_mass),)
 
     def table_of(self, excitation: DensityNoise) -> Table:
         """The density of an excitation as this structure needs it, one-sided, SI units."""
@@ -741,6 +795,16 @@ def _misfit_unit(excitation: Excitation, where: str) -> str:
     except ValueError as error:
         return str(error)
     return ""
+
+
+def _sum_in_words(weights: Mapping[str, float]) -> str:
+    """A weighted sum of places, as "tip - 0.5 middle"."""
+    text = ""
+    for name, weight in weights.items():
+        size = "" if abs(weight) == 1.0 else f"{abs(weight):g} "
+        sign = "-" if weight < 0.0 else "+"
+        text += f" {sign} {size}{name}"
+    return text.removeprefix(" + ").strip()
 
 
 def _one_of(names: Sequence[str]) -> str:
@@ -805,6 +869,8 @@ def scene_from(document: Mapping[str, Any], folder: Path = Path()) -> Scene:
             raise SceneError([(name, f"is not a known key; did you mean {field.alias!r}?")])
     _refuse_functions(document)
     document = dict(document)
+    if "structure" in document:
+        document["structure"] = _files_from(folder, document["structure"])
     for key in ("excitation", "impact_pair"):
         if isinstance(entries := document.get(key), list):
             document[key] = [_files_from(folder, entry) for entry in entries]

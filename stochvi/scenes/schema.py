@@ -16,6 +16,7 @@ from pydantic.json_schema import GenerateJsonSchema
 
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Viscoelastic
 from stochvi.scenes.impact_laws.rubber_data import DAMPING, PAD
+from stochvi.scenes.modal_structures import GivenModes
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.validation import PYTHON_ONLY, Checked
 
@@ -83,6 +84,9 @@ def scene_schema() -> dict[str, Any]:
     table = described[ForceTable.__name__]
     table["required"] = ["kind"]
     table["anyOf"] = [{"required": ["file"]}, {"required": ["deflection", "force"]}]
+    modes = described[GivenModes.__name__]
+    modes["required"] = ["kind"]
+    modes["anyOf"] = [{"required": ["file"]}, {"required": ["frequency_hz", "shapes"]}]
     head = {"$schema": DIALECT, "title": "stochvi scene"}
     return head | _described(_tidy(whole, left_out), Scene) | {"$defs": described}
 
@@ -160,8 +164,9 @@ def _described(schema: dict[str, Any], model: type[BaseModel]) -> dict[str, Any]
     """The schema of a part with what docstrings say of the part and of each of its keys."""
     known = {"kind": "Which kind of part this is."} | parameters_of(model)
     names = {field.alias or name: name for name, field in model.model_fields.items()}
+    described = {key: known[name] for key in names for name in (names[key], key) if name in known}
     properties = {
-        key: {"description": known[names[key]], **each} if names[key] in known else each
+        key: {"description": described[key], **each} if key in described else each
         for key, each in schema["properties"].items()
     }
     summary = " ".join(inspect.cleandoc(model.__doc__ or "").partition("\n\n")[0].split())

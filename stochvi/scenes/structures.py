@@ -13,9 +13,12 @@ from pydantic import Field, field_validator, model_validator
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.scenes.members import Bar, Beam
+from stochvi.scenes.modal_structures import GivenModes
+from stochvi.scenes.plates import Plate
 from stochvi.scenes.rigid_body import RigidBody
+from stochvi.scenes.structure_base import BaseStructure
 from stochvi.scenes.validation import (
-    Checked,
     Count,
     Function,
     Matrix,
@@ -28,7 +31,7 @@ from stochvi.scenes.validation import (
 )
 
 
-class Oscillator(Checked):
+class Oscillator(BaseStructure):
     """A mass on a spring and a damper, x'' + b x' + omega^2 x = f(t).
 
     Give `mass`, `damping` and `stiffness`, or `frequency_hz` with exactly one of `zeta` and `Q`.
@@ -90,6 +93,18 @@ class Oscillator(Checked):
                 f"needs frequency_hz with exactly one of zeta and Q, got {', '.join(modal)}"
             )
         return self
+
+    @property
+    def rates(self) -> tuple[float, float]:
+        return self.omega, self.damping_rate
+
+    @property
+    def knows_mass(self) -> bool:
+        return self.mass is not None
+
+    @property
+    def without_base(self) -> str:
+        return FIXED
 
     @property
     def in_parallel(self) -> int:
@@ -163,6 +178,8 @@ class Isolator(Oscillator):
     (12.0, 1.725, -9.807)
     """
 
+    stands_on_base: ClassVar[bool] = True
+
     kind: Literal["isolator"] = "isolator"  # type: ignore[assignment]
     mounts: Count | None = None
     gravity: Annotated[bool, Field(strict=True)] = False
@@ -185,8 +202,16 @@ class Isolator(Oscillator):
         return self.mounts or 1
 
     @property
+    def without_base(self) -> str:
+        return ""
+
+    @property
     def gravity_load(self) -> float:
         return -STANDARD_GRAVITY if self.gravity else 0.0
+
+    @property
+    def weight(self) -> tuple[float, Vector] | None:
+        return (STANDARD_GRAVITY, -self.matrices[0][0]) if self.gravity else None
 
     @property
     def sag(self) -> float:
@@ -197,7 +222,7 @@ class Isolator(Oscillator):
         return STANDARD_GRAVITY / self.omega**2
 
 
-class Matrices(Checked):
+class Matrices(BaseStructure):
     """A linear structure of several coordinates, M x'' + C x' + K x = force.
 
     Parameters
@@ -273,10 +298,20 @@ class Matrices(Checked):
         return self
 
     @property
+    def rates(self) -> tuple[float, float] | None:
+        if len(self.coordinates) > 1:
+            return None
+        mass, damping, stiffness = (float(matrix[0, 0]) for matrix in self.matrices)
+        return math.sqrt(stiffness / mass), damping / mass
+
+    @property
     def matrices(self) -> tuple[NDArray[np.float64], ...]:
         """Mass, damping and stiffness."""
         return tuple(np.array(rows) for rows in (self.mass, self.damping, self.stiffness))
 
+
+FIXED = "acts on the base, which needs structure.kind = 'isolator' or another structure on a base"
+"""Sentence on an excitation of the base of an oscillator, which has none."""
 
 SYMMETRY = 1e-9
 """Largest relative difference of two entries that counts as a rounding error when the symmetry of a
@@ -292,7 +327,7 @@ def _smallest_eigenvalue(matrix: NDArray[np.float64]) -> float:
     return float(np.linalg.eigvalsh(inverse[:, None] * matrix * inverse)[0])
 
 
-class NonlinearOscillator(Checked):
+class NonlinearOscillator(BaseStructure):
     """A mass on a spring and a damper of any characteristic, m x'' + c(x') + g(x) = f(t).
 
     Functions cannot be written in a scene file: this structure is for Python only, and for
@@ -353,8 +388,16 @@ class NonlinearOscillator(Checked):
 
     @property
     def matrices(self) -> tuple[NDArray[np.float64], ...]:
-        """The mass as a matrix of one row; there are no matrices of damping and stiffness."""
-        return (np.array([[self.mass]]),)
+        """The mass, and zeros, as matrices of one row: damping and stiffness are functions."""
+        return np.array([[self.mass]]), np.zeros((1, 1)), np.zeros((1, 1))
+
+    @property
+    def rates(self) -> tuple[float, float]:
+        return 0.0, self.damping_rate or 0.0
+
+    @property
+    def without_base(self) -> str:
+        return FIXED
 
     @property
     def damping_rate(self) -> float | None:
@@ -435,5 +478,15 @@ def _panel(function: Function, starts: Vector, stops: Vector) -> tuple[Vector, V
     return np.asarray(half * (values @ WEIGHTS)), np.abs(values).max(axis=1)
 
 
-Structure = Oscillator | Isolator | Matrices | RigidBody | NonlinearOscillator
+Structure = (
+    Oscillator
+    | Isolator
+    | Matrices
+    | RigidBody
+    | GivenModes
+    | Bar
+    | Beam
+    | Plate
+    | NonlinearOscillator
+)
 """A structure that a scene may hold, of any kind."""

@@ -90,6 +90,9 @@ def _name_of(function: Any) -> str:
     return f"{named.__module__}.{named.__qualname__}"
 
 
+Weights = Annotated[dict[str, Number], Field(min_length=1)]
+"""Weights of the places of a sum, by their names."""
+
 Function = Annotated[Callable[..., Any], PlainSerializer(_name_of, return_type=str)]
 """A function from an array to an array of the same shape, which only Python can give; in the
 document of a scene it is its name."""

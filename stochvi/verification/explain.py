@@ -151,7 +151,8 @@ def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS
     except (NotApplicable, NotConverged) as reason:
         if isinstance(reason, NotApplicable) or not trial.passed():
             methods["linearise"] = _conditions(reason)
-    simulation, notes = None, [] if beyond_one_oscillator(model) else list(scene_notes(model))
+    noted = [] if beyond_one_oscillator(model) else scene_notes(model)
+    simulation, notes = None, [*noted, *model.structure_cautions]
     planning = seconds_of_plan(model)
     if planning > MOST_OF_THE_REST * deadline.left:
         methods["simulate"] = "; ".join(unmet_by_simulation(model)) or APPLIES

@@ -35,8 +35,11 @@ def test_a_force_between_two_acts_on_both_in_opposite_directions() -> None:
     ("excitation", "sentence"),
     [
         (WhiteNoise(between=("a", "a"), intensity=1.0), "two different names"),
-        (WhiteNoise(between=("a", "d"), intensity=1.0), "two different names"),
-        (WhiteNoise(between=("a", "b"), on="a", intensity=1.0), "takes on or between"),
+        (WhiteNoise(between=("a", "d"), intensity=1.0), "must act on .a. or .b. or .c., got .d."),
+        (
+            WhiteNoise(between=("a", "b"), on="a", intensity=1.0),
+            "takes one of on, between and weights, got between, on",
+        ),
         (WhiteNoise(between=("a", "b"), density=1.0, unit="g2/Hz"), "N2/Hz"),
         (ConstantLoad(between=("a", "b"), acceleration=1.0), "takes force"),
         (Sine(between=("a", "b"), velocity=1.0, frequency_hz=1.0), "velocity"),
@@ -49,7 +52,7 @@ def test_what_cannot_act_between_two_is_refused(excitation: Excitation, sentence
 
 
 def test_a_force_between_two_needs_coordinates_with_names() -> None:
-    with pytest.raises(SceneError, match="'matrices' only"):
+    with pytest.raises(SceneError, match="names of several places"):
         Scene(
             structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
             excitations=[WhiteNoise(between=("x", "base"), intensity=1.0)],

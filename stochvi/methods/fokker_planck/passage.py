@@ -270,7 +270,7 @@ def first_passage(
 
 def _assumptions(scene: Scene, start: StartChoice) -> list[str]:
     found = ["displacements are measured from the position of the unloaded spring"]
-    if scene.structure.mass is None:
+    if not scene.structure.knows_mass:
         found.append("mass is not given: 1 kg, which nothing here depends on")
     found.append("the first passage ends a path: what a stop does afterwards does not matter")
     if start == "stationary":

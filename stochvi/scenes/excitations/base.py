@@ -25,7 +25,7 @@ from stochvi.mathematics.units import (
 )
 from stochvi.results.errors import SceneError
 from stochvi.scenes.readers import Columns
-from stochvi.scenes.validation import Checked, Number, Positive, given
+from stochvi.scenes.validation import Checked, Number, Positive, Weights, given
 
 BASE = "base"
 """The place of an excitation that moves the base; every other place is a coordinate."""
@@ -81,11 +81,15 @@ class BaseExcitation(Checked):
     Parameters
     ----------
     on
-        What it acts on: a coordinate, as a force, or "base", as an acceleration of the base. May be
-        left out where only one place is meant: of an isolator the base, of an oscillator x.
+        What it acts on: a coordinate or a point, as a force; "base", as an acceleration of the
+        base; or "everywhere", as white noise all along a bar, beam or plate, per metre (square
+        metre). May be left out where only one place is meant: of an isolator the base, of an
+        oscillator x.
     between
-        Instead: two coordinates of a structure of kind "matrices"; the force acts on the first, and
-        its reaction on the second.
+        Instead: two places; the force acts on the first, and its reaction on the second.
+    weights
+        Instead: the weighted sum of places that the force drives, as { tip = 1.0, middle = 0.5 }:
+        each place gets the force times its weight.
     axis
         Axis along which it moves the base of a rigid body, "x", "y" or "z".
     """
@@ -93,6 +97,7 @@ class BaseExcitation(Checked):
     own: ClassVar[str] = "a density of your own is a TabulatedNoise"
 
     between: tuple[str, str] | None = None
+    weights: Weights | None = None
     axis: Literal["x", "y", "z"] | None = None
 
     effect_word: ClassVar[str]

@@ -142,6 +142,11 @@ class CompliantLaw(ImpactLaw):
     def impact(self, speed: float, mass: float) -> ContactSolution:
         """The contact of a free mass (of a pair: its reduced mass, kg) that arrives at `speed`."""
 
+    def in_series(self, compliance: float) -> CompliantLaw | None:
+        """The law of the stop with a spring of a compliance, m/N, in series; None where it is no
+        law of this package."""
+        return None
+
     def knots(self) -> Vector:
         """Deflections (m), the first one 0, between which the force is smooth; a law with a kink
         must override this."""

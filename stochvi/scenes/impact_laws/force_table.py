@@ -145,6 +145,11 @@ class ForceTable(CompliantLaw):
         copy.__dict__.pop("arrays", None)
         return copy
 
+    def in_series(self, compliance: float) -> Self:
+        force = np.array(self.force)
+        deflection = np.array(self.deflection) + compliance * force
+        return self.model_copy(update={"deflection": tuple(deflection.tolist())})
+
     @property
     def pieces(self) -> Vector:
         """Array (3, pieces): deflection and force at the start of each piece, and its slope. The

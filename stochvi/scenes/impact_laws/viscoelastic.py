@@ -83,6 +83,10 @@ class Elastic(LinearLaw):
     def damping(self, mass: float) -> float:
         return 0.0
 
+    def in_series(self, compliance: float) -> Self:
+        stiffness = self.stiffness / (1.0 + self.stiffness * compliance)
+        return self.model_copy(update={"stiffness": stiffness})
+
     def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0, mass: float = 1.0) -> Vector:
         return self.stiffness * inside(deflection)
 

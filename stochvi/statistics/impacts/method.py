@@ -362,7 +362,7 @@ def _pair(scene: Scene, pair: Pair, plan: ImpactPlan, grid: Grid, tally: Tally) 
     gap = linear_gap(plan.source.model, pair)
     square = ratio_and_error(tally.squares.sum(axis=1), numbers) if hits else None
     loss = ratio_and_error(tally.energies.sum(axis=1), numbers) if hits else None
-    mass = pair.mass if scene.expanded.structure.mass is not None else 1.0
+    mass = pair.mass if scene.expanded.structure.knows_mass else 1.0
     blow = None if square is None else (mass / 2.0 * square[0], mass / 2.0 * square[1])
     return PairStatistics(
         speed_threshold=plan.thresholds[pair.name],
@@ -379,7 +379,7 @@ def _pair(scene: Scene, pair: Pair, plan: ImpactPlan, grid: Grid, tally: Tally) 
         rice_rates=None if gap is None else rice_rates(gap, pair),
         clump_rate=None if gap is None else vanmarcke_rate(gap, pair),
         first_hit_rate=None,
-        energy_unit="J/kg" if scene.expanded.structure.mass is None else "J",
+        energy_unit="J" if scene.expanded.structure.knows_mass else "J/kg",
     )
 
 
