@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
+from stochvi.mathematics.arguments import checked
 from stochvi.results.atomic_files import write_whole
 from stochvi.results.base import Result
 from stochvi.results.estimates import version_of
@@ -34,6 +35,7 @@ KIND, ARRAY, TABLE, TUPLE, MAPPING, NUMBER, COMPLEX, SCENE, MODEL = (
 """Keys that mark what JSON has no type for."""
 
 
+@checked
 def save_answer(answer: Result, path: str | Path) -> Path:
     """Write an answer to a file, from which `load_answer` makes it again.
 
@@ -79,6 +81,7 @@ def save_answer(answer: Result, path: str | Path) -> Path:
     return Path(path)
 
 
+@checked
 def load_answer(path: str | Path) -> Result:
     """Read an answer that `save_answer` wrote.
 

@@ -31,10 +31,15 @@ import shown
 
 README = CHECKOUT / "README.md"
 MANUAL = sorted(
-    page
-    for page in (CHECKOUT / "docs").rglob("*.md")
-    if not {"_build", "generated"} & set(page.parts)
+    (
+        page
+        for page in (CHECKOUT / "docs").rglob("*.md")
+        if not {"_build", "generated"} & set(page.parts)
+    ),
+    key=lambda page: (page.stem != "start", page),
 )
+"""Pages of the manual. The commands of the first one write the scene of the others."""
+
 FENCE = re.compile(r"^(```+)([^\n`]*)\n(.*?)^\1$", flags=re.DOTALL | re.MULTILINE)
 
 LESS = {

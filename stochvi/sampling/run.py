@@ -168,13 +168,16 @@ class Run:
         first: int,
         error: Callable[[Sample], float],
         rel_error: float,
+        most_unseen: float = math.inf,
         **how: Any,
     ) -> Taken[Sample]:
         """As `until`, until the relative `error` of a sample of at least `first` paths is at most
-        `rel_error`."""
+        `rel_error`; or until there are `most_unseen` paths, where it is still infinite then."""
 
         def more(sample: Sample) -> float:
-            return more_paths(sampler.paths(sample), error(sample), rel_error)
+            paths, known = sampler.paths(sample), error(sample)
+            hopeless = math.isinf(known) and paths >= most_unseen
+            return 0.0 if hopeless else more_paths(paths, known, rel_error)
 
         def tell(sample: Sample) -> tuple[float, str]:
             known = error(sample) if sampler.paths(sample) > 1 else math.inf

@@ -49,6 +49,8 @@ from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Cost
 from stochvi.results.origin import origin_of
 from stochvi.results.response import Response
+from stochvi.sampling.run import Run
+from stochvi.sampling.workers import pool_of
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise
 from stochvi.scenes.impact_laws import Hertz
 from stochvi.scenes.structures import Matrices
@@ -415,7 +417,9 @@ def test_peaks_of_walls_that_give_way() -> None:
     elastic = math.sqrt(1e2 * 0.1 / 1.1) * float(met.mean())
     with pytest.raises(AssertionError):  # without the damper of the wall
         assert_agrees(sampled, elastic)
-    largest = _windows(scene.expanded, "structure", 2.0 * math.pi, 0, Deadline.after(0.0))
+    with pool_of(None, 1) as pool:
+        run = Run(pool, Deadline.after(0.0))
+        largest = _windows(scene.expanded, "structure", 2.0 * math.pi, run)
     assert largest.wall_force.value > 2.0 * peak.value
     assert largest.wall_acceleration.value == pytest.approx(largest.wall_force.value / 1.0)
 

@@ -243,7 +243,7 @@ def test_a_file_that_holds_no_answer_is_refused(tmp_path: Path) -> None:
         file.write_text(text, encoding="utf-8")
         with pytest.raises(ValueError, match=words):
             stochvi.load_answer(file)
-    with pytest.raises(TypeError, match="what a calculation returned"):
+    with pytest.raises(ValueError, match="what a calculation returned"):
         stochvi.save_answer({"rate": 1.0}, file)  # type: ignore[arg-type]
 
 

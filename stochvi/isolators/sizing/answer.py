@@ -101,8 +101,8 @@ class RoundedClearance:
         >>> found = RoundedClearance.of(3.088e-3)
         >>> round(found.value, 9), found.step
         (0.0031, 0.0001)
-        >>> round(Rounded.of(0.31234e-3).value, 9), round(RoundedClearance.of(4.9e-3).value, 9)
-        (0.00032, 0.0049)
+        >>> [round(RoundedClearance.of(each).value, 9) for each in (0.31234e-3, 4.9e-3)]
+        [0.00032, 0.0049]
         """
         digits = max(math.ceil(-math.log10(FINEST_SHARE * clearance)), -round(math.log10(COARSEST)))
         step = 10.0**-digits

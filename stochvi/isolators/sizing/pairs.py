@@ -35,6 +35,8 @@ from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.machine import usable_cores
 from stochvi.results.progress import Progress
+from stochvi.sampling.run import Run
+from stochvi.sampling.workers import pool_of
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import MISSED, largest_error
 from stochvi.statistics.pair_crossings import (
@@ -376,10 +378,12 @@ class _PairsJob:
     def _crossings(self, rows: Matrix, share: float) -> PairCrossings:
         """First crossings at rows of distances (levels, sides, pairs), in a share of the time that
         is left."""
-        found: PairCrossings = partial_result(
-            self.motion.crossings, rows[:, 0], rows[:, 1], mission=self.mission,
-            **self._sampling(share, self.rel_error),
-        )  # fmt: skip
+        deadline = Deadline.after(self.deadline.part(share))
+        with pool_of(None, self.threads) as pool:
+            run = Run(pool, deadline, seed=self.seed, rel_error=self.rel_error)
+            found: PairCrossings = partial_result(
+                self.motion.crossings, rows[:, 0], rows[:, 1], self.mission, run
+            )
         return found
 
     def _curve(self, number: int, k: int) -> RiskCurve:

@@ -25,7 +25,7 @@ from stochvi.results.errors import Interrupted, NotApplicable, NotConverged, Sto
 from stochvi.results.progress import Progress
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.pair_crossings import PairMotion
+from stochvi.statistics.pair_crossings import pair_crossings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -239,7 +239,7 @@ class Resizing:
         chance = 1.0
         if min(lower.min(), upper.min()) > 0.0:
             crossings = partial_result(
-                PairMotion(model).crossings, lower, upper, mission=sizing.mission,
+                pair_crossings, scene, lower=lower, upper=upper, mission=sizing.mission,
                 rel_error=self.rel_error, seed=self.seed, threads=self.threads,
                 budget=deadline.part(CURVE_SHARE),
             )  # fmt: skip

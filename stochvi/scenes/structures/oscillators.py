@@ -127,7 +127,7 @@ class Oscillator(AnyStructure):
     def matrices(self) -> tuple[NDArray[np.float64], ...]:
         """Mass, damping and stiffness as matrices of one row (1 kg where no mass is given)."""
         mass = self.mass or 1.0
-        entries = (mass, mass * self.damping_rate, mass * self.omega**2)
+        entries = (mass, mass * self.damping_rate, mass * (self.omega * self.omega))
         return tuple(np.array([[entry]]) for entry in entries)
 
     @property

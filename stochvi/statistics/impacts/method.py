@@ -195,15 +195,13 @@ def impacts(
     sampling = deadline.sooner(FOR_FIRST_HITS) if first_hits else deadline
 
     def error_of(sample: list[dict[str, Tally]]) -> float:
-        error = _largest_error([*joined(sample).values()], plan)
         # equal counts on few paths are no error of zero
         few = sampler.paths(sample) < FEWEST_PATHS
-        hopeless = math.isinf(error) and sampler.paths(sample) >= MOST_UNSEEN
-        return math.inf if few else 0.0 if hopeless else error
+        return math.inf if few else _largest_error([*joined(sample).values()], plan)
 
     if paths is None:
         first = max(plan.block, FEWEST_PATHS)
-        taken = run.to_accuracy(sampler, first, error_of, asked, deadline=sampling)
+        taken = run.to_accuracy(sampler, first, error_of, asked, MOST_UNSEEN, deadline=sampling)
     else:
         taken = run.until(sampler, paths, deadline=sampling)
     done, found = taken.paths, joined(taken.sample)
