@@ -13,6 +13,7 @@ import json
 import os
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -58,6 +59,8 @@ except locale.Error:
     print("null")
     raise SystemExit
 libm = [f(0.01 * n) for n in range(1, 2000) for f in (math.exp, math.sin, math.log, math.tan)]
+# kernels of another processor end the program at their first instruction that this one lacks
+np.linalg.eigvalsh(np.ones((64, 64)) @ np.ones((64, 64)))
 pools = threadpoolctl.threadpool_info()
 print(json.dumps({
     "blas": sorted({each["architecture"] for each in pools if each["internal_api"] == "openblas"}),
@@ -75,11 +78,16 @@ class Result(NamedTuple):
 
 
 def found(**variables: str) -> Any:
-    """What numpy, OpenBLAS and the C library take under these variables; None without locale."""
+    """Return what numpy, OpenBLAS and the C library take under these variables.
+
+    It is None without the locale, or where the processor lacks instructions that they ask for.
+    """
     done = subprocess.run(
-        [sys.executable, "-c", PROBE], env=os.environ | variables, capture_output=True, text=True,
-        check=True,
-    )  # fmt: skip
+        [sys.executable, "-c", PROBE], env=os.environ | variables, capture_output=True, text=True
+    )
+    if done.returncode == -signal.SIGILL:
+        return None
+    done.check_returncode()
     return json.loads(done.stdout)
 
 
@@ -90,8 +98,11 @@ def processors(folder: Path) -> tuple[list[tuple[str, Variables]], list[str]]:
     left_out = []
     seen = {tuple(own["blas"]): "this processor itself"}
     for name in BLAS:
-        blas = tuple(found(OPENBLAS_CORETYPE=name)["blas"])
-        if not blas:
+        taken = found(OPENBLAS_CORETYPE=name)
+        blas = tuple(taken["blas"]) if taken else ()
+        if taken is None:
+            left_out.append(f"{name}: this processor lacks instructions that its kernels take")
+        elif not blas:
             left_out.append(f"{name}: numpy does not use OpenBLAS here")
         elif blas in seen:
             left_out.append(f"{name}: OpenBLAS takes the kernels of {seen[blas]}")
