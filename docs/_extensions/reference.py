@@ -5,12 +5,14 @@ from __future__ import annotations
 import importlib
 import inspect
 import re
+import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from sphinx.application import Sphinx
+from sphinx.pycode import ModuleAnalyzer
 
 import stochvi
 from stochvi.methods import averaging, closed_form, fokker_planck
@@ -133,12 +135,27 @@ def directive_of(name: str) -> list[str]:
     package, _, last = name.rpartition(".")
     each = getattr(importlib.import_module(package), last)
     if inspect.isclass(each):
-        body = [f".. autoclass:: {name}", "   :members:", "   :exclude-members: model_config"]
+        body = [
+            f".. autoclass:: {name}",
+            "   :members:",
+            "   :exclude-members: model_config, model_post_init",
+        ]
     elif callable(each):
         body = [f".. autofunction:: {name}"]
     else:
-        body = [f".. autodata:: {name}", "   :no-value:"]
+        body = [f".. py:data:: {name}", "", *(f"   {line}" for line in meaning_of(package, last))]
     return [*body, ""]
+
+
+def meaning_of(package: str, constant: str) -> list[str]:
+    """The lines below the assignment of a constant, in whichever module of ours it is."""
+    value = getattr(sys.modules[package], constant)
+    for name, module in list(sys.modules.items()):
+        if name.startswith("stochvi.") and getattr(module, constant, None) is value:
+            found = ModuleAnalyzer.for_module(name).find_attr_docs().get(("", constant))
+            if found:
+                return found
+    raise LookupError(f"{package}.{constant} has no docstring below its assignment")
 
 
 def scene_file_page() -> str:

@@ -6,6 +6,7 @@ needs the name: `float`, `Scene`, `DataFrame`. Names with a page of their own li
 
 from __future__ import annotations
 
+import ast
 import importlib
 import inspect
 import re
@@ -43,13 +44,23 @@ def homes() -> dict[str, str]:
     return found
 
 
+class WithoutValidators(ast.NodeTransformer):
+    """Replaces each `Annotated[kind, ...]` in an annotation by its kind."""
+
+    def visit_Subscript(self, node: ast.Subscript) -> ast.AST:
+        self.generic_visit(node)
+        checked = isinstance(node.value, ast.Name) and node.value.id == "Annotated"
+        return node.slice.elts[0] if checked and isinstance(node.slice, ast.Tuple) else node
+
+
 def plain(annotation: Any) -> str:
     """An annotation as a reader says it: the text in the source, checked numbers as `float`."""
     if annotation is inspect.Parameter.empty:
         return ""
     text = annotation if isinstance(annotation, str) else inspect.formatannotation(annotation)
     text = text.replace("np.bool_", "bool")  # docutils would take the end for a reference
-    text = re.sub(r"Annotated\[([^,\]]+(?:\[[^\]]*\])?),.*\]", r"\1", text)
+    if "Annotated[" in text:
+        text = ast.unparse(WithoutValidators().visit(ast.parse(text, mode="eval")))
     text = re.sub(r"\b(?:typing|collections\.abc)\.", "", text)
     return re.sub(r"\b[A-Z]\w*\b", lambda word: PLAIN.get(word[0], word[0]), text)
 

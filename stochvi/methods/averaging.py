@@ -25,7 +25,7 @@ from stochvi.results.errors import NotApplicable
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
-__all__ = ["CONTINUOUS", "FINITE_JUMPS", "UNFOLDED", "VARIANTS", "average", "unmet"]
+__all__ = ["VARIANTS", "average", "unmet"]
 
 
 @calculation

@@ -27,6 +27,7 @@ from stochvi.results.errors import NotApplicable
 
 CONTINUOUS, FINITE_JUMPS, UNFOLDED = "continuous", "finite jumps", "unfolded"
 VARIANTS = (CONTINUOUS, FINITE_JUMPS, UNFOLDED)
+"""Variants of averaging: how impacts change the energy."""
 
 NODES, WEIGHTS = gauss_legendre(12)
 """Nodes and weights of the Gauss-Legendre rule of each panel of energies, and of each orbit."""

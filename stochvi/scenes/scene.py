@@ -46,7 +46,8 @@ class ImpactPair(Checked):
     name
         Name of the pair in answers; each pair needs one of its own.
     lower, upper
-        Position of the stops, m from the position of the unloaded spring; leave out for none.
+        Position of the stops, m from the unloaded spring; leave out for none. Without gravity or a
+        load the mass rests there, so that these are its clearances.
         A stop beyond it (an upper stop below 0) is a preload.
     clearance
         Instead of the two, one clearance on both sides, m: stops at -clearance and clearance.

@@ -161,8 +161,9 @@ def print_frame(
 
 
 LAST_DIGITS = (
-    "607(20) means 607 with a standard error of 20; a number behind +- is a bias, shown where it "
-    "widens the 95 % interval by more than a tenth (? where it is not known)"
+    "(20): a standard error of 20 in the last digits; +-4.3: a bias of up to 4.3 from the step or "
+    "the model, shown where it widens the 95 % interval by more than a tenth (? where it is not "
+    "known)"
 )
 """Explanation of the notation of an `Estimate`."""
 

@@ -339,11 +339,7 @@ class Sizing(Result):
         three, hits = self.three_sigma, self.expected_hits()
         place = f"3 sigma = {1e3 * three.clearance:.4g} mm"
         mission = spoken_mission(self.mission)
-        there = (
-            []
-            if hits is None
-            else [f"{hits.value:.3g} impacts are to be expected there in {mission}"]
-        )
+        there = [] if hits is None else [f"{hits.value:.3g} impacts expected there in {mission}"]
         if self.target.name == "probability":
             chance = spoken_percent(three.probability.value)
             rule = [f"{place} is hit with a probability of {chance} in {mission}"]

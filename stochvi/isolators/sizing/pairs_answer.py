@@ -205,9 +205,7 @@ class PairsSizing(Result):
         text = f"calculated{stated}: {1e3 * low.value:.4g} mm"
         text += f" to {1e3 * high.value:.4g} mm" if high.value > low.value else ""
         if self.expected_hits is not None and self.target.name != "rate":
-            text += (
-                f", where {self.expected_hits.value:.3g} impacts are to be expected in {mission}"
-            )
+            text += f", where {self.expected_hits.value:.3g} impacts are expected in {mission}"
         return (
             f"{text}; at 3 sigma of every gap any is hit in {mission} with a probability of "
             f"{spoken_percent(self.three_sigma.value)}"

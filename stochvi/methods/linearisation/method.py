@@ -35,7 +35,10 @@ from stochvi.scenes.impact_laws import Viscoelastic
 from stochvi.scenes.scene import Scene
 
 FORMS = ("closure", "motion", "force", "clumps")
+"""Forms of `linearise`."""
+
 VARIANTS = ("consistent", "book", "box")
+"""Variants of the forms."""
 
 
 @calculation

@@ -52,7 +52,8 @@ class TabulatedNoise(DensityNoise):
     frequency_hz
         Breakpoints, increasing, Hz.
     density
-        One-sided density at each breakpoint, in `unit`.
+        One-sided density at each breakpoint, in `unit`; straight between them on logarithmic axes,
+        and zero outside the table.
     unit
         Unit of the densities: "g2/Hz" or "(m/s2)2/Hz" on the base, "N2/Hz" on a mass, in any
         spelling, or decibels, as "dB re 1 g2/Hz". It may be left out if the file states the unit;

@@ -43,7 +43,7 @@ class ForceTable(CompliantLaw):
     Parameters
     ----------
     deflection
-        Increasing, m, from 0 on.
+        Increasing, m, from 0 on; beyond the last one the last slope goes on.
     force
         Never decreasing, N, 0 at the deflection 0.
     file, unit

@@ -158,8 +158,8 @@ class Isolator(Oscillator):
     Parameters
     ----------
     mounts
-        How many equal mounts carry the mass side by side; `stiffness` and `damping` are then those
-        of one of them.
+        How many equal mounts carry the mass side by side, where `stiffness` and `damping` are
+        those of one of them; `frequency_hz` is that of the mass on all mounts, and takes none.
     gravity
         Whether gravity pulls the mass towards negative x: it then hangs at -g / omega^2, and
         stops, which are measured from the unloaded spring, lie closer below than above. Leave it

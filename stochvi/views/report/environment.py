@@ -157,7 +157,8 @@ def gap_section(review: Review) -> Section:
         pictures=[
             shown(
                 lambda: draw_problem(scene, dict.fromkeys(names, found.mean_position)),
-                "The scene with its stops as they stand in the scene file; not to scale.",
+                "The scene with its stops as the scene file states them, before they are moved to "
+                "the clearance to make; not to scale.",
                 wide=True,
             )
         ],

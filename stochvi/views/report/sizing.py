@@ -195,7 +195,7 @@ def _hits_statement(review: Review) -> str:
         text = f"below {count_of(here.expected_high)} impacts (none was seen, or too few)"
     else:
         text = (
-            f"{count_of(here.expected)} impacts are to be expected "
+            f"{count_of(here.expected)} impacts are expected "
             f"({count_of(here.expected_low)} to {count_of(here.expected_high)}, 95 %)"
         )
     at_three_sigma = ""

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from stochvi.methods.averaging import CONTINUOUS, FINITE_JUMPS, UNFOLDED, VARIANTS, average
+from stochvi.methods.averaging import VARIANTS, average
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
-from stochvi.model.energy_law import Well
+from stochvi.model.energy_law import CONTINUOUS, FINITE_JUMPS, UNFOLDED, Well
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.excitations import WhiteNoise
