@@ -16,8 +16,12 @@ from stochvi.methods.closed_form import exact
 from stochvi.model.model import model_of
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
+from support.clocks import tick
 from support.commands import ELASTIC, ISOLATOR, LOSSY, QUICK, Finished, Run, one_document, refused
 from support.known import DOCUMENT, MISTAKES, changed, oscillator, to_toml
+
+TICK = 5e-3
+"""Time that a look at the clock takes, s, where a budget shall end at the same work everywhere."""
 
 # Answers ----------------------------------------------------------------------------------
 
@@ -106,6 +110,7 @@ def test_the_help_of_an_accuracy_names_the_error_and_that_of_a_condition_reads_o
 
 def test_tables_of_eighty_columns_cut_nothing_short(stochvi: Run, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
+    tick(monkeypatch, TICK)
     cost = ["cost", ISOLATOR, "--budget", "0.5"]
     for command in (["profiles"], ["check", ELASTIC, "--rel-error", "0.02"], cost):
         code, out, _ = stochvi(*command)
@@ -114,7 +119,10 @@ def test_tables_of_eighty_columns_cut_nothing_short(stochvi: Run, monkeypatch):
         assert max(map(len, out.splitlines())) <= 80
 
 
-def test_the_cost_of_accuracy_is_a_table_a_document_and_a_picture(stochvi: Run, tmp_path: Path):
+def test_the_cost_of_accuracy_is_a_table_a_document_and_a_picture(
+    stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tick(monkeypatch, TICK)
     code, out, err = stochvi("cost", LOSSY, "--budget", "0.5", "--json", "-", "--out", tmp_path)
     assert code == 0
     document = one_document(out)

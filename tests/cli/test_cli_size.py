@@ -21,7 +21,7 @@ from stochvi.views.sizing import plot_risk
 from support.commands import ISOLATOR, Run, one_document
 from support.sized import scene_between_stops, sizing_of
 
-ROUGH = ("--rel-error", "0.2", "--threads", "1", "--mission", "600", "--budget", "4")
+ROUGH = ("--rel-error", "0.2", "--threads", "1", "--mission", "600", "--budget", "600")
 
 
 @pytest.fixture(autouse=True)
@@ -228,7 +228,7 @@ def test_chances_are_never_rounded_to_certainty() -> None:
 def test_a_page_leaves_out_the_pictures_that_no_time_is_left_for_and_says_so(
     stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("stochvi.cli.options.GRACE_SECONDS", -60.0)
+    monkeypatch.setattr("stochvi.cli.options.GRACE_SECONDS", -3600.0)
     scene = tmp_path / "white.toml"
     scene.write_text(WHITE, encoding="utf-8")
     done = stochvi("size", scene, "--probability", "0.05", *ROUGH, "--out", tmp_path)

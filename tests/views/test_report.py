@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import xml.etree.ElementTree as ET
 from dataclasses import replace
+from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -239,7 +240,7 @@ def numbers_of(document: object) -> list[float]:
 def separated(html: str) -> str:
     """The text of a page with bars where its elements end."""
     body = html[html.index("<body") :].replace("\u00a0", " ")
-    return re.sub(r"<[^>]*>", " | ", body)
+    return unescape(re.sub(r"<[^>]*>", " | ", body))
 
 
 def not_found(text: str, document: dict[str, object]) -> list[str]:

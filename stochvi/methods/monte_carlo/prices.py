@@ -16,6 +16,9 @@ PRICE_SHARE, LEAST_PRICE, MOST_PRICE = 0.02, 0.05, 0.25
 """A trial is long enough to predict the time of a path once it has taken this share of the time
 that is left, within these two numbers of seconds."""
 
+GROWN_SHARE = 0.25
+"""A trial has enough steps if this share of its time comes on top of that of the first trial."""
+
 PATIENCE_SECONDS = 0.5
 """Seconds beyond the budget that the first two paths may take, without which there is no answer."""
 
@@ -28,22 +31,33 @@ def seconds_of_first_paths(
 
     Some works on paths cannot be interrupted, and the number of impacts in a step is not known in
     advance. The trials become longer until the prediction is short, or rests on a fair share of
-    the time that is left. It is 0 without a deadline, and for plans that synthesise paths: the
-    price of their blocks does not grow with the number of steps that are asked for.
+    the time that is left. What a trial takes before its first step, to draw the states from which
+    paths start, does not grow with its steps: the prediction rests on the seconds by which a trial
+    takes longer than the first one. It is 0 without a deadline, and for plans that synthesise
+    paths: the price of their blocks does not grow with the number of steps that are asked for.
     """
     steps, wanted = FIRST_STEPS, share * plan.steps_per_path
     enough = max(min(PRICE_SHARE * deadline.left, MOST_PRICE), LEAST_PRICE)
     longer = plan.shortest(MORE_STEPS * steps).steps_per_path > plan.shortest(steps).steps_per_path
-    while longer and math.isfinite(deadline.moment) and steps < wanted:
-        trial = plan.shortest(steps)
-        if steps == FIRST_STEPS:  # kernels are loaded where they are called first
-            _seconds_of(trial, seed, paths)
-        took = _seconds_of(trial, seed, paths)
-        predicted = took * wanted / trial.steps_per_path
-        if predicted <= PIECE_SECONDS or took >= enough:
-            return predicted
+    if not longer or math.isinf(deadline.moment):
+        return 0.0
+    first = plan.shortest(steps)
+    _seconds_of(first, seed, paths)  # kernels are loaded where they are called first
+    at_least = took = _seconds_of(first, seed, paths)
+    made = first.steps_per_path
+    while steps < wanted:
+        if took * wanted / made <= PIECE_SECONDS:
+            return took * wanted / made
+        if took >= deadline.left:
+            return took
+        more = took - at_least
+        if took >= enough and more >= GROWN_SHARE * took:
+            return at_least + more * (wanted - first.steps_per_path) / (made - first.steps_per_path)
         # the last trial is not much longer than it has to be
-        steps = math.ceil(steps * min(MORE_STEPS, 1.0 + enough / max(took, SHORTEST)))
+        longest = 1.0 + max(enough, at_least) / max(more or took, SHORTEST)
+        steps = math.ceil(steps * min(MORE_STEPS, longest))
+        trial = plan.shortest(steps)
+        took, made = _seconds_of(trial, seed, paths), trial.steps_per_path
     return 0.0
 
 

@@ -191,12 +191,38 @@ def test_a_price_is_found_in_a_moment_also_where_there_is_much_time(
     assert price == pytest.approx(100.0) and clock[0] < 4.0 * prices.MOST_PRICE
 
 
+class SlowStart(SlowPlan):
+    """A plan that takes a second more before its first step."""
+
+    def shortest(self, steps: int = 2) -> SlowStart:
+        return SlowStart(steps, self.clock)
+
+    def averages(self, seed: int, first_path: int, paths: int) -> None:
+        self.clock[0] += 1.0
+        super().averages(seed, first_path, paths)
+
+
+def test_what_comes_before_the_first_step_is_no_price_of_a_step(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A chain of two masses, whose states are drawn in .1 s, was refused on a slow machine: its
+    paths of 5 s seemed to take 250 s."""
+    clock = [0.0]
+    monkeypatch.setattr(prices, "thread_seconds", lambda: clock[0])
+    plan, deadline = SlowStart(10_000, clock), Deadline.after(400.0)
+    assert prices.seconds_of_first_paths(plan, 0, deadline) == pytest.approx(11.0)
+    assert clock[0] < 10.0
+    # no more is tried once the first trial takes longer than there is time
+    assert prices.seconds_of_first_paths(plan, 0, Deadline.after(0.5)) > 0.5
+
+
 @pytest.mark.parametrize("name", ["isolator-bumper", "rigid-box"])
 def test_the_price_of_synthesised_paths_is_not_that_of_their_first_samples(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """On a slow machine a block of three samples seemed to make 7000 as dear as 2000 blocks."""
-    monkeypatch.setattr(prices, "_seconds_of", lambda *_: prices.MOST_PRICE)
+    dear = prices.MOST_PRICE
+    monkeypatch.setattr(prices, "_seconds_of", lambda plan, *_: dear * plan.steps_per_path)
     deadline = Deadline.after(1000.0)
     synthesised = make_plan(model_of(load_scene(shipped_scene(name))))
     assert prices.seconds_of_first_paths(synthesised, 0, deadline) == 0.0
