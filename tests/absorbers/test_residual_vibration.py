@@ -223,7 +223,7 @@ def test_the_command_writes_curves_a_picture_and_a_page(tmp_path: Path) -> None:
     )
     arguments = [
         "absorber", str(file), "--sine", "--from", "0.157", "--to", "0.161", "--points", "3",
-        "--vary", "absorber.play=1:3:3",
+        "--vary", "absorber.play=1:3:3", "--budget", "600",
     ]  # fmt: skip
     result = CliRunner().invoke(main, [*arguments, "--out", str(tmp_path), "--json", "-"])
     assert result.exit_code == 0, result.output
