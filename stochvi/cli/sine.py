@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stochvi.cli.options import Common, Varied, common, shown, varied
+from stochvi.cli.options import Common, Varied, common, keeping, shown, varied
 from stochvi.cli.program import main
 
 if TYPE_CHECKING:
@@ -75,8 +75,11 @@ def sine(
     show_default=True,
     help="Periods for which each start is followed.",
 )
-@common("threads", "budget", "json", "out", "quiet")
-def basins(options: Common, scene: str, sides: tuple[str, ...], phase: float, periods: int) -> None:
+@keeping
+@common("threads", "kept budget", "json", "out", "quiet")
+def basins(
+    options: Common, scene: str, sides: tuple[str, ...], phase: float, periods: int, **kept: Any
+) -> None:
     """Find which motion each start ends in, under a sine.
 
     The starts lie in a plane of two displacements or velocities, all others being 0. Each start is
@@ -94,10 +97,10 @@ def basins(options: Common, scene: str, sides: tuple[str, ...], phase: float, pe
         with options.progress("basins") as report:
             return map_of(
                 loaded, plane, phase_deg=phase, periods=periods, threads=options.threads,
-                budget=options.rest, progress=report,
+                budget=options.rest, progress=report, **kept,
             )  # fmt: skip
 
-    shown(solve, lambda found: _show(options, found, print_basins, plot_basins, "basins"))
+    shown(solve, lambda found: _show(options, found, print_basins, plot_basins, "basins"), kept)
 
 
 @main.command()
@@ -163,8 +166,11 @@ def bifurcation(
     show_default=True,
     help="Relative standard error of the mean life times.",
 )
-@common("seed", "threads", "budget", "json", "out", "quiet")
-def lifetimes(options: Common, scene: str, regimes: tuple[str, ...], rel_error: float) -> None:
+@keeping
+@common("seed", "threads", "kept budget", "json", "out", "quiet")
+def lifetimes(
+    options: Common, scene: str, regimes: tuple[str, ...], rel_error: float, **kept: Any
+) -> None:
     """Find how long each motion lasts in noise.
 
     Paths start in each of the regimes that coexist without noise, and are simulated with the noise
@@ -179,12 +185,14 @@ def lifetimes(options: Common, scene: str, regimes: tuple[str, ...], rel_error: 
     def solve() -> LifeTimes:
         with options.progress("lifetimes") as report:
             return times_of(
-                loaded, regimes or None, rel_error=rel_error, progress=report, **options.sampling
-            )
+                loaded, regimes or None, rel_error=rel_error, progress=report,
+                **options.sampling, **kept,
+            )  # fmt: skip
 
     shown(
         solve,
         lambda found: _show(options, found, print_lifetimes, plot_lifetimes, "lifetimes"),
+        kept,
     )
 
 

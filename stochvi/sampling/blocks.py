@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.sampling.stop_flag import GivenUp, given_up_after
@@ -13,6 +13,9 @@ Piece = TypeVar("Piece")
 
 Block = tuple[int, int]
 """Number of the first path of a block, and number of its paths."""
+
+BegunBlock = tuple[int, int, *tuple[Any, ...]]
+"""A block, followed by what its paths go on from where they do not begin."""
 
 LANES = 16
 """Pieces of a block that have more paths than this number have a multiple of it, because the loops

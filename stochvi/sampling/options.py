@@ -17,14 +17,11 @@ BUDGET = 60.0
 """Seconds that a calculation may take unless `budget` says otherwise."""
 
 
-class RunOptions(TypedDict, total=False):
-    """How a simulation is run; of these, `seed` alone has an effect on its digits.
+class WorkOptions(TypedDict, total=False):
+    """How a calculation is run; none of these has an effect on its digits.
 
     Parameters
     ----------
-    seed
-        Seed of the random numbers, 0 if left out. The streams belong to (seed, path): the same
-        seed gives the same digits on any number of threads, and on machines of one kind.
     threads, executor
         Threads to start here, by default as many as there are cores. Or any
         `concurrent.futures.Executor`, as `ProcessPoolExecutor()`,
@@ -45,7 +42,6 @@ class RunOptions(TypedDict, total=False):
         gives its answer again.
     """
 
-    seed: int | None
     threads: int | None
     executor: Executor | None
     budget: float | None
@@ -53,6 +49,19 @@ class RunOptions(TypedDict, total=False):
     checkpoint: str | Path | None
     checkpoint_interval: float
     resume: str | Path | None
+
+
+class RunOptions(WorkOptions, total=False):
+    """The options of a calculation that draws random numbers.
+
+    Parameters
+    ----------
+    seed
+        Seed of the random numbers, 0 if left out. The streams belong to (seed, path): the same
+        seed gives the same digits on any number of threads, and on machines of one kind.
+    """
+
+    seed: int | None
 
 
 class AccuracyOptions(RunOptions, total=False):
@@ -88,7 +97,7 @@ DEFAULTS: dict[str, Any] = {
 """Values of options that are left out."""
 
 KINDS: dict[str, Any] = {
-    kind.__name__: kind for kind in (RunOptions, AccuracyOptions, SamplingOptions)
+    kind.__name__: kind for kind in (WorkOptions, RunOptions, AccuracyOptions, SamplingOptions)
 }
 """Kinds of options by the name that annotates `**options`."""
 

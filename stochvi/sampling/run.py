@@ -7,7 +7,7 @@ import functools
 import inspect
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,7 +19,7 @@ from stochvi.mathematics.units import plain_number
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.progress import Progress
-from stochvi.sampling.blocks import blocks_of
+from stochvi.sampling.blocks import BegunBlock, Block, blocks_of
 from stochvi.sampling.checkpoints import Checkpoint, CheckpointWriter, Entry, Samples
 from stochvi.sampling.options import DEFAULTS, WITHOUT_DIGITS, check_options, signature_of
 from stochvi.sampling.plain_values import digest_of
@@ -71,7 +71,7 @@ class Run:
         """The run of a `sampled` calculation, from its options; its budget begins now."""
         return cls(
             pool=options["executor"], deadline=Deadline.after(options["budget"]),
-            progress=options["progress"], seed=options["seed"],
+            progress=options["progress"], seed=options.get("seed") or 0,
             rel_error=options.get("rel_error"), paths=options.get("paths"),
             duration=options.get("duration"),
         )  # fmt: skip
@@ -109,6 +109,7 @@ class Run:
         *,
         deadline: Deadline | None = None,
         needed: int = 1,
+        start: Callable[[Sample | None, int, int], Any] | None = None,
         tell: Callable[[Sample], tuple[float, str]] | None = None,
     ) -> Taken[Sample]:
         """Sample `first` paths, and after each round as many `more` as its sample asks for, until
@@ -122,6 +123,9 @@ class Run:
         ----------
         needed
             Number of paths that are sampled even where the deadline passes before.
+        start
+            What a block is given by its number and size, where its paths go on from somewhere: a
+            function of the sample before the round, or of one with some of the blocks of the round.
         tell
             Fraction done and a sentence, for the progress; by default those of the paths of the
             round.
@@ -140,10 +144,13 @@ class Run:
         sample: Sample | None = entry.sample
         speak = Reporter(self.progress, sampler, tell)
         while True:
-            blocks = blocks_of(entry.paths, entry.goal, sampler.block)
+            numbered = blocks_of(entry.paths, entry.goal, sampler.block)
+            blocks: Iterator[BegunBlock] = numbered
+            if start is not None:
+                blocks = _goes_on(numbered, functools.partial(start, sample))
             total = math.ceil((entry.goal - entry.paths) / sampler.block)
             with closing(self.pool.do(sampler, blocks, total, deadline, needed)) as made:
-                for (_, paths), new, machine in made:
+                for (_, paths, *_), new, machine in made:
                     if not sampler.is_whole(new, paths):
                         sample = sampler.merge_cut(sample, new)
                         break
@@ -184,6 +191,11 @@ class Run:
             return (rel_error / max(known, rel_error)) ** 2, sampler.describe(sample)
 
         return self.until(sampler, first, more, tell=tell, **how)
+
+
+def _goes_on(blocks: Iterator[Block], start: Callable[..., Any]) -> Iterator[BegunBlock]:
+    """Blocks with what they go on from."""
+    return ((*block, start(*block)) for block in blocks)
 
 
 class Reporter(Generic[Sample]):
@@ -244,7 +256,8 @@ def sampled(calculate: Any = None, **defaults: Any) -> Any:
         bound = signature.bind(*args, **given)
         bound.apply_defaults()
         named = dict(bound.arguments)
-        named["seed"] = named["seed"] or 0
+        if "seed" in named:
+            named["seed"] = named["seed"] or 0
         named |= {name: plain_number(each) for name, each in named.items() if name in DEFAULTS}
         check_options(named)
         scene = next(iter(named.values()))

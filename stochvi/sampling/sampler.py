@@ -6,7 +6,7 @@ import math
 from abc import ABC, abstractmethod
 from typing import Any, Generic, TypeVar
 
-from stochvi.results.deadline import Deadline
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.sampling.blocks import in_pieces
 
 Piece = TypeVar("Piece")
@@ -73,6 +73,35 @@ class ListSampler(Sampler[Any, list[Any]]):
     def merge(self, sample: list[Any], more: list[Any]) -> list[Any]:
         """The blocks of both."""
         return [*sample, *more]
+
+
+class TrialSampler(ListSampler):
+    """A sampler whose blocks are made as a whole or given up, as a part of one would over-represent
+    what happens early; its sample is the list of their results."""
+
+    @abstractmethod
+    def trial(self, first_path: int, paths: int, deadline: Deadline) -> Any:
+        """The result of a block; `GivenUp` if the deadline passes before its end."""
+
+    def simulate(self, first_path: int, paths: int) -> Any:
+        """The result of a block."""
+        return self.trial(first_path, paths, NEVER)
+
+    def add_up(self, pieces: list[Any]) -> list[Any]:
+        """The results."""
+        return pieces
+
+    def sample(self, first_path: int, paths: int, deadline: Deadline, *start: Any) -> list[Any]:
+        """The result of a block, which may go on from a start."""
+        return [self.trial(first_path, paths, deadline, *start)]
+
+    def paths(self, sample: list[Any]) -> int:
+        """Number of paths."""
+        return len(sample) * self.block
+
+    def is_whole(self, sample: list[Any], paths: int) -> bool:
+        """Always: blocks are made as a whole."""
+        return True
 
 
 def more_paths(paths: int, error: float, rel_error: float) -> int:

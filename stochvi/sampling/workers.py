@@ -33,7 +33,7 @@ from threadpoolctl import ThreadpoolController
 from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
 from stochvi.results.errors import NotConverged, StochviError
 from stochvi.results.machine import thread_seconds, usable_cores
-from stochvi.sampling.blocks import PIECE_SECONDS, SHORTEST, Block
+from stochvi.sampling.blocks import PIECE_SECONDS, SHORTEST, BegunBlock
 from stochvi.sampling.sampler import Sampler
 from stochvi.sampling.stop_flag import GivenUp
 
@@ -85,7 +85,7 @@ class Done(NamedTuple):
 class BlockDone(NamedTuple):
     """A block with its sample and the machine that made it."""
 
-    block: Block
+    block: BegunBlock
     sample: Any
     machine: str
 
@@ -161,7 +161,7 @@ def one_thread() -> Iterator[None]:
 
 
 def do_task(
-    sampler: Sampler[Any, Any] | bytes, blocks: tuple[Block, ...], deadline: Deadline,
+    sampler: Sampler[Any, Any] | bytes, blocks: tuple[BegunBlock, ...], deadline: Deadline,
     needed: int = 0, attempt: int = 1,
 ) -> Done:  # fmt: skip
     """Do the blocks of a task in their order, those that start at path `needed` or later until the
@@ -170,18 +170,18 @@ def do_task(
     `attempt` has no effect but to give each attempt a key of its own, as a scheduler may remember
     that a key failed.
     """
-    start = thread_seconds()
+    began = thread_seconds()
     samples: list[Any] = []
     one: Sampler[Any, Any] = unpacked(sampler) if isinstance(sampler, bytes) else sampler
     with one_thread() if isinstance(sampler, bytes) else nullcontext():
-        for first_path, paths in blocks:
+        for first_path, paths, *start in blocks:
             if deadline.passed() and first_path >= needed:
                 break
             try:
-                samples.append(one.sample(first_path, paths, deadline))
+                samples.append(one.sample(first_path, paths, deadline, *start))
             except GivenUp:
                 break
-    return Done(tuple(samples), machine(), thread_seconds() - start)
+    return Done(tuple(samples), machine(), thread_seconds() - began)
 
 
 # Who does it ------------------------------------------------------------------------------------
@@ -243,7 +243,7 @@ class WorkerPool:
         return WINDOW * self.workers
 
     def do(
-        self, sampler: Sampler[Any, Any], blocks: Iterator[Block], total: float,
+        self, sampler: Sampler[Any, Any], blocks: Iterator[BegunBlock], total: float,
         deadline: Deadline = NEVER, needed: int = 0,
     ) -> Generator[BlockDone, None, None]:  # fmt: skip
         """Sample blocks, of which there are `total`, and hand them on in their order.
@@ -306,11 +306,11 @@ class WorkerPool:
         return len(done.samples) == len(task.blocks)
 
 
-def _first_of(blocks: Iterator[Block]) -> tuple[float, Iterator[Block]]:
+def _first_of(blocks: Iterator[BegunBlock]) -> tuple[float, Iterator[BegunBlock]]:
     """The first path of some blocks, infinite where there are none, and the same blocks."""
     head = list(islice(blocks, 1))
 
-    def again() -> Iterator[Block]:
+    def again() -> Iterator[BegunBlock]:
         yield from head
         yield from blocks
 
@@ -326,7 +326,7 @@ class _Task:
     def __init__(self, pool: WorkerPool, call: tuple[Any, ...]) -> None:
         self.executor, self.call = pool.executor, call
         self.attempts = MOST_ATTEMPTS if pool.external else 1
-        self.blocks: tuple[Block, ...] = call[1]
+        self.blocks: tuple[BegunBlock, ...] = call[1]
         self.futures: list[Future[Done]] = []
         self.begun = 0
         self._submit()

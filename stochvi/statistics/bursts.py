@@ -27,7 +27,7 @@ from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_ratio, upper_limit_unseen
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
-from stochvi.sampling.sampler import ListSampler
+from stochvi.sampling.sampler import TrialSampler
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.cluster_paths import WINDOWS, Flights, OscillatorFlights, Part
 from stochvi.statistics.crossing_ages import FEWEST_PATHS, LEAST_PATHS
@@ -257,7 +257,7 @@ def bursts(
 
 
 @dataclass(frozen=True, eq=False)
-class BurstSampler(ListSampler):
+class BurstSampler(TrialSampler):
     """Crossings and the clusters after them, in blocks of paths."""
 
     flights: Flights
@@ -268,25 +268,9 @@ class BurstSampler(ListSampler):
         """Number of paths that are made together."""
         return self.flights.together
 
-    def simulate(self, first_path: int, paths: int) -> Part:
+    def trial(self, first_path: int, paths: int, deadline: Deadline) -> Part:
         """The part of one block of paths."""
         return self.flights.part(self.widening, first_path)
-
-    def add_up(self, pieces: list[Part]) -> list[Part]:
-        """The part of a block."""
-        return pieces
-
-    def sample(self, first_path: int, paths: int, deadline: Deadline) -> list[Part]:
-        """The part of a block, which is made as a whole."""
-        return [self.simulate(first_path, paths)]
-
-    def paths(self, sample: list[Part]) -> int:
-        """Number of paths."""
-        return len(sample) * self.block
-
-    def is_whole(self, sample: list[Part], paths: int) -> bool:
-        """Always: blocks are made as a whole."""
-        return True
 
 
 def _far(estimate: Estimate, place: float | None) -> bool:

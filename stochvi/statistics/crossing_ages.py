@@ -31,7 +31,7 @@ from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_error
 from stochvi.sampling.run import Run
-from stochvi.sampling.sampler import ListSampler, more_paths
+from stochvi.sampling.sampler import TrialSampler, more_paths
 
 FEWEST_PATHS = 64
 """Smallest number of paths from which a standard error can be trusted; each path holds some 20
@@ -209,7 +209,7 @@ class Source(Protocol[Ages_co]):
 
 
 @dataclass(frozen=True, eq=False)
-class CrossingSampler(ListSampler):
+class CrossingSampler(TrialSampler):
     """Ages of crossings in blocks of paths, which are numbered from `first` on."""
 
     records: Source[CrossingAges]
@@ -220,25 +220,9 @@ class CrossingSampler(ListSampler):
         """Number of paths that are made together."""
         return self.records.together
 
-    def simulate(self, first_path: int, paths: int) -> NDArray[np.float32]:
+    def trial(self, first_path: int, paths: int, deadline: Deadline) -> NDArray[np.float32]:
         """The ages in one block of paths."""
         return self.records.ages(self.first + first_path)
-
-    def add_up(self, pieces: list[NDArray[np.float32]]) -> list[NDArray[np.float32]]:
-        """The ages of a block."""
-        return pieces
-
-    def sample(self, first_path: int, paths: int, deadline: Deadline) -> list[NDArray[np.float32]]:
-        """The ages of a block, which is made as a whole."""
-        return [self.simulate(first_path, paths)]
-
-    def paths(self, sample: list[NDArray[np.float32]]) -> int:
-        """Number of paths."""
-        return len(sample) * self.block
-
-    def is_whole(self, sample: list[NDArray[np.float32]], paths: int) -> bool:
-        """Always: blocks are made as a whole."""
-        return True
 
 
 def until_accurate(run: Run, records: Source[Ages_co], mission: float, rel_error: float) -> Ages_co:

@@ -9,20 +9,21 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Matrix, Whole
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
+from stochvi.methods.monte_carlo.modal import Aloft, ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
-from stochvi.methods.periodic.attractors import PERIODIC, Attractors
-from stochvi.methods.periodic.basins import BasinRun, Place
+from stochvi.methods.periodic.attractors import PERIODIC, Attractors, KnownMotions
+from stochvi.methods.periodic.basins import BasinRegime, BasinRun, Place
 from stochvi.methods.periodic.family import unmet
+from stochvi.methods.periodic.states import States
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
@@ -30,8 +31,9 @@ from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.results.intervals import binomial_interval, poisson_interval
-from stochvi.results.progress import Progress
-from stochvi.sampling.workers import pool_of
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
+from stochvi.sampling.sampler import Sampler
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -42,7 +44,7 @@ BETWEEN_LOOKS = 5
 """Number of periods of the force between two looks at the state of a path."""
 
 LOOKS = 8
-"""Number of looks between two looks at the clock."""
+"""Number of looks at a group of paths in a round."""
 
 DECAY_FACTOR = 10.0
 """Factor by which a small disturbance has decayed, in the slowest of the regimes, in the time for
@@ -211,15 +213,11 @@ def _sentence(each: LifeTime) -> str:
 
 
 @calculation
+@sampled(rel_error=0.1)
 def lifetimes(
     scene: Scene,
     regimes: Sequence[str] | None = None,
-    *,
-    rel_error: float = 0.1,
-    seed: int = 0,
-    threads: int | None = None,
-    budget: float = 60.0,
-    progress: Progress | None = None,
+    **options: Unpack[AccuracyOptions],
 ) -> LifeTimes:
     """How long each regime under a sine lasts in the noise of the scene, and where paths then go.
 
@@ -233,17 +231,9 @@ def lifetimes(
         white, filtered or tabulated noise.
     regimes
         Names of the regimes whose life times are wanted, as "no impacts"; by default all.
-    rel_error
-        Relative standard error of the mean life times to reach; life times are taken for
-        exponential.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
-    threads
-        Number of threads, by default that of the cores.
-    budget
-        Seconds of wall time, without that in which kernels are compiled.
-    progress
-        Called now and then with the fraction done and a sentence.
+    **options
+        `AccuracyOptions`: rel_error, seed, budget and others. The relative error is that of the
+        mean life times, which are taken for exponential; 0.1 if left out.
 
     Returns
     -------
@@ -274,9 +264,7 @@ def lifetimes(
     >>> [each.regime for each in found.regimes]
     ['no impacts']
     """
-    began, deadline = time.perf_counter(), Deadline.after(budget)
-    if not 0.0 < rel_error <= 1.0:
-        raise ValueError(f"rel_error must be above 0 and at most 1, got {rel_error}")
+    began, run = time.perf_counter(), Run.of(options)
     model = model_of(scene)
     conditions = unmet(model)
     if not model.noisy:
@@ -284,40 +272,42 @@ def lifetimes(
     if conditions:
         raise NotApplicable("lifetimes", conditions)
     plan = plan_modal_tables(model, 0.0, None) if model.tables else plan_modal(model, 0.0, None)
-    with pool_of(None, threads) as crew:
-        place = Place(scene, 3, deadline)
-        known = _coexisting(place, crew.workers, deadline)
-        wanted = math.ceil(1.0 / rel_error**2)
-        watch = Watch(place, known, plan)
-        most = math.ceil(MORE_PATHS * wanted / GROUP)
-        groups = watch.groups(regimes, most, seed)
-        while not deadline.passed():
-            behind = [of for of in groups if _left(of) < wanted]
-            if progress and behind:
-                least = min(map(_left, behind))
-                progress(least / wanted, f"{least} of {wanted} paths have left each regime")
-            waiting = [group for of in behind for group in of if not np.all(group.left)]
-            if not waiting:
-                break
-            list(crew.executor.map(Group.advance, waiting))
-            for of in behind:
-                of += watch.more(of, most)
+    run.begin()
+    place = Place(scene, 3, run.deadline)
+    known = _coexisting(place, run)
+    described = place.described(known, range(len(known.found)), np.zeros(len(known.found)), 0.0)
+    wanted = math.ceil(1.0 / run.accuracy**2)
+    sampler = DepartureSampler(
+        plan.at_whole_periods(place.period), known.known(), place.states, place.period,
+        _looks_outside(known), _numbers(regimes, [each.name for each in described]), wanted,
+        run.seed,
+    )  # fmt: skip
+
+    def more(sample: Departures) -> int:
+        return GROUP * len(sample.round)
+
+    def tell(sample: Departures) -> tuple[float, str]:
+        least = min(sample.left(regime) for regime in sampler.regimes)
+        return least / wanted, f"{least} of {wanted} paths have left each regime"
+
+    first = GROUP * len(sampler.first_round)
+    taken = run.until(sampler, first, more, start=sampler.group_of, tell=tell)
     answer = LifeTimes(
-        regimes=watch.answers(groups),
+        regimes=tuple(sampler.life_time(taken.sample, described, each) for each in sampler.regimes),
         frequency_hz=1.0 / place.period,
-        outside=watch.outside * BETWEEN_LOOKS * place.period,
+        outside=sampler.outside * BETWEEN_LOOKS * place.period,
         assumptions=(*scene.assumptions(), LEAVING),
         cost=Cost(
             wall_time=time.perf_counter() - began,
-            paths=sum(len(group.left) for of in groups for group in of),
-            steps=sum(group.steps for of in groups for group in of),
-            threads=crew.workers,
+            paths=GROUP * len(taken.sample.groups),
+            steps=GROUP * sampler.steps * sum(g.looks for g in taken.sample.groups.values()),
+            threads=run.workers,
         ),
-        warnings=watch.warnings(groups),
-        provenance=provenance(scene.document(), seed),
+        warnings=tuple(_mixed(taken.sample, described, sampler.regimes)),
+        provenance=provenance(scene.document(), run.seed),
     )
-    if deadline.passed():
-        raise deadline.fell_short(
+    if not taken.enough:
+        raise run.deadline.fell_short(
             "before enough paths had left their regimes", "raise it, or rel_error", answer
         )
     return answer
@@ -330,7 +320,7 @@ LEAVING = (
 """What life times take for granted."""
 
 
-def _coexisting(place: Place, threads: int, deadline: Deadline) -> Attractors:
+def _coexisting(place: Place, run: Run) -> Attractors:
     """The motions that coexist without noise: stable regimes, and others that starts reveal."""
     place.finder.find()
     known = Attractors(place.finder, place.sigma)
@@ -338,137 +328,323 @@ def _coexisting(place: Place, threads: int, deadline: Deadline) -> Attractors:
     chosen = [side[np.linspace(0, len(side) - 1, SEARCHED).astype(int)] for side in sides]
     across, up = np.meshgrid(*chosen)
     starts = place.states.starts({names[0]: across.ravel(), names[1]: up.ravel()})
-    BasinRun(known, starts, known.phase, DECIDED, threads, deadline).ends()
-    if len(known.found) < 2 and not deadline.passed():
+    silent = replace(run, progress=None)
+    BasinRun(silent, known, starts, known.phase, DECIDED).ends()
+    if len(known.found) < 2 and not run.deadline.passed():
         raise NotApplicable(
             "lifetimes", ["several motions must coexist without noise, got one alone"]
         )
     return known
 
 
-class Watch:
-    """What all groups of paths have in common: the plan, the regimes, and the phase of the
-    sines."""
+def _looks_outside(known: Attractors) -> int:
+    """Number of looks for which a path that has left a regime lies outside of its basin."""
+    slowest = max(
+        (
+            math.log(DECAY_FACTOR) / -math.log(max(rate, 1e-12))
+            for each in known.found
+            if each.track is not None
+            for rate in [float(each.track.multiplier[0]) ** (1.0 / each.track.periods)]
+        ),
+        default=float(BETWEEN_LOOKS),
+    )
+    return max(2, math.ceil(slowest / BETWEEN_LOOKS))
 
-    def __init__(self, place: Place, known: Attractors, plan: ModalPlan) -> None:
-        self.place, self.known = place, known
-        period = place.period
-        self.plan = plan.at_whole_periods(period)
-        self.steps = round(BETWEEN_LOOKS * period / self.plan.step)
-        slowest = max(
-            (
-                math.log(DECAY_FACTOR) / -math.log(max(rate, 1e-12))
-                for each in known.found
-                if each.track is not None
-                for rate in [float(each.track.multiplier[0]) ** (1.0 / each.track.periods)]
-            ),
-            default=float(BETWEEN_LOOKS),
+
+def _numbers(names: Sequence[str] | None, known: Sequence[str]) -> tuple[int, ...]:
+    """Numbers of the regimes of some names, or of all."""
+    if unknown := set(names or ()) - set(known):
+        raise ValueError(
+            f"regimes must be some of {', '.join(map(repr, known))}, got "
+            f"{', '.join(map(repr, sorted(unknown)))}"
         )
-        self.outside = max(2, math.ceil(slowest / BETWEEN_LOOKS))
-        order = range(len(known.found))
-        self.described = place.described(known, order, np.zeros(len(order)), 0.0)
+    return tuple(k for k, name in enumerate(known) if names is None or name in names)
 
-    def groups(self, names: Sequence[str] | None, most: int, seed: int) -> list[list[Group]]:
-        """The first of at most so many groups of paths that start in each motion, or in those of
-        some names."""
-        known = [each.name for each in self.described]
-        if unknown := set(names or ()) - set(known):
-            raise ValueError(
-                f"regimes must be some of {', '.join(map(repr, known))}, got "
-                f"{', '.join(map(repr, sorted(unknown)))}"
-            )
-        return [
-            [Group(self, regime, most * regime + k, seed) for k in range(min(most, FIRST_GROUPS))]
-            for regime, name in enumerate(known)
-            if names is None or name in names
-        ]
 
-    def more(self, of: Sequence[Group], most: int) -> list[Group]:
-        """As many further groups that start in the same motion; `most` at most together with
-        these."""
-        first = of[0]
-        return [
-            Group(self, first.regime, first.number + k, first.seed)
-            for k in range(len(of), min(2 * len(of), most))
-        ]
+@dataclass(frozen=True, eq=False)
+class Group:
+    """Paths that start in one regime and are simulated together, as far as they have come.
 
-    def start(self, regime: int, streams: NDArray[np.uint64]) -> Matrix:
+    Parameters
+    ----------
+    regime
+        Number of their regime.
+    at
+        Where the paths are.
+    looks
+        Number of looks at their states.
+    since
+        (paths,): the look since which each path lies outside its basin, or 0.
+    left, left_at, ends
+        (paths,): whether it has left, since which look, and for which motion.
+    seen, returned
+        Number of looks at paths that had not left, and of those at paths that lay outside a basin
+        to which they came back.
+    """
+
+    regime: int
+    at: Aloft
+    looks: int
+    since: Whole
+    left: NDArray[np.bool_]
+    left_at: Whole
+    ends: Whole
+    seen: int = 0
+    returned: int = 0
+
+    @property
+    def whole(self) -> bool:
+        """Whether the paths were simulated up to the end of a round."""
+        return self.looks % LOOKS == 0 or bool(np.all(self.left))
+
+    def noted(self, at: Aloft, here: Whole, there: Whole, outside: int) -> Group:
+        """The group after another look, at which the paths `here`, all that have not left, lie in
+        the basins `there`; a path has left after so many looks `outside`."""
+        looks = self.looks + 1
+        since, left = self.since.copy(), self.left.copy()
+        left_at, ends = self.left_at.copy(), self.ends.copy()
+        beyond = there != self.regime
+        since[here[beyond & (since[here] == 0)]] = looks
+        back = here[~beyond & (since[here] > 0)]
+        returned = int(np.sum(looks - since[back]))
+        since[here[~beyond]] = 0
+        gone = beyond & (looks - since[here] >= outside)
+        left[here[gone]] = True
+        left_at[here[gone]] = since[here[gone]]
+        ends[here[gone]] = there[gone]
+        return Group(
+            self.regime, at, looks, since, left, left_at, ends,
+            self.seen + int(np.sum(~beyond)) + returned, self.returned + returned,
+        )  # fmt: skip
+
+    def watched(self, outside: int) -> float:
+        """Looks in the regime at which a departure would have been noted, all paths together.
+
+        A departure is dated back to the start of the stay outside, so that one in the last
+        `outside` looks cannot have been noted yet: these looks are not counted.
+        """
+        noted = max(self.looks - outside, 0)
+        return float(np.where(self.left, self.left_at - 0.5, noted).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class Departures:
+    """Groups by their numbers, the groups of the present round, and how many blocks were done
+    before this round and in it."""
+
+    groups: dict[int, Group]
+    round: tuple[int, ...]
+    before: int = 0
+    done: int = 0
+
+    def of(self, regime: int) -> list[Group]:
+        """The groups of a regime in their order."""
+        return [group for _, group in sorted(self.groups.items()) if group.regime == regime]
+
+    def left(self, regime: int) -> int:
+        """Number of paths that have left a regime."""
+        return int(sum(np.sum(group.left) for group in self.of(regime)))
+
+
+@dataclass(frozen=True, eq=False)
+class DepartureSampler(Sampler[Group, Departures]):
+    """Paths in groups, each of which is simulated on by a block in each round.
+
+    Once a round is over, the groups of regimes that too few paths have left go on in the next one,
+    with as many new groups as there are, until there are `most` of each regime.
+
+    Parameters
+    ----------
+    plan, seed
+        How paths are simulated with noise.
+    known, states, period
+        The motions without noise, their states, and the period of the force, s.
+    outside
+        Number of looks for which a path that has left lies outside a basin.
+    regimes, wanted
+        Numbers of the regimes, and number of paths that must leave each.
+    """
+
+    plan: ModalPlan
+    known: KnownMotions
+    states: States
+    period: float
+    outside: int
+    regimes: tuple[int, ...]
+    wanted: int
+    seed: int
+
+    @property
+    def block(self) -> int:
+        """Number of paths in a group."""
+        return GROUP
+
+    @property
+    def steps(self) -> int:
+        """Number of steps between two looks."""
+        return round(BETWEEN_LOOKS * self.period / self.plan.step)
+
+    @property
+    def most(self) -> int:
+        """Largest number of groups of a regime."""
+        return math.ceil(MORE_PATHS * self.wanted / GROUP)
+
+    def numbers(self, regime: int, groups: int) -> list[int]:
+        """Numbers of the first groups of a regime, of which there are at most `most`."""
+        return [self.most * regime + k for k in range(min(groups, self.most))]
+
+    @property
+    def first_round(self) -> tuple[int, ...]:
+        """The groups of the first round."""
+        return tuple(n for regime in self.regimes for n in self.numbers(regime, FIRST_GROUPS))
+
+    # Rounds -------------------------------------------------------------------------------------
+
+    def group_of(
+        self, sample: Departures | None, first_path: int, paths: int
+    ) -> tuple[int, Group | None]:
+        """The number of the group that a block simulates on, and the group unless it is new."""
+        if sample is None:
+            return self.first_round[first_path // GROUP], None
+        number = sample.round[first_path // GROUP - sample.before]
+        return number, sample.groups.get(number)
+
+    def next_round(self, sample: Departures) -> tuple[int, ...]:
+        """The groups of the round that follows a sample; none once enough paths have left."""
+        behind = [each for each in self.regimes if sample.left(each) < self.wanted]
+        return tuple(
+            number
+            for regime in behind
+            for number in self.numbers(regime, 2 * len(sample.of(regime)))
+            if number not in sample.groups or not np.all(sample.groups[number].left)
+        )
+
+    def merge(self, sample: Departures, more: Departures) -> Departures:
+        """The sample after a further block."""
+        groups, done = sample.groups | more.groups, sample.done + 1
+        merged = Departures(groups, sample.round, sample.before, done)
+        if done < len(sample.round):
+            return merged
+        return Departures(groups, self.next_round(merged), sample.before + done)
+
+    def add_up(self, pieces: list[Any]) -> Departures:
+        """The sample of the first block of all."""
+        return self.merge(Departures({}, self.first_round), Departures(dict(pieces), ()))
+
+    def paths(self, sample: Departures) -> int:
+        """Number of groups that were simulated on, in all rounds, times their paths."""
+        return GROUP * (sample.before + sample.done)
+
+    def is_whole(self, sample: Departures, paths: int) -> bool:
+        """Whether the group of a block was simulated up to the end of its round."""
+        return all(group.whole for group in sample.groups.values())
+
+    # Paths --------------------------------------------------------------------------------------
+
+    def sample(
+        self, first_path: int, paths: int, deadline: Deadline,
+        start: tuple[int, Group | None] | None = None,
+    ) -> Departures:  # fmt: skip
+        """The group of a block, simulated on until its next round or the deadline."""
+        assert start is not None
+        number, group = start
+        return self.add_up([(number, self.advance(number, group or self.begun(number), deadline))])
+
+    def simulate(self, first_path: int, paths: int) -> Group:
+        """A new group."""
+        return self.begun(first_path // GROUP)
+
+    def begun(self, number: int) -> Group:
+        """A new group: its paths lie in the motion of its regime."""
+        regime, streams = number // self.most, np.empty((2, GROUP), np.uint64)
+        seed_streams(np.uint64(self.seed), number * GROUP, streams)
+        state = self.plan.start(streams)
+        self._set_sines(state)
+        return Group(
+            regime, Aloft(state, streams, self._motion(regime)), 0, np.zeros(GROUP, np.int64),
+            np.zeros(GROUP, bool), np.zeros(GROUP, np.int64), np.full(GROUP, regime),
+        )  # fmt: skip
+
+    def advance(self, number: int, group: Group, deadline: Deadline) -> Group:
+        """Simulate a group on, and look at its paths now and then."""
+        flight = self.plan.flight(group.at, self.seed, number * GROUP)
+        for _ in range(LOOKS):
+            if np.all(group.left) or deadline.passed():
+                break
+            motion = flight.on(self.steps)
+            here = np.flatnonzero(~group.left)
+            group = group.noted(flight.at, here, self._regimes(motion[:, here]), self.outside)
+        return group
+
+    def _motion(self, regime: int) -> Matrix:
         """States (2 modes, paths) of the modes in a motion, at the phase of its points."""
         points = self.known.found[regime].points
-        chosen = points[np.linspace(0, len(points), streams.shape[1], endpoint=False).astype(int)]
+        chosen = points[np.linspace(0, len(points), GROUP, endpoint=False).astype(int)]
         if self.known.found[regime].kind == PERIODIC:
-            chosen = points[np.arange(streams.shape[1]) % len(points)]
-        physical = self.place.states.physical(chosen).T
+            chosen = points[np.arange(GROUP) % len(points)]
+        physical = self.states.physical(chosen).T
         modes = self.plan.modes
         back = np.linalg.inv(modes.shapes)
         n = modes.size
         return np.vstack([back @ physical[:n] - modes.rest[:, None], back @ physical[n:]])
 
-    def set_sines(self, state: Matrix) -> None:
+    def _set_sines(self, state: Matrix) -> None:
         """Give the sines of states of the plan the phase of the points of the regimes."""
         modes, model = self.plan.modes, self.plan.model
-        base = 2.0 * math.pi / self.place.period
+        base = 2.0 * math.pi / self.period
         for first, omega, amplitude in modes.sines:
             turn = round(omega / base) * self.known.phase + model.signals[first // 2].phase
             row = 2 * modes.size + first
             state[row], state[row + 1] = amplitude * math.cos(turn), -amplitude * math.sin(turn)
 
-    def regimes(self, motion: Matrix) -> Whole:
+    def _regimes(self, motion: Matrix) -> Whole:
         """The regimes in whose basins states (2 modes, paths) of the modes lie."""
         modes, n = self.plan.modes, self.plan.modes.size
         moved = modes.shapes @ (motion[:n] + modes.rest[:, None])
-        states = self.place.states.scaled(np.vstack([moved, modes.shapes @ motion[n:]]).T)
-        deadline = self.place.finder.deadline
-        return BasinRun(
-            self.known, np.ascontiguousarray(states), self.known.phase, DECIDED, 1, deadline
-        ).known_ends()
+        states = self.states.scaled(np.vstack([moved, modes.shapes @ motion[n:]]).T)
+        return self.known.ends_of(np.ascontiguousarray(states), DECIDED)
 
-    def answers(self, groups: list[list[Group]]) -> tuple[LifeTime, ...]:
-        """The life times of all motions."""
-        names = [each.name for each in self.described]
-        found = []
-        for of in groups:
-            regime = self.described[of[0].regime]
-            left = _left(of)
-            watched = float(sum(group.watched() for group in of))
-            low, high = poisson_interval(left, watched) if watched else (0.0, math.inf)
-            ends = np.concatenate([group.ends[group.left] for group in of])
-            found.append(
-                LifeTime(
-                    regime=regime.name,
-                    kind=regime.kind,
-                    impact_speed_max=regime.impact_speed_max,
-                    life_time=watched / left if left else None,
-                    life_time_low=1.0 / high,
-                    life_time_high=1.0 / low if low > 0.0 else None,
-                    left=left,
-                    paths=sum(len(group.left) for group in of),
-                    watched=watched,
-                    destinations=_destinations(ends, names),
-                )
-            )
-        return tuple(found)
+    # Answers ------------------------------------------------------------------------------------
 
-    def warnings(self, groups: list[list[Group]]) -> tuple[str, ...]:
-        """Which regimes the noise mixes with others."""
-        shares = [(self.described[of[0].regime].name, _share_outside(of)) for of in groups]
-        return tuple(
-            f"the noise mixes the regime '{name}' with others: before paths leave it, they lie "
-            f"{100.0 * share:.0f} % of the time outside its basin and come back, so that its life "
-            "time hangs on how long they must stay outside"
-            for name, share in shares
-            if share > MIXED
+    def life_time(
+        self, sample: Departures, described: Sequence[BasinRegime], number: int
+    ) -> LifeTime:
+        """The life time of a motion."""
+        groups, left = sample.of(number), sample.left(number)
+        looks = (group.watched(self.outside) for group in groups)
+        watched = float(sum(each * BETWEEN_LOOKS * self.period for each in looks))
+        low, high = poisson_interval(left, watched) if watched else (0.0, math.inf)
+        ends = [group.ends[group.left] for group in groups]
+        regime = described[number]
+        return LifeTime(
+            regime=regime.name,
+            kind=regime.kind,
+            impact_speed_max=regime.impact_speed_max,
+            life_time=watched / left if left else None,
+            life_time_low=1.0 / high,
+            life_time_high=1.0 / low if low > 0.0 else None,
+            left=left,
+            paths=GROUP * len(groups),
+            watched=watched,
+            destinations=_destinations(
+                np.concatenate([np.empty(0, np.int64), *ends]), [each.name for each in described]
+            ),
         )
 
 
-def _share_outside(groups: Sequence[Group]) -> float:
-    """Share of the looks at which paths lay outside a basin to which they later came back."""
-    looks = sum(group.seen for group in groups)
-    return sum(group.returned for group in groups) / looks if looks else 0.0
-
-
-def _left(groups: Sequence[Group]) -> int:
-    return int(sum(np.sum(group.left) for group in groups))
+def _mixed(
+    sample: Departures, described: Sequence[BasinRegime], regimes: Sequence[int]
+) -> Iterator[str]:
+    """Which regimes the noise mixes with others."""
+    for regime in regimes:
+        looks = sum(group.seen for group in sample.of(regime))
+        share = sum(group.returned for group in sample.of(regime)) / max(looks, 1)
+        if share > MIXED:
+            yield (
+                f"the noise mixes the regime '{described[regime].name}' with others: before paths "
+                f"leave it, they lie {100.0 * share:.0f} % of the time outside its basin and come "
+                "back, so that its life time hangs on how long they must stay outside"
+            )
 
 
 def _destinations(ends: Whole, names: Sequence[str]) -> tuple[Destination, ...]:
@@ -488,63 +664,3 @@ def _destinations(ends: Whole, names: Sequence[str]) -> tuple[Destination, ...]:
             )
         )
     return tuple(found)
-
-
-class Group:
-    """Paths that start in one regime and are simulated together."""
-
-    def __init__(self, watch: Watch, regime: int, number: int, seed: int) -> None:
-        self.watch, self.regime = watch, regime
-        self.number, self.seed = number, seed
-        streams = np.empty((2, GROUP), np.uint64)
-        seed_streams(np.uint64(seed), number * GROUP, streams)
-        state = watch.plan.start(streams)
-        watch.set_sines(state)
-        motion = watch.start(regime, streams)
-        self.flight = watch.plan.flight(state, streams, motion, seed, number * GROUP)
-        self.looks, self.steps = 0, 0
-        self.since = np.zeros(GROUP, np.int64)
-        self.ends = np.full(GROUP, regime)
-        self.left = np.zeros(GROUP, bool)
-        self.left_at = np.zeros(GROUP, np.int64)
-        self.seen, self.returned = 0, 0
-
-    def advance(self) -> None:
-        """Simulate the paths on, and look at them now and then."""
-        for _ in range(LOOKS):
-            if np.all(self.left) or self.watch.place.finder.deadline.passed():
-                return
-            motion = self.flight.on(self.watch.steps)
-            self.steps += self.watch.steps * GROUP
-            self.looks += 1
-            here = np.flatnonzero(~self.left)
-            ends = self.watch.regimes(motion[:, here])
-            if self.watch.place.finder.deadline.passed():
-                # the last states may not have been followed to a regime
-                self.looks -= 1
-                return
-            self._note(here, ends)
-
-    def _note(self, here: Whole, ends: Whole) -> None:
-        """Note the basins in which the paths lie that have not left."""
-        outside = ends != self.regime
-        started = outside & (self.since[here] == 0)
-        self.since[here[started]] = self.looks
-        back = ~outside & (self.since[here] > 0)
-        self.returned += int(np.sum(self.looks - self.since[here[back]]))
-        self.seen += int(np.sum(~outside)) + int(np.sum(self.looks - self.since[here[back]]))
-        self.since[here[~outside]] = 0
-        gone = outside & (self.looks - self.since[here] >= self.watch.outside)
-        self.left[here[gone]] = True
-        self.left_at[here[gone]] = self.since[here[gone]]
-        self.ends[here[gone]] = ends[gone]
-
-    def watched(self) -> float:
-        """Seconds in the regime in which a departure would have been noted, all paths together.
-
-        A departure is dated back to the start of the stay outside, so that one in the last
-        `Watch.outside` looks cannot have been noted yet: these looks are not counted.
-        """
-        noted = max(self.looks - self.watch.outside, 0)
-        looks = np.where(self.left, self.left_at - 0.5, noted)
-        return float(looks.sum()) * BETWEEN_LOOKS * self.watch.place.period

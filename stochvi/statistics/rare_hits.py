@@ -25,7 +25,7 @@ import math
 import time
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
 from stochvi.model.model import model_of
-from stochvi.results.deadline import NEVER, Deadline
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Estimate
 from stochvi.results.intervals import (
@@ -48,7 +48,7 @@ from stochvi.results.intervals import (
 )
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
-from stochvi.sampling.sampler import ListSampler
+from stochvi.sampling.sampler import TrialSampler
 from stochvi.sampling.stop_flag import GivenUp
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import UNFINISHED
@@ -621,7 +621,7 @@ def rare_hits(
 
 
 @dataclass(frozen=True, eq=False)
-class RepetitionSampler(ListSampler):
+class RepetitionSampler(TrialSampler):
     """Repetitions of a splitting with fixed levels, each of which stands for a path."""
 
     kind: Kind
@@ -632,21 +632,9 @@ class RepetitionSampler(ListSampler):
         """One repetition is a block."""
         return 1
 
-    def simulate(self, first_path: int, paths: int) -> Any:
+    def trial(self, first_path: int, paths: int, deadline: Deadline) -> Repetition:
         """One repetition."""
-        return repetition(self.kind, self.levels, first_path, NEVER)
-
-    def add_up(self, pieces: list[Repetition]) -> list[Repetition]:
-        """The repetitions."""
-        return pieces
-
-    def sample(self, first_path: int, paths: int, deadline: Deadline) -> list[Repetition]:
-        """One repetition; `GivenUp` if the deadline comes before its end."""
-        return [repetition(self.kind, self.levels, first_path, deadline)]
-
-    def paths(self, sample: list[Repetition]) -> int:
-        """Number of repetitions."""
-        return len(sample)
+        return repetition(self.kind, self.levels, first_path, deadline)
 
     def describe(self, sample: list[Repetition]) -> str:
         """Their number, in words."""

@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from stochvi import load_scene, simulate
@@ -19,6 +20,7 @@ from stochvi.isolators.sizing.clatter import clatter
 from stochvi.isolators.sizing.exceedances import chance_in_windows
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.response_sampler import ResponseSampler
+from stochvi.methods.periodic.basins import basins
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NotConverged
@@ -31,6 +33,7 @@ from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.statistics.bursts import bursts
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impacts import impacts
+from stochvi.statistics.lifetimes import lifetimes
 from stochvi.statistics.rare_hits import rare_hits
 from stochvi.statistics.reliability import reliability
 from stochvi.statistics.spectra import spectrum
@@ -55,6 +58,10 @@ STOPPED = FREE.model_copy(update={"impact_pairs": (STOPS,)})
 BETWEEN = FREE.model_copy(
     update={"impact_pairs": (ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=1.0)),)}
 )
+
+
+MOUNT = load_scene(shipped_scene("isolator-sine"))
+NOISY_MOUNT = MOUNT.replace(excitations=(*MOUNT.excitations, WhiteNoise(intensity=0.1)))
 
 
 def _simulate(**how: Any) -> object:
@@ -139,6 +146,25 @@ def _reliability(**how: Any) -> object:
     return chances, found.hits
 
 
+def _lifetimes(**how: Any) -> object:
+    asked = {"rel_error": 0.3, "seed": 3, "budget": None} | how
+    found = lifetimes(NOISY_MOUNT, ["no impacts"], **asked)
+    return found.regimes
+
+
+def _basins(**how: Any) -> object:
+    number = 20 if how.pop("rel_error", None) is None else 200
+    found = basins(
+        MOUNT,
+        {
+            "displacement.x": np.linspace(-4e-4, 4e-4, number),
+            "velocity.x": np.linspace(-0.3, 0.3, number),
+        },
+        **how,
+    )
+    return found.ends.tolist(), [regime.name for regime in found.regimes]
+
+
 SAMPLERS = {
     "simulate": _simulate,
     "rare hits": _rare_hits,
@@ -152,6 +178,8 @@ SAMPLERS = {
     "spectrum": _spectrum,
     "impacts": _impacts,
     "reliability": _reliability,
+    "lifetimes": _lifetimes,
+    "basins": _basins,
 }
 SLOW = ("rare hits", "absorber design")
 """Samplers that take seconds: `make verify` tests them."""

@@ -163,7 +163,7 @@ def test_tabulated_noise_of_one_level_is_white() -> None:
         ).regimes[0]
         for noise in (WhiteNoise(intensity=NOISE), table)
     )  # fmt: skip
-    assert 0.0 in done and 0.0 < max(done) < 1.0
+    assert 0.0 in done and any(0.0 < share < 1.0 for share in done)
     error = math.sqrt(1.0 / one.left + 1.0 / other.left)
     assert one.life_time is not None and other.life_time is not None
     assert abs(math.log(one.life_time / other.life_time)) < 4.0 * error
@@ -200,7 +200,7 @@ def test_what_has_no_life_time_is_refused_in_a_sentence() -> None:
     wide = mount(WhiteNoise(intensity=NOISE)).model_copy(update={"impact_pairs": (pair,)})
     with pytest.raises(NotApplicable, match="several motions must coexist"):
         lifetimes(wide)
-    with pytest.raises(ValueError, match="rel_error must be above 0"):
+    with pytest.raises(ValueError, match="rel_error must be in"):
         lifetimes(mount(WhiteNoise(intensity=NOISE)), rel_error=0.0)
     with pytest.raises(ValueError, match="regimes must be some of 'no impacts'"):
         lifetimes(mount(WhiteNoise(intensity=NOISE)), ["rattle"])

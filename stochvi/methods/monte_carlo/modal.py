@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -392,12 +392,9 @@ class ModalPlan(SteppedPlan):
         """The plan with a whole number of steps in a period, s, at about the same step."""
         return self.with_step(period / math.ceil(period / self.step))
 
-    def flight(
-        self, state: Matrix, streams: NDArray[np.uint64], motion: Matrix, seed: int, first_path: int
-    ) -> Flight:
-        """Paths first_path, first_path + 1, ... under way: from a motion (2 modes, paths), with the
-        states of their signals in `state` (states, paths)."""
-        return Flight(self, state, streams, motion)
+    def flight(self, at: Aloft, seed: int, first_path: int) -> Flight:
+        """Paths first_path, first_path + 1, ... that go on from where they are."""
+        return Flight(self, at)
 
     def _of_pairs(self, sums: Matrix) -> NDArray[np.float64]:
         """The sums of a kernel that belong to pairs, (pairs, sums_of_pair, paths)."""
@@ -816,14 +813,39 @@ def _mean_squares(
     return rows
 
 
+class Aloft(NamedTuple):
+    """Where some paths are that are simulated piece by piece.
+
+    Parameters
+    ----------
+    state, streams
+        States (states, paths), of which those of signals count at the start, and random streams.
+    motion
+        Displacements and velocities (2 modes, paths) of the modes.
+    blocks, sample
+        Number of blocks of noise that were begun, and the next sample in the last one.
+    """
+
+    state: Matrix
+    streams: NDArray[np.uint64]
+    motion: Matrix
+    blocks: int = 0
+    sample: int = 1
+
+
 class Flight:
     """Paths that are simulated on from a motion of their own, piece by piece."""
 
-    def __init__(
-        self, plan: ModalPlan, state: Matrix, streams: NDArray[np.uint64], motion: Matrix
-    ) -> None:
-        self.plan, self.state, self.streams, self.motion = plan, state, streams, motion
-        state[: len(motion)] = motion
+    def __init__(self, plan: ModalPlan, at: Aloft) -> None:
+        self.plan, self.motion, self.blocks, self.sample = plan, at.motion, at.blocks, at.sample
+        self.state, self.streams = at.state.copy(), at.streams.copy()
+        if not at.blocks:
+            self.state[: len(at.motion)] = at.motion
+
+    @property
+    def at(self) -> Aloft:
+        """Where the paths are now."""
+        return Aloft(self.state, self.streams, self.motion, self.blocks, self.sample)
 
     def on(self, steps: int) -> Matrix:
         """Displacements and velocities of the modes (2 modes, paths) after so many more steps."""

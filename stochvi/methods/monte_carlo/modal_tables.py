@@ -31,6 +31,7 @@ from stochvi.methods.monte_carlo.kernels.modes import (
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import (
+    Aloft,
     Flight,
     ModalPlan,
     _second_moments,
@@ -291,11 +292,9 @@ class ModalTablesPlan(ModalContactsPlan):
         """Displacements and velocities (2 modes, paths) of one sample of a free response."""
         return np.vstack([sample[:, 0::2], self.scale * sample[:, 1::2]])
 
-    def flight(
-        self, state: Matrix, streams: NDArray[np.uint64], motion: Matrix, seed: int, first_path: int
-    ) -> Flight:
-        """Paths first_path, first_path + 1, ... under way, each in blocks of its own noise."""
-        return SynthesisedFlight(self, state, streams, motion, seed, first_path)
+    def flight(self, at: Aloft, seed: int, first_path: int) -> Flight:
+        """Paths first_path, first_path + 1, ... that go on, each in blocks of its own noise."""
+        return SynthesisedFlight(self, at, seed, first_path)
 
     def at_whole_periods(self, period: float) -> Self:
         """The plan with blocks of whole periods, s, of a whole number of samples each, at about the
@@ -477,14 +476,10 @@ class SynthesisedFlight(Flight):
 
     plan: ModalTablesPlan
 
-    def __init__(
-        self, plan: ModalTablesPlan, state: Matrix, streams: NDArray[np.uint64], motion: Matrix,
-        seed: int, first_path: int,
-    ) -> None:  # fmt: skip
-        super().__init__(plan, state, streams, motion)
+    def __init__(self, plan: ModalTablesPlan, at: Aloft, seed: int, first_path: int) -> None:
+        super().__init__(plan, at)
         self.seed, self.first_path = seed, first_path
-        self.blocks, self.sample = 0, 1
-        self.free = self._next_block()
+        self.free = self._block(self.blocks - 1) if self.blocks else self._next_block()
 
     def on(self, steps: int) -> Matrix:
         """Displacements and velocities of the modes (2 modes, paths) after so many more steps."""
@@ -496,11 +491,15 @@ class SynthesisedFlight(Flight):
 
     def _next_block(self) -> NDArray[np.float64]:
         """The motion without stops in the next block, into which the paths pass without a jump."""
-        paths = self.state.shape[1]
-        free = self.plan.free_response(self.seed, self.first_path, paths, self.blocks)
+        free = self._block(self.blocks)
         self.blocks += 1
         self.state[: len(self.motion)] = self.motion - self.plan.motion_of(free[0])
         return free
+
+    def _block(self, number: int) -> NDArray[np.float64]:
+        """The motion without stops in a block."""
+        paths = self.state.shape[1]
+        return self.plan.free_response(self.seed, self.first_path, paths, number)
 
 
 def _has_moments(pair: Pair | None) -> bool:

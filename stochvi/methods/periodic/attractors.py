@@ -4,7 +4,7 @@ motions."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_lyapunov
 from scipy.spatial import cKDTree
 
-from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.mathematics.arrays import Matrix, Vector, Whole
 from stochvi.methods.periodic.branches import Finder
 from stochvi.methods.periodic.kernels import flights, solver
 from stochvi.methods.periodic.simulations import SETTLING, simulate
@@ -22,6 +22,9 @@ PERIODIC, REGULAR, CHAOTIC = "periodic", "other regular", "chaotic"
 """Kinds of motion: a stable regime of the exact solver; another motion whose disturbances do not
 grow, as one that rests on a stop for a while, has many impacts, or has two frequencies; and a
 motion whose disturbances grow."""
+
+UNDECIDED = -1
+"""Number of no motion: of a flight whose end has not been recognised."""
 
 ATTRACTING = 1.0 - 1e-7
 """Largest multiplier of a regime in which motions end: without damping and loss it is 1, but for
@@ -176,6 +179,73 @@ def watch(
     return TrackedPath(ends, kept[np.argsort(kept[:, 0], kind="stable")], growth)
 
 
+@dataclass(frozen=True, eq=False)
+class KnownMotions:
+    """The motions in which flights at one place of a family end, as far as they are known: what
+    workers need to recognise the ends of flights.
+
+    Flights are looked at once a period, at a `phase` of the force.
+    """
+
+    motion: solver.Motion
+    phase: float
+    found: tuple[Attractor, ...]
+
+    @cached_property
+    def course(self) -> flights.Course:
+        """The course of one period."""
+        course: flights.Course = flights.course_of(self.motion, self.phase, 2.0 * math.pi)
+        return course
+
+    @cached_property
+    def targets(self) -> flights.Targets:
+        """The points of the periodic motions in turn."""
+        size = 2 * self.motion.rows.shape[1]
+        known = [each for each in self.found if each.kind == PERIODIC]
+        return flights.Targets(
+            np.concatenate([np.empty((0, size)), *(each.points for each in known)]),
+            np.concatenate([np.empty((0, size, size)), *(each.forms for each in known)]),
+            np.concatenate([np.empty(0), *(each.limits for each in known)]),
+        )
+
+    @cached_property
+    def owners(self) -> Whole:
+        """The number of the motion to which each target belongs, and last UNDECIDED, of
+        NO_ATTRACTOR."""
+        known = [number for number, each in enumerate(self.found) if each.kind == PERIODIC
+                 for _ in each.points]  # fmt: skip
+        return np.array([*known, UNDECIDED], np.int64)
+
+    def settle(self, states: Matrix, angle: float, periods: int) -> Whole:
+        """Fly states, in their place, over an angle up to the phase and some periods, or to a
+        periodic motion: the number of each, or UNDECIDED."""
+        found = np.empty(len(states), np.int64)
+        lead = flights.course_of(self.motion, self.phase - angle, angle)
+        flights.settle_flights(lead, self.course, states, periods, self.targets, found)
+        return np.asarray(self.owners[np.where(found == flights.LOST, flights.NO_ATTRACTOR, found)])
+
+    def lie_in(self, number: int, states: Matrix) -> NDArray[np.bool_]:
+        """Whether flights from states come to lie among those of a motion that is not periodic."""
+        states, path = states.copy(), np.empty((len(states), LAST, states.shape[1]))
+        none = flights.Targets(*(each[:0] for each in self.targets))
+        lead = flights.course_of(self.motion, self.phase, 0.0)
+        lost = np.empty(len(states), np.int64)
+        for period in range(LAST):
+            path[:, period] = states
+            flights.settle_flights(lead, self.course, states, 1, none, lost)
+        return np.asarray(self.found[number].holds(path) & (lost != flights.LOST))
+
+    def ends_of(self, states: Matrix, periods: int) -> Whole:
+        """Number of the motion in which each of some states ends, or UNDECIDED; the states are
+        replaced by later ones."""
+        ends = self.settle(states, 0.0, periods)
+        for number, each in enumerate(self.found):
+            left = np.flatnonzero(ends == UNDECIDED)
+            if each.kind != PERIODIC and len(left):
+                ends[left[self.lie_in(number, states[left])]] = number
+        return ends
+
+
 class Attractors:
     """The motions in which flights at one place of a family end, as they become known.
 
@@ -308,35 +378,21 @@ class Attractors:
         distances = states[:, :n] @ self.motion.rows.T - self.motion.positions
         return np.asarray(np.all(distances <= 1e-12, axis=1))
 
-    def targets(self) -> tuple[flights.Targets, NDArray[np.int64]]:
-        """The points of the periodic motions in turn, and the number of the motion to which each
-        belongs."""
-        size = 2 * self.motion.rows.shape[1]
-        owners = [
-            number
-            for number, each in enumerate(self.found)
-            if each.kind == PERIODIC
-            for _ in each.points
-        ]
-        known = [each for each in self.found if each.kind == PERIODIC]
-        targets = flights.Targets(
-            np.concatenate([np.empty((0, size)), *(each.points for each in known)]),
-            np.concatenate([np.empty((0, size, size)), *(each.forms for each in known)]),
-            np.concatenate([np.empty(0), *(each.limits for each in known)]),
-        )
-        return targets, np.array(owners, np.int64)
+    def known(self) -> KnownMotions:
+        """The motions that are known now, without what only describes them."""
+        found = (replace(each, track=None, growth=None, impacts=None) for each in self.found)
+        return KnownMotions(self.motion, self.phase, tuple(found))
 
     def reveal(self, state: Vector) -> int | None:
         """The number of the motion in which a flight from a state ends, which is added if it is
         new; None where that is not clear."""
-        targets, owners = self.targets()
-        states, found = state[None].copy(), np.empty(1, np.int64)
+        before, states, found = self.known(), state[None].copy(), np.empty(1, np.int64)
         lead = flights.course_of(self.motion, self.phase, 0.0)
-        flights.settle_flights(lead, self.course, states, CAPTURE_PERIODS, targets, found)
+        flights.settle_flights(lead, self.course, states, CAPTURE_PERIODS, before.targets, found)
         if found[0] == flights.LOST:
             return None
         if found[0] != flights.NO_ATTRACTOR:
-            return int(owners[found[0]])
+            return int(before.owners[found[0]])
         settled = simulate(self.motion, states[0], SETTLING, self.phase)
         regime = None if settled is None else self.finder.regime_of(settled, self.sigma)
         if regime is not None:

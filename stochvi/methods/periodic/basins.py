@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import math
 import time
+from abc import abstractmethod
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Matrix, Vector, Whole
 from stochvi.methods.periodic.attractors import (
     FRUITLESS,
     LAST,
     PERIODIC,
+    UNDECIDED,
     WATCHED,
     Attractor,
     Attractors,
+    KnownMotions,
     exponent,
 )
 from stochvi.methods.periodic.contact_branches import finder_of
@@ -31,20 +32,21 @@ from stochvi.methods.periodic.states import States
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
-from stochvi.results.deadline import Deadline, graceful_interrupt
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
-from stochvi.results.machine import usable_cores
-from stochvi.results.progress import Progress
+from stochvi.sampling.options import WorkOptions
+from stochvi.sampling.plain_values import digest_of
+from stochvi.sampling.run import Run, sampled
+from stochvi.sampling.sampler import TrialSampler
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-UNDECIDED, BEYOND = -1, -2
-"""Numbers in a map of basins: of a start whose motion has not been recognised, and of one that lies
-beyond a stop."""
+BEYOND = -2
+"""Number in a map of basins of a start that lies beyond a stop."""
 
 BLOCK = 256
 """Number of starts that are simulated together over FIRST periods, or fewer, between looks at the
@@ -212,6 +214,7 @@ class Basins(Result):
 
 
 @calculation
+@sampled
 def basins(
     scene: Scene,
     plane: Mapping[str, Sequence[float]] | None = None,
@@ -219,9 +222,7 @@ def basins(
     phase_deg: float = 0.0,
     periods: int = 300,
     most_impacts: int = 3,
-    threads: int | None = None,
-    budget: float | None = None,
-    progress: Progress | None = None,
+    **options: Unpack[WorkOptions],
 ) -> Basins:
     """Which of the motions that coexist under a sine a structure ends in, from a plane of starts.
 
@@ -244,12 +245,8 @@ def basins(
         Number of periods for which each start is simulated.
     most_impacts
         As for `harmonic_response`.
-    threads
-        Number of threads, by default that of the cores.
-    budget
-        Seconds of wall time, without that in which kernels are compiled.
-    progress
-        Called now and then with the fraction done and a sentence.
+    **options
+        `WorkOptions`: executor, budget, checkpoint and others.
 
     Returns
     -------
@@ -282,18 +279,16 @@ def basins(
     began = time.perf_counter()
     if periods < 1:
         raise ValueError(f"periods must be at least 1, got {periods}")
-    deadline = Deadline.after(budget)
-    with graceful_interrupt():
-        place = Place(scene, most_impacts, deadline)
-        place.finder.find()
-        known = Attractors(place.finder, place.sigma)
-        names, sides = place.plane(plane, known)
-        up, across = np.meshgrid(sides[1], sides[0], indexing="ij")
-        starts = place.states.starts({names[0]: across.ravel(), names[1]: up.ravel()})
-        phase = math.radians(phase_deg)
-        number = threads or usable_cores()
-        flown = BasinRun(known, starts, phase, periods, number, deadline, progress)
-        ends = flown.ends()
+    run = Run.of(options)
+    place = Place(scene, most_impacts, run.deadline)
+    place.finder.find()
+    known = Attractors(place.finder, place.sigma)
+    names, sides = place.plane(plane, known)
+    up, across = np.meshgrid(sides[1], sides[0], indexing="ij")
+    starts = place.states.starts({names[0]: across.ravel(), names[1]: up.ravel()})
+    phase = math.radians(phase_deg)
+    run.begin()
+    ends = BasinRun(run, known, starts, phase, periods).ends()
     order, shares = _shares(ends, len(known.found))
     renumbered = np.full(len(known.found) + 2, UNDECIDED)
     renumbered[order] = np.arange(len(order))
@@ -313,12 +308,12 @@ def basins(
         cost=Cost(
             wall_time=time.perf_counter() - began,
             paths=int(np.sum(ends != BEYOND)),
-            threads=number,
+            threads=run.workers,
         ),
         provenance=provenance(scene.document()),
     )
-    if deadline.passed():
-        raise deadline.fell_short("before all starts were flown", "ask for fewer", answer)
+    if run.deadline.passed():
+        raise run.deadline.fell_short("before all starts were flown", "ask for fewer", answer)
     return answer
 
 
@@ -476,49 +471,91 @@ def rate_of(mean: float, error: float, period: float, how: str) -> Estimate | No
     return Estimate(value=mean / period, standard_error=error / period, how=how)
 
 
+@dataclass(frozen=True, eq=False)
+class StartSampler(TrialSampler):
+    """Blocks of starts, each of which brings its states. `origin` is a digest of the states of all
+    starts, and `together` the number of those that are simulated together."""
+
+    known: KnownMotions
+    origin: str
+    together: int
+
+    @property
+    def block(self) -> int:
+        """Number of starts in a block."""
+        return self.together
+
+    @abstractmethod
+    def fly(self, states: Matrix) -> tuple[Matrix, Whole]:
+        """Later states of some starts, and numbers of motions or UNDECIDED."""
+
+    def trial(
+        self, first_path: int, paths: int, deadline: Deadline, states: Matrix | None = None
+    ) -> tuple[Matrix, Whole]:
+        """Later states and ends of a block, which brings its states."""
+        assert states is not None
+        return self.fly(states)
+
+    def paths(self, sample: list[Any]) -> int:
+        """Number of starts."""
+        return sum(len(ends) for _, ends in sample)
+
+
+@dataclass(frozen=True, eq=False)
+class SettlingSampler(StartSampler):
+    """Starts that are simulated over an angle and some periods, or to a periodic regime."""
+
+    angle: float
+    periods: int
+
+    def fly(self, states: Matrix) -> tuple[Matrix, Whole]:
+        """Last states, and numbers of motions."""
+        states = states.copy()
+        return states, self.known.settle(states, self.angle, self.periods)
+
+
+@dataclass(frozen=True, eq=False)
+class ComparingSampler(StartSampler):
+    """Starts that may come to lie among the states of a motion of a number."""
+
+    number: int
+
+    def fly(self, states: Matrix) -> tuple[Matrix, Whole]:
+        """The same states, and the number of the motion or UNDECIDED."""
+        held = self.known.lie_in(self.number, states)
+        return states, np.where(held, self.number, UNDECIDED)
+
+
 class BasinRun:
     """Starts that are simulated up to the motions in which they end."""
 
     def __init__(
-        self, known: Attractors, starts: Matrix, phase: float, periods: int, threads: int,
-        deadline: Deadline, progress: Progress | None = None,
-    ) -> None:  # fmt: skip
-        self.known, self.states, self.periods = known, starts, periods
-        self.threads, self.deadline, self.progress = threads, deadline, progress
+        self, run: Run, known: Attractors, starts: Matrix, phase: float, periods: int
+    ) -> None:
+        self.run, self.known, self.states, self.periods = run, known, starts, periods
         self.phase = phase
 
     def ends(self) -> Whole:
         """Number of the motion of each start, or UNDECIDED or BEYOND."""
-        ends = np.where(self.known.possible(self.states), UNDECIDED, BEYOND)
-        if not np.any(ends == UNDECIDED):
+        self.found = np.where(self.known.possible(self.states), UNDECIDED, BEYOND)
+        if not np.any(self.found == UNDECIDED):
             raise ValueError(
                 "plane must hold starts between the stops, got none; all its points lie beyond a "
                 "stop"
             )
-        angle = (self.known.phase - self.phase) % (2.0 * math.pi)
         first = min(self.periods, FIRST)
-        ends = self._settle(ends, angle, first)
-        ends = self._reveal(ends, first)
-        if self.periods > first and np.any(ends == UNDECIDED):
-            ends = self._settle(ends, 0.0, self.periods - first)
-            ends = self._reveal(ends, self.periods - first)
-        return ends
+        self._settle((self.known.phase - self.phase) % (2.0 * math.pi), first)
+        self._reveal(first)
+        if self.periods > first:
+            self._settle(0.0, self.periods - first)
+            self._reveal(self.periods - first)
+        return self.found
 
-    def known_ends(self) -> Whole:
-        """Number of the known motion of each start, or UNDECIDED: no further motions are looked
-        for, and starts may lie beyond a stop by rounding."""
-        angle = (self.known.phase - self.phase) % (2.0 * math.pi)
-        ends = self._settle(np.full(len(self.states), UNDECIDED), angle, self.periods)
-        for number, each in enumerate(self.known.found):
-            if each.kind != PERIODIC:
-                ends = self._compare(ends, number)
-        return ends
-
-    def _reveal(self, ends: Whole, periods: int) -> Whole:
+    def _reveal(self, periods: int) -> None:
         """Follow some of the undecided starts to the end, and compare the others with them."""
         known, fruitless = self.known, 0
-        while fruitless < FRUITLESS and not self.deadline.passed():
-            left = np.flatnonzero(ends == UNDECIDED)
+        while fruitless < FRUITLESS and not self.run.deadline.passed():
+            left = np.flatnonzero(self.found == UNDECIDED)
             if fruitless >= len(left):
                 break
             before = len(known.found)
@@ -526,70 +563,49 @@ class BasinRun:
             chosen = left[(len(left) * (2 * fruitless + 1)) // (2 * FRUITLESS)]
             number = known.reveal(self.states[chosen])
             if number is not None:
-                ends[chosen] = number
+                self.found[chosen] = number
             if len(known.found) == before:
                 fruitless += 1
             elif known.found[-1].kind == PERIODIC:
-                ends = self._settle(ends, 0.0, periods)
+                self._settle(0.0, periods)
             else:
-                ends = self._compare(ends, len(known.found) - 1)
-            self._report(ends)
-        return ends
+                self._sample(ComparingSampler, LAST, len(known.found) - 1)
+            if self.run.progress:
+                self.run.progress(*self._ended(0))
 
-    def _settle(self, ends: Whole, angle: float, periods: int) -> Whole:
+    def _settle(self, angle: float, periods: int) -> None:
         """Fly the undecided starts over an angle and some periods, or to a periodic regime."""
-        left = np.flatnonzero(ends == UNDECIDED)
-        targets, owners = self.known.targets()
-        lead = flights.course_of(self.known.motion, (self.known.phase - angle), angle)
-        owners = np.append(owners, [BEYOND, UNDECIDED])  # LOST is -2, WANDERS is -1
+        self._sample(SettlingSampler, periods, angle, periods)
 
-        def fly(block: Whole) -> tuple[Whole, Matrix, Whole]:
-            states = self.states[block]
-            found = np.full(len(block), flights.NO_ATTRACTOR)
-            if not self.deadline.passed():
-                flights.settle_flights(lead, self.known.course, states, periods, targets, found)
-            found[found == flights.LOST] = flights.NO_ATTRACTOR
-            return block, states, owners[found]
+    def _sample(self, kind: Callable[..., StartSampler], periods: int, *fields: Any) -> None:
+        """Take states and ends of the undecided starts from a sampler that simulates them over so
+        many periods."""
+        left = np.flatnonzero(self.found == UNDECIDED)
+        if not len(left) or self.run.deadline.passed():
+            return
+        states = self.states[left]
 
-        with ThreadPoolExecutor(self.threads) as pool:
-            for block, states, owner in pool.map(fly, _blocks(left, periods)):
-                self.states[block], ends[block] = states, owner
-                self._report(ends)
-        return ends
+        def tell(sample: list[tuple[Matrix, Whole]]) -> tuple[float, str]:
+            return self._ended(sum(int(np.sum(ends != UNDECIDED)) for _, ends in sample))
 
-    def _report(self, ends: Whole) -> None:
-        """Report how many starts have ended in a known motion."""
-        if self.progress:
-            ended = int(np.sum(ends != UNDECIDED))
-            self.progress(ended / len(ends), f"{ended} of {len(ends)} starts have ended")
+        sampler = kind(self.known.known(), digest_of(states), block_of(periods), *fields)
+        taken = self.run.until(
+            sampler, len(left), tell=tell,
+            start=lambda _, first, number: states[first : first + number],
+        )  # fmt: skip
+        done = left[: taken.paths]
+        self.states[done] = np.concatenate([each for each, _ in taken.sample])
+        self.found[done] = np.concatenate([each for _, each in taken.sample])
 
-    def _compare(self, ends: Whole, number: int) -> Whole:
-        """Assign to a motion the undecided starts that come to lie among its states."""
-        left = np.flatnonzero(ends == UNDECIDED)
-        if not len(left):
-            return ends
-        none = flights.Targets(*(each[:0] for each in self.known.targets()[0]))
-        lead = flights.course_of(self.known.motion, self.known.phase, 0.0)
-
-        def fly(block: Whole) -> tuple[Whole, NDArray[np.bool_]]:
-            states = self.states[block].copy()
-            path = np.empty((len(block), LAST, states.shape[1]))
-            found = np.empty(len(block), np.int64)
-            for period in range(LAST):
-                path[:, period] = states
-                flights.settle_flights(lead, self.known.course, states, 1, none, found)
-            return block, self.known.found[number].holds(path) & (found != flights.LOST)
-
-        with ThreadPoolExecutor(self.threads) as pool:
-            for block, held in pool.map(fly, _blocks(left, LAST)):
-                ends[block[held]] = number
-        return ends
+    def _ended(self, more: int) -> tuple[float, str]:
+        """Share of the starts that have ended, with some more that are not noted yet, in words."""
+        ended, number = int(np.sum(self.found != UNDECIDED)) + more, len(self.found)
+        return ended / number, f"{ended} of {number} starts have ended"
 
 
-def _blocks(starts: Whole, periods: int) -> list[Whole]:
-    """Starts in blocks, each of which takes about the same time over so many periods."""
-    size = max(1, BLOCK * FIRST // max(periods, FIRST))
-    return np.array_split(starts, max(1, math.ceil(len(starts) / size)))
+def block_of(periods: int) -> int:
+    """Number of starts in a block, which takes about the same time over any number of periods."""
+    return max(1, BLOCK * FIRST // max(periods, FIRST))
 
 
 def _shares(ends: Whole, number: int) -> tuple[list[int], Vector]:

@@ -29,7 +29,7 @@ from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import logarithmic_interval, student_factor, upper_limit_unseen
 from stochvi.sampling.run import Run
-from stochvi.sampling.sampler import ListSampler
+from stochvi.sampling.sampler import TrialSampler
 from stochvi.statistics.reliability.answer import Chance
 
 Way = Literal["crude", "splitting", "first crossings"]
@@ -113,40 +113,15 @@ class Found:
 
 
 @dataclass(frozen=True, eq=False)
-class TrialSampler(ListSampler):
-    """Blocks of paths each of which is one trial, done as a whole or given up: a part of one would
-    over-represent what happens early."""
+class PlanSampler(TrialSampler):
+    """Trials of a plan of missions."""
 
     plan: MissionPlan
     seed: int
 
-    def trial(self, first_path: int, paths: int, deadline: Deadline) -> Any:
-        """The trial of a block; `GivenUp` if the deadline passes before its end."""
-        raise NotImplementedError
-
-    def simulate(self, first_path: int, paths: int) -> Any:
-        """The trial of a block."""
-        return self.trial(first_path, paths, NEVER)
-
-    def add_up(self, pieces: list[Any]) -> list[Any]:
-        """The trials."""
-        return pieces
-
-    def sample(self, first_path: int, paths: int, deadline: Deadline) -> list[Any]:
-        """The trial of a block."""
-        return [self.trial(first_path, paths, deadline)]
-
-    def paths(self, sample: list[Any]) -> int:
-        """Number of paths."""
-        return len(sample) * self.block
-
-    def is_whole(self, sample: list[Any], paths: int) -> bool:
-        """Always: a trial is done as a whole."""
-        return True
-
 
 @dataclass(frozen=True, eq=False)
-class MissionSampler(TrialSampler):
+class MissionSampler(PlanSampler):
     """Crude missions."""
 
     hits: bool
@@ -162,7 +137,7 @@ class MissionSampler(TrialSampler):
 
 
 @dataclass(frozen=True, eq=False)
-class RepetitionSampler(TrialSampler):
+class RepetitionSampler(PlanSampler):
     """Repetitions of a splitting with fixed levels."""
 
     levels: tuple[float, ...]
@@ -180,7 +155,7 @@ class RepetitionSampler(TrialSampler):
 
 
 @dataclass(frozen=True, eq=False)
-class LevelSampler(TrialSampler):
+class LevelSampler(PlanSampler):
     """The levels of a splitting, from one pilot."""
 
     particles: int
