@@ -28,7 +28,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.isolators.moved_stops import at_clearances
-from stochvi.isolators.sizing import method
+from stochvi.isolators.sizing import nominal
 from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.isolators.sizing.exceedances import chance_in_windows
 from stochvi.isolators.sizing.method import Sizing, size
@@ -269,8 +269,8 @@ def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_ju
     """Counted bursts show no chance below 1 %: there are more first hits than bursts."""
     seen = Estimate(value=0.0, upper_95=2e-5, how="none of 8")
     chances = SimpleNamespace(chances={"impact_speed": SimpleNamespace(estimate=seen)})
-    monkeypatch.setattr(method, "reliability", lambda scene, **asked: chances)
-    monkeypatch.setattr(method, "chance_in_windows", lambda scene, *asked, **how: None)
+    monkeypatch.setattr(nominal, "reliability", lambda scene, **asked: chances)
+    monkeypatch.setattr(nominal, "chance_in_windows", lambda scene, *asked, **how: None)
     found = size(truck(HALF), impact_speed=5.0, rel_error=0.2)
     assert found.clearance.lower == 0.0
     assert found.clearance.upper == found.clearance.value < 4.0 * found.sigma
@@ -285,7 +285,7 @@ def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_ju
     def too_short(scene: Scene, **asked: Any) -> None:
         raise NotConverged("the budget ended", None)
 
-    monkeypatch.setattr(method, "reliability", too_short)
+    monkeypatch.setattr(nominal, "reliability", too_short)
     with pytest.raises(
         NotConverged, match="ended before that showed a probability below 1 %"
     ) as short:
@@ -304,7 +304,7 @@ def test_a_limit_far_above_every_hit_is_shown_to_be_kept() -> None:
 def test_the_chance_that_is_kept_already_is_told_where_it_was_seen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(method, "chance_in_windows", lambda scene, *asked, **how: None)
+    monkeypatch.setattr(nominal, "chance_in_windows", lambda scene, *asked, **how: None)
     found = size(truck(HALF), impact_speed=0.5, exceedance=0.5, mission=60.0, rel_error=0.2)
     assert found.kept_with is not None and found.kept_with.upper_95 is None
     assert 0.0 < found.kept_with.value < 0.5
@@ -316,13 +316,13 @@ def test_a_limit_that_says_nothing_does_not_replace_a_chance_that_was_seen() -> 
     """Words said "over 99.9 %" of a chance that stood beside them in the picture as 1.5 %."""
     bursts = Estimate(value=0.015, standard_error=0.008)
     without_time = Estimate(value=0.0, upper_95=1.0, how="not one window")
-    assert method._more_telling(bursts, without_time) is bursts
-    assert method._more_telling(bursts, None) is bursts
+    assert nominal._more_telling(bursts, without_time) is bursts
+    assert nominal._more_telling(bursts, None) is bursts
     windows = Estimate(value=0.011, standard_error=0.002)
     small = Estimate(value=0.0, upper_95=0.02)
-    assert method._more_telling(bursts, windows) is windows
-    assert method._more_telling(bursts, small) is small
-    assert method._more_telling(small, without_time) is small
+    assert nominal._more_telling(bursts, windows) is windows
+    assert nominal._more_telling(bursts, small) is small
+    assert nominal._more_telling(small, without_time) is small
 
 
 def test_bursts_that_do_not_end_give_no_clearance(monkeypatch: pytest.MonkeyPatch) -> None:

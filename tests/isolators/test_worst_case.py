@@ -15,7 +15,8 @@ from stochvi.isolators.sizing import exceedances as hard
 from stochvi.isolators.sizing import sensitivity
 from stochvi.isolators.sizing.answer import RoundedClearance, Sizing, Target
 from stochvi.isolators.sizing.changes import WORST, Tolerances, changed_mount
-from stochvi.isolators.sizing.method import risk_curve
+from stochvi.isolators.sizing.nominal import risk_curve
+from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.review import Balance
 from stochvi.isolators.sizing.worst_case import worst_case
 from stochvi.results.deadline import Deadline
@@ -39,11 +40,11 @@ def test_a_changed_scene_is_sized_without_its_tolerances(
     """Else each row would look for a worst case of its own, and each row of that one again."""
     asked: list[object] = []
 
-    def sized(scene: Scene, **given: object) -> Sizing:
-        asked.append(given["tolerances"])
+    def sized(scene: Scene, question: Question) -> Sizing:
+        asked.append(question.tolerances)
         raise NotApplicable("size", ["it is not sized here"])
 
-    monkeypatch.setattr(sensitivity, "size", sized)
+    monkeypatch.setattr(sensitivity, "nominal_sizing", sized)
     target = Target(name="rate", value=0.1, unit="1/s")
     mount = Isolator(frequency_hz=10.0, zeta=0.2, frequency_tolerance=0.1)
     scene = sizing.scene.replace(structure=mount)

@@ -26,6 +26,7 @@ from stochvi.isolators.sizing.answer import Clearance, Target
 from stochvi.isolators.sizing.box_overview import box_overview
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
+from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
 from stochvi.mathematics.arrays import Matrix, Vector
@@ -123,36 +124,16 @@ BY_HITS = (
 )
 
 
-def size_pairs(
-    scene: Scene,
-    target: Target,
-    limit: Limit | None,
-    mission: float,
-    pair: str | None,
-    *,
-    rel_error: float = 0.05,
-    seed: int = 0,
-    threads: int | None = None,
-    budget: float = 60.0,
-    tolerances: Tolerances | None = None,
-    progress: Progress | None = None,
-) -> PairsSizing:
+def size_pairs(scene: Scene, limit: Limit | None, asked: Question) -> PairsSizing:
     """The clearances that keep a target; `limit` is what a hit must not exceed, None for a target
     without one; see `size`."""
     return _PairsJob(
-        scene=scene,
-        target=target,
-        limit=limit,
-        mission=mission,
-        pair=pair,
-        rel_error=rel_error,
-        seed=seed,
-        threads=threads,
-        budget=budget,
+        scene=scene, target=asked.target, limit=limit, mission=asked.mission, pair=asked.pair,
+        rel_error=asked.rel_error, seed=asked.seed, threads=asked.threads, budget=asked.budget,
         # by linear theory, which knows no stop
-        tolerances=(tolerances or Tolerances.of(scene)).felt(scene, by_hits=False),
-        report=progress or (lambda done, text: None),
-    ).sizing()
+        tolerances=(asked.tolerances or Tolerances.of(scene)).felt(scene, by_hits=False),
+        report=asked.report,
+    ).sizing()  # fmt: skip
 
 
 @dataclass(kw_only=True)

@@ -13,8 +13,9 @@ from scipy.special import gammaln, roots_genlaguerre
 
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.changes import Tolerances, changed_stops, ends_of
-from stochvi.isolators.sizing.method import risk_curve, size
+from stochvi.isolators.sizing.nominal import nominal_sizing, risk_curve
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
+from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.spectra import Table
@@ -250,19 +251,18 @@ class Resizing:
         """The sizing of a changed scene for the same target, and a note where it is not as accurate
         as asked for."""
         sizing, target = self.sizing, self.sizing.target
-        asked: dict[str, Any] = {target.name: target.value}
-        if target.exceedance is not None:
-            asked["exceedance"] = target.exceedance
+        of_pairs: dict[str, Any] = {}
         if isinstance(sizing, PairsSizing):
-            asked["pair"] = sizing.pair
             called = sizing.provenance.get("call", {}).get("arguments", {})
-            asked["at"] = called.get("at")
+            of_pairs = {"pair": sizing.pair, "at": called.get("at")}
+        # the change is the tolerance: those that the scene states are not added to it
+        asked = Question(
+            target=target, mission=sizing.mission, rel_error=self.rel_error, seed=self.seed,
+            threads=self.threads, budget=deadline.rest or BUDGET, tolerances=Tolerances(),
+            **of_pairs,
+        )  # fmt: skip
         try:
-            # the change is the tolerance: those that the scene states are not added to it
-            return size(
-                scene, **asked, mission=sizing.mission, rel_error=self.rel_error, seed=self.seed,
-                threads=self.threads, budget=deadline.rest or BUDGET, tolerances=Tolerances(),
-            ), ""  # fmt: skip
+            return nominal_sizing(scene, asked), ""
         except (NotConverged, Interrupted) as reason:
             if reason.partial is None:
                 raise

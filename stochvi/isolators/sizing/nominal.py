@@ -1,0 +1,757 @@
+"""The clearance that a scene needs as it is stated, without its tolerances.
+
+The chance of any hit needs no impact (`first_crossings`). What a hit leads to needs the stop law:
+where first hits are rare, bursts are simulated from the first hit on (`bursts`), else everything
+(`simulate`).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stochvi.isolators.moved_stops import at_clearances
+from stochvi.isolators.screening import screened
+from stochvi.isolators.sizing.answer import (
+    Clearance,
+    Sizing,
+    Target,
+    ThreeSigma,
+    spoken_percent,
+)
+from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.isolators.sizing.exceedances import chance_in_windows
+from stochvi.isolators.sizing.hits_at_clearance import ClearanceTrial, Hits, compile_kernels
+from stochvi.isolators.sizing.pairs import size_pairs
+from stochvi.isolators.sizing.pairs_answer import PairsSizing
+from stochvi.isolators.sizing.question import Question
+from stochvi.isolators.sizing.risk_curve import RiskCurve
+from stochvi.isolators.sizing.targets import check_laws, limit_of_pairs, widening
+from stochvi.model.cautions import scene_notes
+from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline, partial_result
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
+from stochvi.results.estimates import TOO_FEW, Cost, Estimate, provenance
+from stochvi.results.machine import usable_cores
+from stochvi.results.progress import Progress
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.bursts import FAR, UNFINISHED, bursts, chance_of
+from stochvi.statistics.crossing_ages import largest_error
+from stochvi.statistics.first_crossings import deviations, first_crossings
+from stochvi.statistics.reliability import reliability
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings:
+    """Settings of the search for a clearance. Where no source is named, the number was chosen by
+    trial.
+
+    Parameters
+    ----------
+    lowest_sigma, sigma_step
+        The first clearance of the curve and the distance to the next, in standard deviations of the
+        linear displacement.
+    required
+        Chances of any hit in the mission whose clearances every answer lists.
+    most_clearances
+        Largest number of clearances that are tried for a target that needs impacts.
+    rough_looks
+        Number of clearances that are looked at roughly before each is looked at accurately.
+    least_sigma
+        The smallest clearance that is tried for a rate of hits, in standard deviations.
+    most_overlap
+        Largest number of first hits in the time that a burst is followed for which two bursts are
+        taken for separate ones.
+    closer
+        Ratio of a clearance to the one before it, where clearances below those of bursts are tried.
+    near_enough
+        That ratio from which on no closer one is tried.
+    rough_error, share_of_limit
+        Relative error, and share of the remaining time, of the chance that a limit is exceeded
+        where no burst exceeds it.
+    share_of_windows
+        Share of the remaining time for windows of the whole motion at one clearance.
+    share_of_tolerances
+        Share of the budget for the worst case, where tolerances were asked for.
+    rough_factor
+        Relative error of the first look at a clearance, as a multiple of the error asked for.
+    roughest
+        Largest relative error of a first look; a simulation takes none of 1 or more.
+    close
+        Relative difference between a rate and the wanted one below which the clearance is
+        extrapolated from the place that was tried.
+    grace
+        Share of the budget by which the search for a clearance may outlast its time, because an
+        answer is mostly near then.
+    least_seconds
+        Seconds that every calculation gets, even where the budget is spent.
+    share_of_hits
+        Share of the budget that is kept for simulating the hits.
+    most_error
+        Relative error of the chance of a hit above which no clearance is given.
+    reach
+        Logarithm of a rate over the wanted one, in magnitude, up to which a clearance is
+        extrapolated from the place of that rate.
+    divisor_on_the_way, divisor_of_last
+        A clearance that is tried on the way gets the remaining time divided by the first number,
+        the clearance that the answer rests on gets it divided by the second.
+    pumped, more_than_rice
+        Hits per first hit, and hits over their number by Rice's rate, above both of which a warning
+        says that the stops pump the mount.
+    """
+
+    lowest_sigma: float = 1.0
+    sigma_step: float = 0.25
+    required: tuple[float, ...] = (0.1, 0.01, 0.001)
+    most_clearances: int = 24
+    rough_looks: int = 6
+    least_sigma: float = 0.2
+    most_overlap: float = 0.5
+    closer: float = 0.5
+    near_enough: float = 0.95
+    rough_error: float = 0.5
+    share_of_limit: float = 0.4
+    share_of_windows: float = 0.7
+    share_of_tolerances: float = 0.4
+    rough_factor: float = 3.0
+    roughest: float = 0.9
+    close: float = 0.02
+    grace: float = 0.05
+    least_seconds: float = 0.2
+    share_of_hits: float = 0.4
+    most_error: float = 1.0
+    reach: float = math.log(FAR)
+    divisor_on_the_way: float = 4.0
+    divisor_of_last: float = 1.25
+    pumped: float = 3.0
+    more_than_rice: float = 1.5
+
+
+SEARCH = SearchSettings()
+
+ACCEPTED = 0.01
+"""Default chance that a limit of speed or acceleration is exceeded in the mission."""
+
+BY_FIRST_CROSSINGS = (
+    "first crossings of the Gaussian response without stops (records around outcrossings); no "
+    "impact law enters"
+)
+BY_HITS = (
+    "impacts with the stop law: clusters simulated from first impacts on where these are "
+    "rare, else the "
+    "whole motion; the same random numbers at every clearance"
+)
+BY_BURSTS = (
+    "clusters of impacts simulated with the stop law from first impacts on; fast first "
+    "impacts drawn more "
+    "often, and weighted"
+)
+
+METHODS = {"probability": BY_FIRST_CROSSINGS, "rate": BY_HITS}
+"""How the clearance is found, by the name of the target; for a target that is not here, by
+bursts."""
+
+SIMULATED = (
+    "clearance", "clearance_in_sigma", "hit_rate", "hit_rate_low", "hit_rate_high",
+    "hits_per_first_hit", "impact_speed_mean", "by",
+)  # fmt: skip
+"""Columns of `Sizing.simulated`."""
+
+
+def nominal_sizing(scene: Scene, asked: Question) -> Sizing | PairsSizing:
+    """The sizing of a scene as it is stated, without the worst case within its tolerances."""
+    allowed = asked.tolerances or Tolerances.of(scene)
+    try:
+        if not model_of(scene).single:
+            return size_pairs(scene, limit_of_pairs(scene, asked.target, asked.at), asked)
+        if asked.at is not None:
+            raise ValueError(
+                f"at is for several coordinates or pairs, got {asked.at!r} for one oscillator"
+            )
+        allowed = allowed.felt(scene, by_hits=asked.target.name != "probability")
+        return _Job(
+            scene=scene, target=asked.target, mission=asked.mission, rel_error=asked.rel_error,
+            seed=asked.seed, threads=asked.threads, budget=asked.budget, allowed=allowed,
+            report=asked.report,
+        ).sizing()  # fmt: skip
+    except NotApplicable as reason:
+        # the user called `size`, so that the refusal has its name, whatever function it came from
+        raise NotApplicable("size", reason.conditions) from reason
+
+
+def risk_curve(
+    scene: Scene,
+    target: Target,
+    mission: float,
+    *,
+    rel_error: float = 0.05,
+    seed: int = 0,
+    threads: int | None = None,
+    budget: float | None = 60.0,
+) -> RiskCurve:
+    """Chance of any hit against clearance, from 1 sigma to a clearance that is more than the target
+    needs."""
+    free = scene.model_copy(update={"impact_pairs": ()})
+    s_x, s_v = deviations(free)
+    chances = [*SEARCH.required, target.exceedance or 1.0]
+    if target.name == "probability":
+        chances.append(target.value)
+    crossings = s_v / s_x / math.pi * max(mission, 2.0 * math.pi * s_x / s_v)
+    highest = math.sqrt(2.0 * math.log(10.0 * crossings / min(chances)))
+    levels = s_x * np.arange(
+        SEARCH.lowest_sigma, highest + 2.0 * SEARCH.sigma_step, SEARCH.sigma_step
+    )
+    pair = scene.impact_pairs[0] if scene.impact_pairs else None
+    one_sided = pair is not None and (pair.lower is None or pair.upper is None)
+    found = partial_result(
+        first_crossings,
+        free,
+        None if one_sided else levels,
+        upper=levels if one_sided else None,
+        mission=mission,
+        rel_error=rel_error,
+        seed=seed,
+        threads=threads,
+        budget=budget,
+    )
+    return RiskCurve.of(found, mission)
+
+
+@dataclass(kw_only=True)
+class _Job:
+    """One sizing: what was asked for, and what was found on the way."""
+
+    scene: Scene
+    target: Target
+    mission: float
+    rel_error: float
+    seed: int
+    threads: int | None
+    budget: float
+    allowed: Tolerances
+    report: Progress
+    warnings: list[str] = field(default_factory=list)
+    fell_short: list[str] = field(default_factory=list)
+    unfinished: dict[float, str] = field(default_factory=dict)
+    kept_with: Estimate | None = None
+    exceeded: dict[float, Estimate] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.target.name != "probability":
+            check_laws(self.scene, self.target)
+        compile_kernels(self.scene)
+        self.started, self.deadline = time.perf_counter(), Deadline.after(self.budget)
+        self.report(0.0, "first crossings")
+        share = 1.0 - SEARCH.share_of_hits if self.scene.impact_pairs else 1.0
+        self.curve = risk_curve(
+            self.scene,
+            self.target,
+            self.mission,
+            rel_error=self.rel_error,
+            seed=self.seed,
+            threads=self.threads,
+            budget=self.budget * share,
+        )
+        self.sigma = self.curve.crossings.displacement_std
+        reached = largest_error(self.curve.crossings, self.mission)
+        if reached > SEARCH.most_error:
+            raise self.deadline.fell_short(
+                f"at a relative error of {reached:.2g} of the probability of an impact: "
+                "hardly any first "
+                "hit was seen",
+                "raise budget",
+            )
+        if reached > self.rel_error:
+            self._short(
+                f"the budget ended at a relative error of {reached:.2g} of the probability of "
+                "an impact"
+            )
+        self.hits = Hits(
+            scene=self.scene,
+            curve=self.curve,
+            rel_error=self.rel_error,
+            seed=self.seed,
+            threads=self.threads,
+            left=lambda: self.left,
+        )
+
+    def _short(self, warning: str) -> None:
+        """Add a warning of an accuracy for which the budget did not suffice."""
+        self.warnings.append(warning)
+        self.fell_short.append(warning)
+
+    @property
+    def left(self) -> float:
+        """Seconds of the budget that are left; never below `SEARCH.least_seconds`, in which a
+        calculation can end."""
+        return max(self.deadline.left, SEARCH.least_seconds)
+
+    def sizing(self) -> Sizing:
+        """Find the clearance, then the other numbers of the answer."""
+        method = METHODS.get(self.target.name, BY_BURSTS)
+        short: NotConverged | Interrupted | None = None
+        try:
+            clearance = self._clearance()
+        except (NotConverged, Interrupted) as reason:
+            if reason.partial is None:
+                raise
+            clearance, short = reason.partial, reason
+            self.warnings.insert(0, str(reason))
+        three = self._three_sigma()
+        if self.scene.impact_pairs:
+            self.report(0.9, "recommended clearance")
+            self._hits_or_warning(clearance.value)
+        self._warn(clearance.value)
+        crossings, linear = self.curve.crossings, screened(self.scene)
+        found = Sizing(
+            scene=self.scene,
+            target=self.target,
+            mission=self.mission,
+            clearance=clearance,
+            sigma=self.sigma,
+            curve=self.curve.to_frame(),
+            three_sigma=three,
+            required=self._required(),
+            simulated=self._simulated(),
+            evidence={
+                name: response
+                for name, at in (("three_sigma", three.clearance), ("recommended", clearance.value))
+                if at in self.hits.tried and (response := self.hits.tried[at].response)
+            },
+            screening=linear,
+            method=method,
+            record=linear.record,
+            kept_with=self.kept_with,
+            exceeding=self._exceeding() if self.target.exceedance is not None else None,
+            allowed=self.allowed,
+            fell_short=tuple(dict.fromkeys(self.fell_short)),
+            warnings=tuple(dict.fromkeys(self.warnings)),
+            cost=Cost(
+                wall_time=time.perf_counter() - self.started,
+                paths=crossings.ages.shape[3],
+                threads=self.threads or usable_cores(),
+            ),
+            provenance=provenance(self.scene.document(), self.seed),
+        )
+        if self.deadline.interrupted:
+            raise self.deadline.fell_short("before the answer was whole", "", found)
+        if short is not None:
+            raise NotConverged(str(short), found)
+        return found
+
+    def _clearance(self) -> Clearance:
+        """The clearance that keeps the target."""
+        if self.target.name == "probability":
+            return self.curve.clearance(self.target.value)
+        if self.target.name == "rate":
+            return self._search(self._hit_rate, self.target.value)
+        assert self.target.exceedance is not None
+        self._check_free_motion(self.target.exceedance)
+        wanted = -math.log1p(-self.target.exceedance) / self.mission
+        return self._search(self._exceedance_rate, wanted)
+
+    def _check_free_motion(self, exceedance: float) -> None:
+        """Raise `NotApplicable` if the spring of the mount alone exceeds the target."""
+        spring = model_of(self.scene).omega ** 2
+        needed = self.curve.clearance(exceedance).value
+        if self.target.name != "peak_acceleration":
+            return
+        if self.target.value <= spring * needed:
+            raise NotApplicable(
+                "size",
+                [
+                    f"peak_acceleration of {self.target.value:.4g} m/s^2 is exceeded without any "
+                    f"stop: the spring alone brings {spring * needed:.4g} m/s^2 with a "
+                    f"probability of {exceedance:g}"
+                ],
+            )
+
+    def _search(self, risk: Callable[[float, float], Estimate], wanted: float) -> Clearance:
+        """The clearance at which a rate takes the wanted value: roughly first, then accurately.
+
+        The logarithm of the rate is nearly straight in the square of the clearance. The search
+        follows the slope of Rice's rate until two clearances have the wanted rate between them.
+        Where few bursts decide, the rate jumps from one clearance to the next: after some rough
+        looks each is accurate, and the answer is extrapolated from farther away.
+        """
+        place = self._first_guess(wanted)
+        above: tuple[float, float] | None = None
+        below: tuple[float, float] | None = None
+        slope = -1.0 / (2.0 * self.sigma**2)
+        nearest: tuple[float, Estimate, float] | None = None
+        late = self.deadline.sooner_by(-SEARCH.grace * self.budget)
+        for attempt in range(SEARCH.most_clearances):
+            if attempt and late.passed():
+                break
+            self.report(min(0.1 + 0.05 * attempt, 0.65), f"{1e3 * place:.4g} mm")
+            rough = attempt < SEARCH.rough_looks
+            roughest = min(SEARCH.rough_factor * self.rel_error, SEARCH.roughest)
+            roughly = risk(place, roughest if rough else self.rel_error)
+            excess, tolerance = _excess(roughly, wanted)
+            if abs(excess) <= (max(tolerance, SEARCH.close) if rough else SEARCH.reach):
+                found = risk(place, self.rel_error) if rough else roughly
+                excess, _ = _excess(found, wanted)
+                if abs(excess) <= SEARCH.reach:
+                    return self._answer(place, found, excess, slope)
+            if abs(excess) <= SEARCH.reach and (nearest is None or abs(excess) < abs(nearest[2])):
+                nearest = place, roughly, excess
+            point = (place**2, excess)
+            above, below = (point, below) if excess > 0.0 else (above, point)
+            if above and below and above[0] < below[0] and math.isfinite(below[1]):
+                slope = (below[1] - above[1]) / (below[0] - above[0])
+            if excess < 0.0 and place <= self._least * (1.0 + SEARCH.close):
+                return self._already_kept(place, roughly)
+            place = math.sqrt(self._next(above, below, point))
+        if nearest is not None:
+            return self._answer(*nearest, slope)
+        answer = None
+        if above and below:
+            ends = math.sqrt(above[0]), math.sqrt(below[0])
+            answer = Clearance(value=place, lower=min(ends), upper=max(ends))
+        sought = f"the clearance for {self.target.name} = {self.target.value:g}"
+        if self.deadline.passed():
+            raise self.deadline.fell_short(
+                f"before {sought} was found (places tried: {attempt})",
+                "raise budget or rel_error",
+                answer,
+            )
+        raise NotConverged(
+            f"{sought} was not found in {SEARCH.most_clearances} places: the rate jumps between "
+            "them; lower rel_error or raise budget",
+            answer,
+        )
+
+    def _answer(self, place: float, found: Estimate, excess: float, slope: float) -> Clearance:
+        """The clearance, extrapolated from a place near it that was tried.
+
+        A rate of hits is a mean, and a standard error that is larger than asked for widens the
+        interval. A rate of exceedances may rest on so few bursts that its standard error is too
+        small as well: then no interval can be given, and `NotConverged` carries the clearance.
+        """
+        per_metre = 2.0 * place * slope
+        half = found.half_width_95() / found.value / abs(per_metre)
+        value = place - excess / per_metre
+        answer = Clearance(value=value, lower=max(value - half, 0.0), upper=value + half)
+        if place in self.unfinished:
+            raise NotConverged(
+                f"{self.unfinished[place]}; size for a probability or a rate of impacts instead",
+                answer,
+            )
+        error = found.standard_error / found.value
+        if error <= self.rel_error:
+            return answer
+        beyond = "" if self.target.exceedance is None else " beyond the limit"
+        reached = (
+            f"the budget ended at a relative error of {error:.2g} of the rate of "
+            f"impacts{beyond} at "
+            f"{1e3 * place:.4g} mm"
+        )
+        if self.target.exceedance is not None:
+            raise NotConverged(
+                f"{reached}; {self.rel_error:g} was asked for: raise budget or rel_error", answer
+            )
+        self._short(reached)
+        return answer
+
+    def _next(
+        self,
+        above: tuple[float, float] | None,
+        below: tuple[float, float] | None,
+        last: tuple[float, float],
+    ) -> float:
+        """The next square of a clearance to try, from those where the rate is too high and too
+        low."""
+        if above and below:
+            middle = 0.5 * (above[0] + below[0])
+            if not math.isfinite(below[1]):
+                return middle
+            share = above[1] / (above[1] - below[1])
+            # not too near an end, which would move the other one too slowly
+            return above[0] + min(max(share, 0.1), 0.9) * (below[0] - above[0])
+        step = 2.0 * self.sigma**2 * max(min(last[1], 8.0), -8.0)
+        return max(last[0] + step, self._least**2)
+
+    @cached_property
+    def _least(self) -> float:
+        """The smallest clearance that is tried, m; for a limit, one at which bursts do not overlap
+        yet."""
+        if self.target.exceedance is None:
+            return self.nearest
+        clearances = self.curve.clearances
+        meet = [
+            self.curve.first_rate(c) * self.hits.window > SEARCH.most_overlap for c in clearances
+        ]
+        return float(clearances[int(np.flatnonzero(meet)[-1]) + 1] if any(meet) else clearances[0])
+
+    def _already_kept(self, place: float, rate: Estimate) -> Clearance:
+        """The answer where even the smallest clearance that is tried keeps the target."""
+        target = self.target
+        self.warnings += [self.unfinished[place]] if place in self.unfinished else []
+        if target.exceedance is None:
+            raise NotApplicable(
+                "size",
+                [f"the {target.name} stays below {target.value:g} {target.unit} at any clearance"],
+            )
+        chance = chance_of(rate, self.mission)
+        if not _within(chance, target.exceedance):
+            chance = _more_telling(chance, self._by_windows(place))
+        if not _within(chance, target.exceedance):
+            chance = _more_telling(chance, self._by_splitting(place))
+        # closer stops, where hits come without the pauses that separate one burst from the next
+        too_near = 0.0
+        while _within(chance, target.exceedance) and place > self.nearest:
+            closer = max(SEARCH.closer * place, self.nearest)
+            if too_near:
+                closer = math.sqrt(place * too_near)
+            if closer > SEARCH.near_enough * place:
+                break
+            there = self._by_windows(closer)
+            if there is None or self.deadline.passed():
+                break
+            if _within(there, target.exceedance):
+                place, chance = closer, there
+            elif there.upper_95 is None:
+                too_near = closer
+            else:
+                break
+        self.warnings.append(
+            f"a clearance below {1e3 * place:.4g} mm may do as well: it was not shown to keep the "
+            "target"
+        )
+        self.kept_with = chance
+        answer = Clearance(value=place, lower=0.0, upper=place)
+        if not _within(chance, target.exceedance):
+            raise NotConverged(
+                f"no cluster or hardly any exceeds {target.limit} at {1e3 * place:.4g} mm, but the "
+                f"budget of {self.deadline.budget or self.budget:.3g} s ended before that showed a "
+                f"probability below {spoken_percent(target.exceedance)}; raise budget",
+                answer,
+            )
+        return answer
+
+    @property
+    def nearest(self) -> float:
+        """The smallest clearance that is tried, m."""
+        return SEARCH.least_sigma * self.sigma
+
+    def _by_windows(self, place: float) -> Estimate | None:
+        """The chance that the limit is exceeded at a clearance, by windows of the whole motion."""
+        assert self.target.exceedance is not None
+        found = chance_in_windows(
+            at_clearances(self.scene, place), self.target.name, self.target.value, self.mission,
+            accepted=self.target.exceedance, seed=self.seed, threads=self.threads,
+            budget=SEARCH.share_of_windows * self.left,
+        )  # fmt: skip
+        if found is not None:
+            self.exceeded[place] = found
+        return found
+
+    def _by_splitting(self, place: float) -> Estimate | None:
+        """The chance that the limit is exceeded at a clearance where counted bursts show nothing,
+        by the splitting of `reliability`; None where that finds no better limit."""
+        limits = {self.target.name: self.target.value}
+        try:
+            found = reliability(
+                at_clearances(self.scene, place), mission=self.mission,
+                impact_speed=limits.get("impact_speed"),
+                peak_acceleration=limits.get("peak_acceleration"),
+                rel_error=SEARCH.rough_error, seed=self.seed, threads=self.threads,
+                budget=SEARCH.share_of_limit * self.left,
+            )  # fmt: skip
+        except NotApplicable:
+            return None
+        except (NotConverged, Interrupted) as reason:
+            found = reason.partial
+        chance = found.chances.get(self.target.name) if found else None
+        return None if chance is None else chance.estimate
+
+    def _first_guess(self, wanted: float) -> float:
+        """The first clearance to try: where Rice's rate is the wanted one or, for a limit, a little
+        below the clearance at which any hit has the accepted chance."""
+        if self.target.exceedance is not None:
+            return max(0.9 * self.curve.clearance(self.target.exceedance).value, self._least)
+        crossings = self.curve.crossings
+        zero = crossings.rice_rate[0] * math.exp(0.5 * (self.curve.clearances[0] / self.sigma) ** 2)
+        return self.sigma * math.sqrt(2.0 * math.log(max(zero / wanted, 1.2)))
+
+    def _hit_rate(self, clearance: float, rel_error: float) -> Estimate:
+        found = self.hits.at(clearance, rel_error).hit_rate
+        if TOO_FEW in found.how:
+            where = f"when impacts at {1e3 * clearance:.4g} mm had been seen {TOO_FEW}"
+            raise self.deadline.fell_short(where, "raise budget")
+        return found
+
+    def _exceedance_rate(self, clearance: float, rel_error: float) -> Estimate:
+        """Rate of bursts with a hit beyond the limit of the target."""
+        name, limit = self.target.name, self.target.value
+        scene = at_clearances(self.scene, clearance)
+        assert self.target.exceedance is not None
+        found = partial_result(
+            bursts,
+            scene,
+            rel_error=rel_error,
+            far_from=-math.log1p(-self.target.exceedance) / self.mission,
+            wanted=lambda some: some.exceedance_rate(name, limit),
+            widening=widening(scene, self.target, self.curve.crossings.velocity_std, clearance),
+            seed=self.seed,
+            threads=self.threads,
+            budget=self.left
+            / (SEARCH.divisor_on_the_way if rel_error > self.rel_error else SEARCH.divisor_of_last),
+        )
+        if found.unfinished > UNFINISHED:
+            self.unfinished[clearance] = (
+                f"clusters of impacts at {1e3 * clearance:.4g} mm had not ended after "
+                f"{found.window:.3g} s: the probability of exceeding {name} is larger than "
+                "calculated"
+            )
+        else:
+            self.unfinished.pop(clearance, None)
+        rate = found.exceedance_rate(name, limit)
+        self.exceeded[clearance] = chance_of(rate, self.mission)
+        return rate
+
+    def _hits_or_warning(self, clearance: float) -> ClearanceTrial | None:
+        """Hits for information alone; None and a warning where they are not found."""
+        if self.deadline.interrupted:
+            self.warnings.append(f"the impacts at {1e3 * clearance:.4g} mm were not simulated")
+            return None
+        try:
+            return self.hits.at(clearance)
+        except (NotApplicable, NotConverged, Interrupted) as reason:
+            known = isinstance(reason, NotApplicable)
+            (self.warnings.append if known else self._short)(
+                f"the impacts at {1e3 * clearance:.4g} mm are not known: {reason}"
+            )
+            return None
+
+    def _three_sigma(self) -> ThreeSigma:
+        self.report(0.7, "three sigma")
+        clearance = 3.0 * self.sigma
+        index = int(np.argmin(np.abs(self.curve.clearances - clearance)))
+        tried = self._hits_or_warning(clearance) if self.scene.impact_pairs else None
+        return ThreeSigma(
+            clearance=clearance,
+            probability=self.curve.probabilities[index],
+            first_hits=self.curve.first_rates[index] * self.mission,
+            rice_hits=float(self.curve.crossings.rice_rate[index]) * self.mission,
+            hits=None if tried is None else tried.hit_rate * self.mission,
+            impact_speed_mean=None if tried is None else tried.impact_speed_mean,
+        )
+
+    def _required(self) -> pd.DataFrame:
+        import pandas as pd
+
+        rows = []
+        for chance in SEARCH.required:
+            found = self.curve.clearance(chance)
+            rows.append(
+                {
+                    "probability": chance,
+                    "clearance": found.value,
+                    "clearance_low": found.lower,
+                    "clearance_high": found.upper,
+                    "clearance_in_sigma": found.value / self.sigma,
+                }
+            )
+        return pd.DataFrame(rows)
+
+    def _exceeding(self) -> pd.DataFrame:
+        import pandas as pd
+
+        found = sorted(self.exceeded.items())
+        halves = [0.0 if c.upper_95 else c.half_width_95() for _, c in found]
+        return pd.DataFrame(
+            {
+                "clearance": [place for place, _ in found],
+                "probability": [math.nan if c.upper_95 else c.value for _, c in found],
+                "probability_low": [
+                    max(c.value - half, 0.0) for (_, c), half in zip(found, halves, strict=True)
+                ],
+                "probability_high": [
+                    c.upper_95 or min(c.value + half, 1.0)
+                    for (_, c), half in zip(found, halves, strict=True)
+                ],
+            }
+        )
+
+    def _simulated(self) -> pd.DataFrame:
+        import pandas as pd
+
+        rows: list[dict[str, float | str | None]] = []
+        for clearance, tried in sorted(self.hits.tried.items()):
+            rate, speed = tried.hit_rate, tried.impact_speed_mean
+            half = rate.half_width_95()
+            unseen = rate.upper_95 is not None
+            rows.append(
+                {
+                    "clearance": clearance,
+                    "clearance_in_sigma": clearance / self.sigma,
+                    "hit_rate": rate.value,
+                    "hit_rate_low": max(rate.value - half, 0.0),
+                    "hit_rate_high": rate.upper_95 if unseen else rate.value + half,
+                    "hits_per_first_hit": tried.hits_per_burst,
+                    "impact_speed_mean": math.nan if speed is None else speed.value,
+                    "by": "simulation" if tried.response else "bursts",
+                }
+            )
+        return pd.DataFrame(rows, columns=list(SIMULATED))
+
+    def _warn(self, clearance: float) -> None:
+        """Add the warnings that concern the scene and the hits at both clearances."""
+        scene = self.scene
+        if scene.impact_pairs:
+            scene = at_clearances(scene, clearance)
+        model = model_of(scene)
+        if not beyond_one_oscillator(model):
+            self.warnings += scene_notes(model)
+        if not self.scene.impact_pairs:
+            self.warnings.append(
+                "the scene has no stops, so the impacts and their speeds are not known"
+            )
+        for place in (3.0 * self.sigma, clearance):
+            tried = self.hits.tried.get(place)
+            if tried and tried.unknown:
+                self._short(tried.unknown)
+            if not tried or not tried.hits_per_burst:
+                continue
+            over_rice = tried.hit_rate.value / self.curve.rice_rate(place)
+            if tried.hits_per_burst > SEARCH.pumped and over_rice > SEARCH.more_than_rice:
+                self.warnings.append(
+                    f"stops pump this mount: at {1e3 * place:.4g} mm ({place / self.sigma:.3g} "
+                    f"sigma) a first impact leads to {tried.hits_per_burst:.3g} impacts on "
+                    "average, "
+                    f"{over_rice:.3g} times what Rice's rate says; the probability of any "
+                    "impact is right "
+                    "all the same"
+                )
+
+
+def _excess(found: Estimate, wanted: float) -> tuple[float, float]:
+    """Logarithm of a rate over the one that is wanted, and its standard error."""
+    if not found.value:
+        return -math.inf, 0.0
+    return math.log(found.value / wanted), found.standard_error / found.value
+
+
+def _within(chance: Estimate, accepted: float) -> bool:
+    """Whether a chance, or its upper limit where it has one, is at most the accepted one."""
+    return (chance.value if chance.upper_95 is None else chance.upper_95) <= accepted
+
+
+def _more_telling(known: Estimate, found: Estimate | None) -> Estimate:
+    """A chance that was found in another way, unless it is a limit that says less than what was
+    known: one without time for a single window is at most 1."""
+    if found is None or found.upper_95 is None:
+        return found or known
+    most = known.value + known.half_width_95() if known.upper_95 is None else known.upper_95
+    return found if found.upper_95 < most else known
