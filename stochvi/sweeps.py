@@ -12,18 +12,16 @@ import itertools
 import json
 import math
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
 from stochvi.mathematics.units import MEASURED, measured_in, plain_number
 from stochvi.model.calculations import calculation
 from stochvi.results.base import plain
-from stochvi.results.deadline import Deadline
 from stochvi.results.errors import (
     CheckpointError,
     Interrupted,
@@ -43,6 +41,9 @@ from stochvi.results.estimates import (
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.progress import Progress
 from stochvi.results.response import Response
+from stochvi.sampling.options import BUDGET, RunOptions
+from stochvi.sampling.run import Run, sampled
+from stochvi.sampling.workers import WorkerPool
 from stochvi.scenes.key_units import key_unit
 from stochvi.scenes.keys import Change, changed_scene, holder_of, is_place, unknown_key, written_key
 from stochvi.scenes.scene import Scene, load_scene
@@ -75,8 +76,6 @@ def sweep(
     method: str = "simulate",
     out: str | Path | None = None,
     common: bool = True,
-    seed: int = 0,
-    executor: Executor | None = None,
     progress: Progress | None = None,
     **arguments: Any,
 ) -> pd.DataFrame:
@@ -110,16 +109,14 @@ def sweep(
     common
         Whether all rows use the same seed, so that rows differ by their scenes and not by their
         random numbers. Otherwise each row has a seed of its own, made of `seed` and its scene.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
-    executor
-        Executor of `concurrent.futures` that does the work; by default threads.
     progress
         Called now and then with what is done and what was reached.
     **arguments
-        Passed to the method: rel_error, paths, duration, threads, budget for "simulate"; the
-        target and mission for "size"; mission and limits for "reliability"; for "fokker-planck" a
-        `speed_threshold`, which then is that of all rows.
+        `RunOptions`: seed, threads, executor, budget, checkpoint and resume. The budget is that of
+        each row, and N rows take up to N times as long; one checkpoint holds the samples of all
+        rows, and is for a sweep without `out`. All others are passed to the method: rel_error,
+        paths and duration for "simulate"; the target and mission for "size"; mission and limits for
+        "reliability"; for "fokker-planck" a `speed_threshold`, which then is that of all rows.
 
     Returns
     -------
@@ -167,33 +164,51 @@ def sweep(
         )
     loaded = scene if isinstance(scene, Scene) else load_scene(scene)
     document = loaded.document(as_written=True)
-    _check_seed(seed)
-    if own := sorted({"checkpoint", "resume"} & arguments.keys()):
-        raise ValueError(f"{own[0]} is not for a sweep, which keeps its rows in the folder out")
+    known = RunOptions.__annotations__.keys() & arguments.keys()
+    options = {name: arguments.pop(name) for name in known}
     if out is not None and str(out) == "":
         raise ValueError("out must name a folder, got ''")
+    if out is not None and (own := sorted({"checkpoint", "resume"} & options.keys())):
+        raise ValueError(f"give {own[0]} or out, not both: the folder out keeps all rows")
     grid = _grid(vary)
     for change in grid:  # a value that the scene refuses ends the sweep before its first row
         changed_scene(document, change)
+    budget = options.pop("budget", BUDGET if method in SAMPLING else None)
+    return _sweep(
+        loaded, grid, method=method, common=common, arguments=arguments, out=out, progress=progress,
+        budget=None if budget is None else len(grid) * budget, **options,
+    )  # fmt: skip
+
+
+@sampled
+def _sweep(
+    scene: Scene, grid: Sequence[Change], *, method: str, common: bool,
+    arguments: Mapping[str, Any], out: str | Path | None, **options: Unpack[RunOptions],
+) -> pd.DataFrame:  # fmt: skip
+    """The table of a sweep."""
+    run, number, rows = Run.of(options), len(grid), list[dict[str, Any]]()
+    document, given = scene.document(as_written=True), dict(arguments)
+    if options["threads"] is not None and method not in SHARED:
+        given["threads"] = options["threads"]
+    each = None if options["budget"] is None else options["budget"] / number
+    run.begin()
     folder = None if out is None else folder_in(Path(out), "rows")
-    rows: list[dict[str, Any]] = []
-    each = arguments.get("budget")
-    deadline = Deadline.after(None if each is None else len(grid) * each)
-    for number, change in enumerate(grid):
-        where = f"after row {number} of {len(grid)}"
-        if deadline.interrupted:
-            raise deadline.fell_short(where, "", _table(rows))
+    for done, change in enumerate(grid):
+        where = f"after row {done} of {number}"
+        if run.deadline.interrupted:
+            raise run.deadline.fell_short(where, "", _table(rows))
 
-        def report(done: float, text: str, number: int = number) -> None:
-            if progress:
-                progress((number + done) / len(grid), f"row {number + 1} of {len(grid)}, {text}")
+        def report(share: float, text: str, done: int = done) -> None:
+            if run.progress:
+                run.progress((done + share) / number, f"row {done + 1} of {number}, {text}")
 
-        scene = changed_scene(document, change)
         if each is not None:  # what a row took too long, the others have less
-            arguments["budget"] = min(each, deadline.part(1.0 / (len(grid) - number)) or each)
-        job = Job.of(scene, change, method, common, seed, arguments)
+            given["budget"] = min(each, run.deadline.part(1.0 / (number - done)) or each)
+        elif method in SAMPLING:
+            given["budget"] = None
+        job = Job.of(changed_scene(document, change), change, method, common, run.seed, dict(given))
         try:
-            rows.append(job.row(folder, executor, report))
+            rows.append(job.row(folder, run.pool, report))
         except KeyboardInterrupt as reason:
             raise Interrupted(f"interrupted by Ctrl-C {where}", _table(rows)) from reason
     return _table(rows)
@@ -229,12 +244,6 @@ def _check_size(numbers: Mapping[str, int]) -> None:
         raise ValueError(
             f"vary: {of} are {rows} rows, and a sweep has at most {MOST_ROWS}; give fewer values"
         )
-
-
-def _check_seed(seed: Any) -> None:
-    whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
-    if not whole or not 0 <= seed < 2**63:
-        raise ValueError(f"seed must be a whole number in [0, 2^63), got {seed!r}")
 
 
 def _ranges(vary: Any) -> dict[str, list[float]]:
@@ -298,9 +307,7 @@ class Job:
             name=whole.hexdigest()[:16],
         )  # fmt: skip
 
-    def row(
-        self, folder: Path | None, executor: Executor | None, progress: Progress
-    ) -> dict[str, Any]:
+    def row(self, folder: Path | None, workers: WorkerPool, progress: Progress) -> dict[str, Any]:
         """The row of the table. A complete answer is kept in the folder, and is taken from there
         if it was kept before."""
         kept = None if folder is None else folder / f"{self.name}.json"
@@ -310,7 +317,7 @@ class Job:
             _again(kept, "holds no answer that can be read")
         response: Response | Summary | None = None
         try:
-            response, note = self._answer(folder, executor, progress), ""
+            response, note = self._answer(folder, workers, progress), ""
         except NotApplicable as error:
             note = str(error)
         except NotConverged as error:
@@ -321,20 +328,20 @@ class Job:
         return self._columns(response, note)
 
     def _answer(
-        self, folder: Path | None, executor: Executor | None, progress: Progress
+        self, folder: Path | None, workers: WorkerPool, progress: Progress
     ) -> Response | Summary:
         match self.method:
             case "simulate":
-                return self._simulated(folder, executor, progress)
+                from stochvi.methods.monte_carlo import simulate
+
+                simulated: Response = self._sampled(simulate, folder, workers, progress)
+                return simulated
             case "size":
                 return summary_of_sizing(self._sized(progress))
             case "reliability":
                 from stochvi.statistics.reliability import reliability
 
-                risked = reliability(
-                    self.scene, seed=self.seed, progress=progress, **self.arguments
-                )
-                return summary_of_reliability(risked)
+                return summary_of_reliability(self._sampled(reliability, folder, workers, progress))
             case "replay":
                 from stochvi.methods.replay import replay
 
@@ -366,16 +373,16 @@ class Job:
             # a target that no clearance meets in one scene may be met in the next
             raise NotApplicable("size", [str(error)]) from error
 
-    def _simulated(
-        self, folder: Path | None, executor: Executor | None, progress: Progress
-    ) -> Response:
-        from stochvi.methods.monte_carlo import simulate
-
+    def _sampled(
+        self, calculate: Callable[..., Any], folder: Path | None, workers: WorkerPool,
+        progress: Progress,
+    ) -> Any:  # fmt: skip
+        """The answer of a calculation that may go on from a checkpoint in the folder."""
         asked: dict[str, Any] = {
-            "seed": self.seed, "executor": executor, "progress": progress, **self.arguments
+            "seed": self.seed, "executor": workers, "progress": progress, **self.arguments
         }  # fmt: skip
         if folder is None:
-            return simulate(self.scene, **asked)
+            return calculate(self.scene, **asked)
         folder.mkdir(parents=True, exist_ok=True)
         checkpoint = folder / f"{self.name}.checkpoint"
         if checkpoint.is_symlink():
@@ -383,8 +390,8 @@ class Job:
         if _goes_on(checkpoint):
             # another sweep with this folder ends the row, and takes its checkpoint away
             with contextlib.suppress(FileNotFoundError):
-                return simulate(self.scene, checkpoint=checkpoint, resume=checkpoint, **asked)
-        return simulate(self.scene, checkpoint=checkpoint, **asked)
+                return calculate(self.scene, checkpoint=checkpoint, resume=checkpoint, **asked)
+        return calculate(self.scene, checkpoint=checkpoint, **asked)
 
     def _columns(self, response: Response | Summary | None, note: str) -> dict[str, Any]:
         found: dict[str, Any] = dict(self.change)
@@ -521,8 +528,8 @@ def _again(file: Path, reason: str) -> None:
     warnings.warn(f"{file} {reason}: its row is computed again", stacklevel=2)
 
 
-SAMPLING = ("simulate", "size", "reliability")
-"""Methods that draw random numbers."""
+SAMPLING, SHARED = ("simulate", "size", "reliability"), ("simulate", "reliability")
+"""Methods that draw random numbers, and those of them that share the workers of a sweep."""
 
 FREE = ("threads", "budget", "checkpoint_interval")
 """Arguments that do not change the numbers of a row, so that they are not part of its name."""

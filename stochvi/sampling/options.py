@@ -103,6 +103,7 @@ KINDS: dict[str, Any] = {
 
 WITHOUT_DIGITS = (
     "threads", "executor", "budget", "progress", "checkpoint", "checkpoint_interval", "resume",
+    "out",
 )  # fmt: skip
 """Options on which no digit of an answer depends: a run may go on with others."""
 

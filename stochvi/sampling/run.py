@@ -262,9 +262,13 @@ def sampled(calculate: Any = None, **defaults: Any) -> Any:
         check_options(named)
         scene = next(iter(named.values()))
         with pool_of(named["executor"], named["threads"]) as pool:
-            begun = _begun(calculate.__name__, scene, own, named, pool)
+            outer = pool.samples
+            begun = _begun(calculate.__name__.lstrip("_"), scene, own, named, pool)
             answer = functools.partial(calculate, **named | {"executor": pool})
-            return answer() if begun is None else _kept(answer, begun)
+            try:
+                return answer() if begun is None else _kept(answer, begun)
+            finally:
+                pool.samples = outer
 
     run.__signature__ = signature  # type: ignore[attr-defined]
     return run
@@ -306,7 +310,7 @@ def _kept(calculate: Callable[[], Any], writer: CheckpointWriter) -> Any:
         finally:
             writer.keep()
     except (NotConverged, Interrupted) as error:
-        error.partial = error.partial and writer.noted(error.partial)
+        error.partial = writer.noted(error.partial)
         raise
     return writer.noted(found)
 

@@ -620,10 +620,10 @@ def test_ranges_that_are_none_are_refused(vary: object, said: str) -> None:
 @pytest.mark.parametrize(
     ("asked", "said"),
     [
-        ({"seed": -1, "common": False}, "seed must be a whole number"),
+        ({"seed": -1, "common": False}, "seed must be in"),
         ({"seed": 1.5}, "seed must be a whole number"),
         ({"out": ""}, "out must name a folder"),
-        ({"checkpoint": "run"}, "checkpoint is not for a sweep"),
+        ({"checkpoint": "run", "out": "rows"}, "give checkpoint or out, not both"),
         ({"method": "closure", "form": "clumps"}, "form must be left out .* method='linearise'"),
     ],
 )

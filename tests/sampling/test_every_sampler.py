@@ -37,6 +37,7 @@ from stochvi.statistics.lifetimes import lifetimes
 from stochvi.statistics.rare_hits import rare_hits
 from stochvi.statistics.reliability import reliability
 from stochvi.statistics.spectra import spectrum
+from stochvi.sweeps import sweep
 from stochvi.verification.cost import cost
 
 FREE = Scene(
@@ -165,6 +166,13 @@ def _basins(**how: Any) -> object:
     return found.ends.tolist(), [regime.name for regime in found.regimes]
 
 
+def _sweep(**how: Any) -> object:
+    asked = {"paths": 512} if how.get("rel_error") is None else {}
+    damped = {"structure.damping": [0.1, 0.2]}
+    table = sweep(STOPPED, damped, **{"seed": 3, "duration": 10.0} | asked | how)
+    return table.drop(columns="seconds").to_numpy().tolist()
+
+
 SAMPLERS = {
     "simulate": _simulate,
     "rare hits": _rare_hits,
@@ -180,6 +188,7 @@ SAMPLERS = {
     "reliability": _reliability,
     "lifetimes": _lifetimes,
     "basins": _basins,
+    "sweep": _sweep,
 }
 SLOW = ("rare hits", "absorber design")
 """Samplers that take seconds: `make verify` tests them."""
