@@ -313,7 +313,7 @@ def basins(
         provenance=provenance(scene.document()),
     )
     if run.deadline.passed():
-        raise run.deadline.fell_short("before all starts were flown", "ask for fewer", answer)
+        raise run.deadline.fell_short("before all starts were simulated", "ask for fewer", answer)
     return answer
 
 
