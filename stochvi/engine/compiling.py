@@ -17,6 +17,11 @@ lies. After a change of any of it the kernel is compiled again. Nothing has to b
 a kernel names: compiled functions, also from a closure, numbers, tuples, arrays, and classes of
 named tuples.
 
+**What is optimised.** numba optimises a function, makes machine code of it, and does so again in
+each of its callers: the time that this takes rises with the depth of calls. Here a function that
+kernels call is a `LinkedKernel`, which is only linked. A kernel that Python calls is optimised as
+a whole, once.
+
 **How a kernel composed of parts declares what it is made of.** A generic function of `parts` holds
 its bodies by class, in its dictionary `made_of`. The digest takes the bodies for the classes of the
 arguments of a kernel, for the classes that these name, and for `object`, and no others: a law that
@@ -58,8 +63,9 @@ from pathlib import Path
 from typing import Any
 
 import numba
-from numba.core import config, event, sigutils, typing
+from numba.core import codegen, config, event, sigutils, typing
 from numba.core.caching import CompileResultCacheImpl, NullCache
+from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
@@ -97,6 +103,25 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         self.obstacles: list[str] = []
         self._cache = KernelCache(self)
 
+    @cached_property
+    def linked(self) -> LinkedKernel:
+        """The function as other kernels call it."""
+        return LinkedKernel(self)
+
+    def get_call_template(self, args: Any, kws: Any) -> Any:
+        """Compile the function for a call from another kernel."""
+        return self.linked.get_call_template(args, kws)
+
+    def get_overload(self, sig: Any) -> Any:
+        """The function for a call from another kernel."""
+        return self.linked.get_overload(sig)
+
+    def add_overload(self, cres: Any) -> None:
+        """Add a compiled version, with the environments of the kernels linked into it."""
+        for environment in cres._find_referenced_environments():
+            cres.library.codegen.set_env(environment.env_name, environment)
+        super().add_overload(cres)
+
     def compile(self, sig: Any) -> Any:
         """Compile the kernel for a signature or load it, while other processes wait for it."""
         arguments = tuple(sigutils.normalize_signature(sig)[0])
@@ -133,6 +158,83 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         if "<locals>" in self.__qualname__ or self.__module__ == "__main__":
             return super().__reduce__()
         return _kernel_of, (self.__module__, self.__qualname__)
+
+
+class LinkedCode(codegen.JITCodeLibrary):  # type: ignore[misc]
+    """The code of a kernel before it is optimised, with that of the kernels linked into it."""
+
+    def finalize(self) -> None:
+        """Link what the kernel calls."""
+        for library in dict.fromkeys(self._linking_libraries):
+            self._reload_init.update(library._reload_init)
+            self._final_module.link_in(library._get_module_for_linking(), preserve=True)
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """No address: nothing but another kernel calls this code."""
+        return 0
+
+    @property
+    def codegen(self) -> LinkedCode:
+        """What sets the environment: none is set before the code is in another kernel."""
+        return self
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Leave the environment to the other kernel."""
+
+    def serialize_using_object_code(self) -> tuple[str, bytes]:
+        """The code for a file."""
+        return self.name, self._get_module_for_linking().as_bitcode()
+
+    def of_module(self, module: Any) -> None:
+        """Take the code of a module as it is."""
+        self._final_module = module
+        self._finalized = True
+
+
+class LinkingCompiler(Compiler):  # type: ignore[misc]
+    """Compiles a function to `LinkedCode`, without wrappers for calls from elsewhere."""
+
+    def compile_extra(self, func: Any) -> Any:
+        """Compile a function."""
+        state = self.state
+        state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = True
+        state.library = LinkedCode(state.targetctx.codegen(), func.__qualname__)
+        return super().compile_extra(func)
+
+
+class LinkedKernel(Kernel):
+    """A kernel as other kernels call it: code that is linked into them, and cannot run alone."""
+
+    def __init__(self, owner: Kernel) -> None:
+        super().__init__(
+            owner.py_func, targetoptions=owner.targetoptions, pipeline_class=LinkingCompiler
+        )
+        self.obstacles = owner.obstacles
+
+    get_call_template = CPUDispatcher.get_call_template
+    get_overload = CPUDispatcher.get_overload
+    add_overload = CPUDispatcher.add_overload
+
+
+class LinkingContext:
+    """What numba makes `LinkedCode` with from a file, in place of its own context."""
+
+    def __init__(self, context: Any) -> None:
+        self.typing_context = context.typing_context
+        self.get_executable = context.get_executable
+        self._codegen = context.codegen()
+
+    def codegen(self) -> LinkingContext:
+        """What turns the contents of a file into code."""
+        return self
+
+    def unserialize_library(self, data: tuple[str, bytes]) -> LinkedCode:
+        """The code from a file."""
+        name, code = data
+        library = LinkedCode(self._codegen, name)
+        library.of_module(codegen.ll.parse_bitcode(code))
+        return library
 
 
 def _kernel_of(module: str, name: str) -> Any:
@@ -192,6 +294,7 @@ class KernelCache(NullCache):  # type: ignore[misc]
             types = hashlib.sha256(types.encode()).hexdigest()[:8]
             function = self._owner.py_func
             name = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
+            name += "-linked" * isinstance(self._owner, LinkedKernel)
             name = "".join(letter for letter in name if letter not in "<>")
             self._files[sig] = Path(self.cache_path or "", f"{name}-{types}-{digest[:32]}.nbc")
         return self._files[sig]
@@ -208,6 +311,8 @@ class KernelCache(NullCache):  # type: ignore[misc]
         try:
             if hashlib.sha256(data[32:]).digest() != data[:32]:
                 raise ValueError("the file is damaged")
+            if isinstance(self._owner, LinkedKernel):
+                target_context = LinkingContext(target_context)
             found = self._means.rebuild(target_context, pickle.loads(data[32:]))
         except Exception:  # written by another version, perhaps: anything may be raised
             with suppress(OSError):

@@ -28,6 +28,7 @@ from typing import Any, cast
 from numba.core.types import NoneType  # type: ignore[attr-defined]
 from numba.extending import overload
 
+from stochvi.engine.compiling import LinkingCompiler
 from stochvi.engine.ingredients import Ingredients
 
 
@@ -55,9 +56,8 @@ class Generic:
                 return self.body(type(None))
             return self.body(getattr(part, "instance_class", object))
 
-        overload(
-            self, jit_options={"error_model": "numpy", "forceinline": inline}, strict=False
-        )(choose)  # fmt: skip
+        options = {"error_model": "numpy", "forceinline": inline, "pipeline_class": LinkingCompiler}
+        overload(self, jit_options=options, strict=False)(choose)
 
     def of(self, *kinds: type) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
         """Return a decorator that makes a function the body for these classes.

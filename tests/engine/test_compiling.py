@@ -477,6 +477,73 @@ def test_nothing_of_the_process_is_changed(tmp_path: Path, monkeypatch: pytest.M
     assert seen and all(seen)
 
 
+@kernel
+def root(x):
+    if x < 0.0:
+        raise ValueError("x must be positive")
+    return x**0.5
+
+
+@kernel
+def sum_of_roots(x, y):
+    return root(x) + root(y)
+
+
+@kernel
+def difference_of_roots(x, y):
+    return root(x) - root(y)
+
+
+def test_a_function_that_kernels_call_is_made_machine_code_of_only_for_python(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    assert sum_of_roots(9.0, 4.0) == 5.0
+    assert not root.overloads and len(root.linked.overloads) == 1
+    (linked,) = root.linked.overloads.values()
+    assert linked.library.get_pointer_to_function(linked.fndesc.llvm_func_name) == 0
+    assert difference_of_roots(9.0, 4.0) == 1.0
+    assert len(root.linked.overloads) == 1
+    assert root(9.0) == 3.0
+    assert len(root.overloads) == 1
+    with pytest.raises(ValueError, match="x must be positive"):
+        difference_of_roots(9.0, -4.0)
+
+
+def test_a_linked_kernel_is_read_from_its_file(load: Load, tmp_path: Path) -> None:
+    """A second kernel that holds it, in another process, does not compile it again."""
+    program = f"""\
+import sys
+sys.path.insert(0, {str(tmp_path)!r})
+from numba.core import event
+from pretend.pairs import {{0}}
+class Listener(event.Listener):
+    def on_start(self, heard):
+        print(heard.data["dispatcher"].py_func.__name__)
+    def on_end(self, heard):
+        pass
+with event.install_listener("numba:compile", Listener()):
+    print({{0}}(9.0, 4.0))
+"""
+    (tmp_path / "pretend").mkdir(exist_ok=True)
+    (tmp_path / "pretend/__init__.py").touch()
+    (tmp_path / "pretend/pairs.py").write_text(
+        "from stochvi.engine.compiling import kernel\n"
+        "@kernel\ndef root(x):\n    return x**0.5\n"
+        "@kernel\ndef total(x, y):\n    return root(x) + root(y)\n"
+        "@kernel\ndef rest(x, y):\n    return root(x) - root(y)\n"
+    )
+    place = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", program.format(name)],
+            capture_output=True, text=True, check=True, env=place,
+        ).stdout.split()
+        for name in ("total", "rest", "rest")
+    ]  # fmt: skip
+    assert said == [["total", "root", "5.0"], ["rest", "1.0"], ["1.0"]]
+
+
 def test_a_kernel_travels_by_its_name() -> None:
     for module in modules():
         for name, value in vars(module).items():
