@@ -17,7 +17,7 @@ verify: .venv/test-installed
 	$(BIN)/python -m pytest -n auto --dist worksteal -m verify
 
 distributed: .venv/test-installed .venv/distributed-installed
-	$(BIN)/python -m pytest tests/methods/monte_carlo/test_long_runs.py -k dask
+	$(BIN)/python -m pytest -m "" tests/methods/monte_carlo/test_long_runs.py tests/sampling -k "dask or cluster"
 
 lint: .venv/dev-installed
 	$(BIN)/ruff check .

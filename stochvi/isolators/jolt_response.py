@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics import rounding
+from stochvi.mathematics.arrays import Matrix
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.periodic.resonance import HarmonicResonance
@@ -251,7 +252,8 @@ def jolts(
                     total = len(speeds)
                     progress((number + done) / total, f"jolt {number + 1} of {total}")
 
-            counted.append(_hits(plan, free, speed, paths, windows, steps, seed, deadline, report))
+            state, streams = _thrown(plan, free, speed, paths, seed)
+            counted.append(_hits(plan, state, streams, windows, steps, deadline, report))
     if not counted:
         raise deadline.fell_short("before the paths of a jolt had ended", LESS_WORK)
     hits = np.array(counted)
@@ -282,12 +284,10 @@ LESS_WORK = "raise budget, or ask for fewer paths, fewer jolts or a shorter dura
 """What a user can do where the budget ended before all jolts were simulated."""
 
 
-def _hits(
-    plan: ModalPlan, free: ModalPlan, speed: float, paths: int, windows: int, steps: int,
-    seed: int, deadline: Deadline, report: Callable[[float], None],
-) -> NDArray[np.float64]:  # fmt: skip
-    """Hits of each path on the lower and the upper stop in each window (windows, 2, paths);
-    `GivenUp` where the deadline passes before the last window."""
+def _thrown(
+    plan: ModalPlan, free: ModalPlan, speed: float, paths: int, seed: int
+) -> tuple[Matrix, NDArray[np.uint64]]:
+    """States and random streams of paths in the motion without stops, right after a jolt."""
     streams = np.empty((2, paths), np.uint64)
     seed_streams(np.uint64(seed), 0, streams)
     state = free.start(streams)
@@ -295,7 +295,15 @@ def _hits(
     # a velocity of the gap by an impulse on its reduced mass
     gap, mass = plan.modes.gaps[0], plan.model.pairs[0].mass
     state[n : 2 * n] += speed * mass * gap[:, None]
-    state = np.ascontiguousarray(plan.between_stops(state))
+    return np.ascontiguousarray(plan.between_stops(state)), streams
+
+
+def _hits(
+    plan: ModalPlan, state: Matrix, streams: NDArray[np.uint64], windows: int, steps: int,
+    deadline: Deadline, report: Callable[[float], None],
+) -> NDArray[np.float64]:  # fmt: skip
+    """Hits of each path on the lower and the upper stop in each window (windows, 2, paths);
+    `GivenUp` where the deadline passes before the last window."""
     counted = []
     for number in range(windows):
         if deadline.passed():

@@ -230,13 +230,16 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     judged = 2 * len(settled) >= len(whole)
     x = settled if judged else whole
     sides = {stop.side for stop in model.stops} or {-1, 1}
-    return _verdict(
+    motion = JudgedMotion(
         x,
         duration=len(x) / rate,
         largest=max(above, below),
         whole=float(whole.std()),
         settled=float(np.max(np.abs(x))) if judged and start else max(above, below),
         judged=judged,
+    )
+    return _verdict(
+        motion,
         clearance=BEYOND * max(above if 1 in sides else 0.0, below if -1 in sides else 0.0),
         law=law,
         clipped=any(cut_off(each.as_read.values) for each in records),
@@ -460,13 +463,25 @@ def cut_off(values: Vector) -> bool:
     return False
 
 
+class JudgedMotion(NamedTuple):
+    """A response x (m, from rest) of a duration (s), whose largest distance is `settled`; `largest`
+    and `whole` are the largest distance and the standard deviation with the start. No test is made
+    unless `judged`."""
+
+    x: Vector
+    duration: float
+    largest: float
+    whole: float
+    settled: float
+    judged: bool
+
+
 def _verdict(
-    x: Vector, *, duration: float, largest: float, whole: float, settled: float, judged: bool,
-    clearance: float, law: ResponseLaw, clipped: bool, lost: Sequence[tuple[float, str]],
+    motion: JudgedMotion, *, clearance: float, law: ResponseLaw, clipped: bool,
+    lost: Sequence[tuple[float, str]],
 ) -> RecordVerdict:  # fmt: skip
-    """The verdict on a response x (m, from rest), whose largest distance is `settled`;
-    `largest` and `whole` are the largest distance and the standard deviation with the start. No
-    test is made unless `judged`."""
+    """The verdict on a response."""
+    x, duration, largest, whole, settled, judged = motion
     centred = x - x.mean()
     square = float(np.mean(centred**2))
     sigma = math.sqrt(square)

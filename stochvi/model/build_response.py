@@ -32,9 +32,6 @@ def build_response(
     cost: Cost,
     assumptions: Sequence[str] = (),
     warnings: Sequence[str] = (),
-    interrupted: bool = False,
-    seed: int | None = None,
-    made_by: Mapping[str, str] | None = None,
 ) -> Response:
     """The response of a scene by a method, with what the scene contributes to every response.
 
@@ -45,8 +42,6 @@ def build_response(
     ----------
     assumptions, warnings
         Assumptions and warnings of the method, which follow those of the scene.
-    seed, made_by
-        Further entries of the provenance: the seed, and facts about the machine.
     """
     model = model_of(scene)
     # the notes hold for the response to noise alone, not for a scene with sines
@@ -60,8 +55,7 @@ def build_response(
         assumptions=[*scene.assumptions(), *assumptions],
         warnings=[*notes, *scene.cautions(), *warnings],
         cost=cost,
-        provenance=provenance(scene.document(), seed) | dict(made_by or {}),
-        interrupted=interrupted,
+        provenance=provenance(scene.document()),
     )
 
 

@@ -208,7 +208,7 @@ def horizon_of(plan: TabulatedPlan) -> float:
 class Records:
     """Stationary records of a plan, and the crossings of levels that are put into them.
 
-    `count` samples look back; `shape` holds rho, rho', eta, eta' over half a block.
+    `count` samples look back.
     """
 
     def __init__(self, plan: TabulatedPlan, seed: int, lower: Vector, upper: Vector) -> None:
@@ -223,19 +223,10 @@ class Records:
             self.sides = self.sides[1:]
         self.crosses_upper = [near is upper for near, _ in self.sides]
         self.rates_per_side = 2.0 if alike else 1.0
-        correlation = _correlation(plan)
-        self.displacement_std = math.sqrt(correlation[0, 0])
-        self.velocity_std = math.sqrt(-correlation[0, 2])
+        variance, _, curvature = self._correlation[0]
+        self.displacement_std, self.velocity_std = math.sqrt(variance), math.sqrt(-curvature)
         # a multiple of every stride
         self.count = max(STRIDES) * math.ceil(horizon_of(plan) / plan.step / max(STRIDES))
-        self.shape = np.column_stack(
-            [
-                correlation[:, 0] / correlation[0, 0],
-                correlation[:, 1] / correlation[0, 0],
-                correlation[:, 1] / correlation[0, 2],
-                correlation[:, 2] / correlation[0, 2],
-            ]
-        )
         self.starts = np.arange(0, max(plan.samples - self.count, 1), self.count)
 
     @property
@@ -281,6 +272,17 @@ class Records:
             near[:, None], far[:, None], ages,
         )  # fmt: skip
         return ages
+
+    @cached_property
+    def _correlation(self) -> Vector:
+        """r, r' and r'' at every sample of a block."""
+        return _correlation(self.plan)
+
+    @cached_property
+    def shape(self) -> Vector:
+        """rho, rho', eta and eta' over a block, (samples, 4)."""
+        r = self._correlation
+        return np.asarray(r[:, [0, 1, 1, 2]] / r[0, [0, 0, 2, 2]])
 
     @cached_property
     def _looking_back(self) -> Vector:

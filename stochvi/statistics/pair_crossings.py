@@ -311,7 +311,6 @@ class GapRecords:
         stopped = np.any(np.isfinite(lower) | np.isfinite(upper), axis=0)
         (self.chosen,) = np.nonzero(stopped[motion.moving])
         self.pairs = motion.moving[self.chosen]
-        self.correlations = motion.correlations[:, :, self.chosen][..., self.chosen]
         above, below = (np.ascontiguousarray(side[:, self.pairs]) for side in (upper, lower))
         self.above = above
         # the motion is as likely with the opposite sign: stops that are alike are looked at once
@@ -325,6 +324,11 @@ class GapRecords:
         # every stop has crossings of its own: with many stops, fewer of each give the same accuracy
         apart = self.count * max(1, len(self.sides) // SIDES_WITH_ALL)
         self.starts = np.arange(0, max(self.plan.samples - self.count, 1), apart)
+
+    @cached_property
+    def correlations(self) -> NDArray[np.float64]:
+        """See `GapResponse.correlations`, of the chosen gaps."""
+        return self.motion.correlations[:, :, self.chosen][..., self.chosen]
 
     @property
     def together(self) -> int:

@@ -389,7 +389,8 @@ class Windows(Kind):
 def kinds_of(
     scene: Scene, event: str, mission: float, rel_error: float, seed: int, budget: float | None
 ) -> tuple[AfterCrossings, Windows]:
-    """Both kinds of trials of a scene.
+    """Both kinds of trials of a scene. `budget` is what a user asked for, in seconds, and not what
+    is left of it: no digit depends on the load of a machine.
 
     Raises `NotApplicable` as `first_crossings` does, or without stops on both sides of the mean
     position.
@@ -411,7 +412,6 @@ def kinds_of(
     most = min(TRIALS, TRIALS_FOR_ERROR / rel_error**2)
     if budget is not None:
         most = min(most, TRIALS_PER_SECOND * budget)
-    # a power of two: how many seconds happen to be left of a budget changes no digit
     trials = 2 ** int(math.log2(max(most, 1.0)))
 
     def fitting(samples: int) -> int:
@@ -610,7 +610,7 @@ def rare_hits(
         As `first_crossings`, or if there are no stops on both sides of the mean position.
     """
     run = Run.of(options)
-    bursts, windows = kinds_of(scene, event, mission, run.accuracy, run.seed, options["budget"])
+    bursts, windows = kinds_of(scene, event, mission, run.accuracy, run.seed, run.deadline.budget)
     began = time.process_time()
     rare = mission > bursts.window and bursts.rare()
     ask = _Question(limit, mission, confidence, run)

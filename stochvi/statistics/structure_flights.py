@@ -112,7 +112,6 @@ class StructureFlights:
         # a rigid impact has no largest acceleration
         soft = model.base_alone_moves and not any(stop.rigid for stop in model.stops)
         self.outputs = model.outputs if soft else ()
-        self._shapes: dict[int, Records] = {}
 
     @property
     def together(self) -> int:
@@ -175,7 +174,7 @@ class StructureFlights:
         bursts), for the engine, which begins at the last sample."""
         n, samples = self.model.modal.size, free.shape[1]
         sample = np.arange(-1, self.motion.window + 1)
-        around = self._around(gap)
+        around = self._around[gap]
         row = self.motion.rows[self.records.chosen[gap]]
         here = free[path, start_of := self.records.starts[start]]
         record = free[path[:, None], (start_of[:, None] + sample) % samples]
@@ -188,11 +187,10 @@ class StructureFlights:
             rows[:, :, column::2] = moved * (signs / scale)
         return np.ascontiguousarray(np.roll(rows, -1, axis=0))
 
-    def _around(self, gap: int) -> Records:
-        """`ModalMotion.around` of a gap of the records, calculated once."""
-        if gap not in self._shapes:
-            self._shapes[gap] = self.motion.around(int(self.records.chosen[gap]))
-        return self._shapes[gap]
+    @cached_property
+    def _around(self) -> list[Records]:
+        """`ModalMotion.around` of each gap of the records."""
+        return [self.motion.around(int(gap)) for gap in self.records.chosen]
 
     def _follow(self, motion: Records) -> Matrix:
         """Rows of `Part.bursts` from the hits in the first half of the window on."""

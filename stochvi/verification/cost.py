@@ -428,7 +428,7 @@ def cost(scene: Scene, *, paths: int | None = None, **options: Unpack[RunOptions
     free += _timed(lambda: _solved(scene, plan, deadline))
     known, solved = _known(scene, plan, free)
     used = set[str]()
-    cpu = _with_bias_run(plan, cpu)
+    rungs = [*zip(plans, _with_bias_run(plan, cpu), strict=True)]
     for key, quantity in governed(plan.model).items():
         size_of = quantity
         if key[1] == "displacement_mean":
@@ -440,7 +440,7 @@ def cost(scene: Scene, *, paths: int | None = None, **options: Unpack[RunOptions
         order = step_order(plan, key)
         truth, taken, bias = _reference(quantity, plans, order, known.get(key), solved, statistics)
         used.add(taken)
-        steps = _errors_of(key, quantity, truth, size, order, plans, statistics, cpu, bias / size)
+        steps = _errors_of(key, quantity, truth, size, order, rungs, statistics, bias / size)
         rows += steps
         # methods are not their own judges
         judge = truth if taken == "exact" else _limit_of_steps(quantity, plans, order)
@@ -682,14 +682,13 @@ def _errors_of(
     truth: Quantity,
     size: float,
     order: float | None,
-    plans: Sequence[Plan],
+    rungs: Sequence[tuple[Plan, float]],
     statistics: PathStatistics,
-    cpu: Sequence[float],
     reference_bias: float,
 ) -> list[StepError]:
-    """One quantity at every step, from the longest to the finest."""
+    """One quantity at every step, from the longest to the finest: a plan and its CPU seconds."""
     rows: list[StepError] = []
-    for rung, plan in enumerate(plans):
+    for rung, (plan, seconds) in enumerate(rungs):
         own = _at_rung(quantity, rung)
         value, error = statistics.evaluate(own)
         bias, bias_error = statistics.evaluate(lambda m, own=own: own(m) - truth(m))  # type: ignore[misc]
@@ -700,8 +699,8 @@ def _errors_of(
             value=value,
             size=size,
             standard_error=error / size,
-            cpu_seconds=cpu[rung],
-            error_of_a_second=error / size * math.sqrt(cpu[rung]),
+            cpu_seconds=seconds,
+            error_of_a_second=error / size * math.sqrt(seconds),
             step_bias=bias / size,
             step_bias_error=bias_error / size,
             step_bias_limit=0.0 if plan.elastic else None,

@@ -77,7 +77,8 @@ def test_a_jolt_is_a_velocity_whatever_the_mass() -> None:
             for model in (model_of(scene), model_of(scene.replace(impact_pairs=[])))
         )
         steps = math.ceil(10.0 * 2.0 * math.pi / DRIVE / plan.step)
-        return jolt_response._hits(plan, free, speed, 16, 1, steps, 0, NEVER, lambda _done: None)
+        state, streams = jolt_response._thrown(plan, free, speed, 16, 0)
+        return jolt_response._hits(plan, state, streams, 1, steps, NEVER, lambda _done: None)
 
     assert np.array_equal(hits(one, 0.3), hits(heavy, 0.3))
     assert not np.array_equal(hits(one, 0.3), hits(heavy, 0.1))

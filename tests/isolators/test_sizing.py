@@ -354,7 +354,7 @@ def test_a_chance_that_is_not_known_gives_no_clearance(monkeypatch: pytest.Monke
         now[0] += 1.0
         return bursts(scene, rel_error=max(rel_error, 0.1), budget=None, **asked)
 
-    monkeypatch.setattr(method, "bursts", ended)
+    monkeypatch.setattr(nominal, "bursts", ended)
     with pytest.raises(NotConverged, match=r"error of .* beyond the limit at 7.* 0.01 was asked"):
         size(
             truck(HALF), impact_speed=0.3, mission=40.0, exceedance=0.1, rel_error=0.01,

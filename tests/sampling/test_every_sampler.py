@@ -30,13 +30,14 @@ from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Oscillator
-from stochvi.statistics.bursts import bursts
+from stochvi.statistics.bursts import BurstSampler, bursts
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impacts import impacts
 from stochvi.statistics.lifetimes import lifetimes
 from stochvi.statistics.rare_hits import rare_hits
 from stochvi.statistics.reliability import reliability
 from stochvi.statistics.spectra import spectrum
+from stochvi.statistics.structure_flights import StructureFlights
 from stochvi.sweeps import sweep
 from stochvi.verification.cost import cost
 
@@ -202,15 +203,23 @@ samplers = pytest.mark.parametrize(
 )
 
 
+LARGEST_TASK = 20_000
+"""Largest number of bytes of a task: a description of its paths, and no tables."""
+
+
 class Remembers(ThreadPoolExecutor):
-    """Keeps the futures of its tasks, each pickled on its way as to another process."""
+    """Keeps the futures of its tasks, each pickled on its way as to another process, and the size
+    of the largest."""
 
     def __init__(self) -> None:
         super().__init__(2)
         self.futures: list[Future[Any]] = []
+        self.largest = 0
 
     def submit(self, function: Any, /, *arguments: Any, **named: Any) -> Future[Any]:
-        function, arguments, named = pickle.loads(pickle.dumps((function, arguments, named)))
+        task = pickle.dumps((function, arguments, named))
+        self.largest = max(self.largest, len(task))
+        function, arguments, named = pickle.loads(task)
         self.futures.append(super().submit(function, *arguments, **named))
         return self.futures[-1]
 
@@ -221,7 +230,7 @@ def test_the_executor_never_shows_in_a_digit(sampler: Any) -> None:
     assert sampler(threads=2) == alone
     with Remembers() as executor:
         assert sampler(executor=executor) == alone
-    assert executor.futures
+    assert executor.futures and executor.largest < LARGEST_TASK
 
 
 @pytest.fixture(scope="module")
@@ -319,10 +328,16 @@ def test_no_block_begins_after_the_deadline_but_those_that_are_needed(
 
 def test_what_is_sent_is_small_and_kept() -> None:
     """A box on three tables: its tables and modes are made anew by a worker, once."""
-    plan = make_plan(model_of(load_scene(shipped_scene("rigid-box"))))
+    box = model_of(load_scene(shipped_scene("rigid-box")))
+    plan, flights = make_plan(box), StructureFlights(box, 3)
     before = plan.averages(3, 0, 2)
+    part = flights.part(1.0, 0)
     packet = packed(ResponseSampler(plan, 3))
-    assert len(packet) < 20_000 < len(pickle.dumps(plan))
+    assert len(packet) < LARGEST_TASK < len(pickle.dumps(plan))
+    bursts_packet = packed(BurstSampler(flights, 1.0))
+    assert len(bursts_packet) < LARGEST_TASK < len(pickle.dumps(flights))
+    there = unpacked(bursts_packet).simulate(0, flights.together)
+    assert there.ages.tobytes() == part.ages.tobytes()
     sampler = unpacked(packet)
     assert unpacked(bytes(packet)) is sampler
     assert sampler.plan.averages(3, 0, 2).tobytes() == before.tobytes()

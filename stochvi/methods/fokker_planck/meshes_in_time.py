@@ -181,7 +181,7 @@ def passage_layout(model: Model, lower: float, upper: float, start: Start) -> La
         1.0 if halved or math.isinf(lower) else None, 1.0 if math.isinf(upper) else None
     )
     return _layout(
-        model, middle if halved else left, right, speed, walls, halved,
+        model, (middle if halved else left, right), speed, walls, halved,
         reach=fastest, core=climb + slow, native=native,
     )  # fmt: skip
 
@@ -237,20 +237,20 @@ def stops_layout(
     right = right if math.isfinite(right) else _end(model, base, fastest, 1.0)
     native = math.cbrt(model.intensity / 2.0 * (right - left))
     return _layout(
-        model, left, right, speed, walls, False,
+        model, (left, right), speed, walls, False,
         reach=fastest, core=3.0 * speed, native=max(native, speed),
     )  # fmt: skip
 
 
 def _layout(
-    model: Model, left: float, right: float, speed: float, walls: EndConditions, halved: bool,
+    model: Model, ends: tuple[float, float], speed: float, walls: EndConditions, halved: bool,
     *, reach: float, core: float, native: float,
 ) -> Layout:  # fmt: skip
-    length = right - left
-    steepest = max(abs(model.load - model.omega**2 * x) for x in (left, right))
+    length = ends[1] - ends[0]
+    steepest = max(abs(model.load - model.omega**2 * x) for x in ends)
     layer = _layer(model, length)
     return Layout(
-        box=LinearBox.between(model, left, right, speed),
+        box=LinearBox.between(model, *ends, speed),
         walls=walls,
         reach=reach / speed,
         core=core / speed,

@@ -240,7 +240,7 @@ class Simulation:
             for coordinate in self.model.outputs
         }
         pairs = {pair.name: self._pair(pair) for pair in self.model.pairs}
-        return build_response(
+        found = build_response(
             self.scene,
             "simulate",
             coordinates=coordinates,
@@ -256,11 +256,10 @@ class Simulation:
                 tenfold_wall_time=100.0 * self.seconds,
             ),
             warnings=[*warnings, *self._warnings()],
-            seed=self.seed,
-            made_by={"machine": machine()},
             identities=self._identities(),
-            interrupted=interrupted,
         )
+        made_by = {**found.provenance, "seed": self.seed, "machine": machine()}
+        return replace(found, provenance=made_by, interrupted=interrupted)
 
     def _pair(self, pair: Pair) -> PairResponse:
         known, sides = of_pair(pair.name), [stop.name for stop in pair.stops]

@@ -134,7 +134,7 @@ class TabulatedPlan:
 
     All in SI units, per unit mass. The `tables` hold all noise; `beyond` is the velocity
     variance that white noise brings above its table; `waves` are the sines, (omega, complex
-    amplitude of the response without stops).
+    amplitude of the response without stops). The variances of `bin_count` - 1 bins are known.
     """
 
     model: Model
@@ -147,7 +147,7 @@ class TabulatedPlan:
     blocks_per_path: int
     warm_up: float
     threshold: float
-    bins: NDArray[np.float64]
+    bin_count: int
 
     method = "response-domain synthesis"
     states = 2
@@ -264,8 +264,7 @@ class TabulatedPlan:
             flat = _longer(tables[-1], 0.5 * samples / self.block_length)
             tables = (*tables[:-1], flat)
             beyond = _white_beyond(flat, omega, b)
-        bins, _ = _bin_variances(tables, omega, b, self.block_length, samples // 2)
-        return replace(self, tables=tables, beyond=beyond, samples=samples, bins=bins)
+        return replace(self, tables=tables, beyond=beyond, samples=samples, bin_count=samples // 2)
 
     def with_block(self, length: float) -> TabulatedPlan:
         """Paths of blocks of a chosen length, s, at the same sampling interval."""
@@ -469,6 +468,12 @@ class TabulatedPlan:
         return response_moments(self.tables, omega, b).velocity + self.beyond
 
     @cached_property
+    def bins(self) -> NDArray[np.float64]:
+        """Displacement variances of the bins without stops, m^2."""
+        omega, b = self.model.omega, self.model.damping_rate
+        return _bin_variances(self.tables, omega, b, self.block_length, self.bin_count)[0]
+
+    @cached_property
     def amplitudes(self) -> NDArray[np.float64]:
         """Standard deviation of the cosine and sine coefficients of each synthesised bin."""
         variance = self.bins[: self.samples // 2 - 1].copy()
@@ -654,7 +659,8 @@ def plan_tabulated(model: Model, threshold: float | None, duration: float | None
     most = max(min(2.2 * highest * length, MOST_SAMPLES), rate * length)
     if rate * length > MOST_SAMPLES:
         raise NotApplicable("simulate", [_too_many(rate * length)])
-    bins, velocities = _bin_variances(tables, omega, b, length, math.ceil(most / 2.0) + 1)
+    bin_count = math.ceil(most / 2.0) + 1
+    _, velocities = _bin_variances(tables, omega, b, length, bin_count)
     kept = np.cumsum(velocities)
     enough = 1 + int(np.searchsorted(kept, (1.0 - LARGEST_LOSS) * kept[-1]))
     total = response_moments(tables, omega, b).velocity
@@ -676,7 +682,7 @@ def plan_tabulated(model: Model, threshold: float | None, duration: float | None
         blocks_per_path=blocks,
         warm_up=WARM_UP_RELAXATIONS * relaxation,
         threshold=threshold,
-        bins=bins,
+        bin_count=bin_count,
     )
 
 

@@ -180,7 +180,7 @@ def spectrum(
         frequency_hz=layout.frequency_hz[_inside(layout, method)],
         curves=curves,
         method=method,
-        segment=layout.tapers.shape[1] * layout.step,
+        segment=layout.size * layout.step,
         step=layout.step,
         bandwidth=bandwidth,
         degrees_of_freedom=float(2.0 * np.median((motion.value / motion.standard_error) ** 2)),

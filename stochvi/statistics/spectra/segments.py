@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,19 +33,39 @@ KERNEL_BINS = {"welch": 2, "multitaper": 8}
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Layout:
-    """The cut of records into segments: tapers (tapers, samples of a segment), starts of segments,
-    kept bins."""
+    """The cut of records into segments of a `size` by a method: starts of segments, kept bins."""
 
-    tapers: Matrix
+    method: str
+    size: int
     starts: tuple[int, ...]
     step: float
     bins: slice
-    kernel: Vector
+
+    @cached_property
+    def tapers(self) -> Matrix:
+        """(tapers, samples of a segment)."""
+        if self.method == "welch":
+            turn = 2.0 * np.pi * np.arange(self.size)[None] / self.size
+            tapers = 0.5 - 0.5 * np.cos(turn)
+        else:
+            from scipy.signal.windows import dpss  # half a second to import
+
+            tapers = dpss(self.size, TIME_HALF_BANDWIDTH, TAPERS, sym=False)
+        return np.asarray(tapers / np.sqrt(np.sum(tapers**2, axis=1, keepdims=True)))
+
+    @cached_property
+    def kernel(self) -> Vector:
+        """|W|^2 at whole bins, which add up to one."""
+        half = KERNEL_BINS[self.method]
+        near = np.arange(-half, half + 1)
+        turns = np.exp(-2j * np.pi / self.size * np.outer(near, np.arange(self.size)))
+        kernel = np.mean(np.abs(self.tapers @ turns.T) ** 2, axis=0)
+        return np.asarray(kernel / kernel.sum())
 
     @property
     def frequency_hz(self) -> Vector:
         """Frequencies of the kept bins, Hz."""
-        df = 1.0 / (self.tapers.shape[1] * self.step)
+        df = 1.0 / (self.size * self.step)
         return np.asarray(df * np.arange(self.bins.start, self.bins.stop))
 
 
@@ -58,31 +79,16 @@ def moments_of(products: NDArray[np.float64]) -> PathMoments:
 
 
 def layout_of(plan: HistoryPlan, method: str, length: float, top: float) -> Layout:
-    samples, half = plan.samples, KERNEL_BINS[method]
+    samples, starts = plan.samples, (0,)
+    size = samples
     if method == "welch":
         size = min(samples, prev_fast_len(round(length / plan.step)))
-        tapers = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(size)[None] / size)
         hop = max(1, round(size * (1.0 - OVERLAP)))
-        starts = tuple(range(0, samples - size + 1, hop))
-    else:
-        from scipy.signal.windows import dpss  # half a second to import
-
-        size, starts = samples, (0,)
-        tapers = dpss(size, TIME_HALF_BANDWIDTH, TAPERS, sym=False)
-    tapers = tapers / np.sqrt(np.sum(tapers**2, axis=1, keepdims=True))
-    beside = 2 * half
+        starts = (*range(0, samples - size + 1, hop),)
+    beside = 2 * KERNEL_BINS[method]
     last = min(rounding.ceil(top * size * plan.step), size // 2 - beside)
-    # |W|^2 at whole bins, which add up to one
-    near = np.arange(-half, half + 1)
-    turns = np.exp(-2j * np.pi / size * np.outer(near, np.arange(size)))
-    kernel = np.mean(np.abs(tapers @ turns.T) ** 2, axis=0)
-    return Layout(
-        tapers=tapers,
-        starts=starts,
-        step=plan.step,
-        bins=slice(1, last + beside + 1),
-        kernel=kernel / kernel.sum(),
-    )
+    bins = slice(1, last + beside + 1)
+    return Layout(method=method, size=size, starts=starts, step=plan.step, bins=bins)
 
 
 def products(records: NDArray[np.float64], layout: Layout) -> NDArray[np.float64]:
@@ -91,7 +97,7 @@ def products(records: NDArray[np.float64], layout: Layout) -> NDArray[np.float64
     Rows are the densities of the channels, then real and imaginary part of each pair i < j of
     conj(X_i) X_j, in turn; means over segments and tapers, each segment less its mean.
     """
-    size = layout.tapers.shape[1]
+    size = layout.size
     channels, paths, _ = records.shape
     pairs = [(i, j) for i in range(channels) for j in range(i + 1, channels)]
     bins = layout.bins.stop - layout.bins.start
