@@ -44,6 +44,9 @@ CLOCK = {
 }  # fmt: skip
 """Keys of documents that hold times, calls and machines."""
 
+QUOTES = ("'", '"')
+"""First characters of a text as `repr` writes it."""
+
 SHOWN = 24
 """Number of values of a case that are written beside its digest."""
 
@@ -236,14 +239,14 @@ def numbers(answer: Any) -> Iterator[tuple[str, Any]]:
 
 
 def digits_of(case: Callable[[], Any]) -> dict[str, Any]:
-    """Digest of all numbers of a case, and the first of them that are neither 0 nor a text."""
-    every = list(numbers(case()))
+    """Digest of all numbers of a case, and the first of them that are not 0: sentences may be
+    written anew."""
+    every = [(name, value) for name, value in numbers(case()) if not value.startswith(QUOTES)]
     text = "\n".join(f"{name} {value}" for name, value in every)
     values = {
         name: value
         for name, value in every
         if not name.startswith(("scene", "frequency")) and value not in ("None", "0.0")
-        and not value.startswith(("'", '"'))
     }  # fmt: skip
     shown = dict(list(values.items())[:SHOWN])
     return {"digest": hashlib.sha256(text.encode()).hexdigest()[:24], "values": shown}
