@@ -466,7 +466,7 @@ def test_size_writes_a_report_of_a_record(tmp_path, stochvi):
 
 def python(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, *arguments], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, *arguments], capture_output=True, text=True, timeout=600, check=False
     )
 
 

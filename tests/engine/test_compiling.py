@@ -292,11 +292,11 @@ def test_a_kernel_that_could_not_be_compiled_leaves_no_lock(load: Load, tmp_path
         alone(1.0)
     look = f"""\
 from stochvi.engine import compiling
-compiling.BETWEEN_ATTEMPTS = 60.0
+compiling.BETWEEN_ATTEMPTS = 600.0
 with compiling.in_turn(compiling.Path({str(next(iter(alone._cache._files.values())))!r})):
     print("free")
 """
-    assert started(tmp_path, look).communicate(timeout=50)[0] == "free\n"
+    assert started(tmp_path, look).communicate(timeout=500)[0] == "free\n"
 
 
 MAIN = """\

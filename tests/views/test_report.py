@@ -378,7 +378,7 @@ def test_a_browser_shows_it_wide_and_narrow_without_a_network(folder: Path, tmp_
         "--host-resolver-rules=MAP * ~NOTFOUND", f"--user-data-dir={tmp_path / 'profile'}",
         f"--window-size={sum(widths)},900", f"--screenshot={target}", both.as_uri(),
     ]  # fmt: skip
-    subprocess.run(run, check=True, capture_output=True, timeout=60)
+    subprocess.run(run, check=True, capture_output=True, timeout=600)
     from matplotlib.image import imread
 
     picture = imread(target)[..., :3]
