@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from stochvi import absorber, impacts, lifetimes, reliability, size, spectrum
+from stochvi import absorber, impacts, reliability, size, spectrum
 from stochvi.isolators import clatter, clearance_curve
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import first_passage
@@ -21,7 +21,7 @@ from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import GAUSSIAN_95, mean_and_error
 from stochvi.scenes.absorbers import Absorber
-from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
+from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Oscillator
@@ -160,23 +160,6 @@ def vibration_with_an_absorber(seed: int) -> Ends:
     return ends_of(found.central.displacement_std) if found else ALL
 
 
-TWO_MOTIONS = Scene(
-    structure=Oscillator(mass=1.0, damping=0.02, stiffness=0.01),
-    impact_pairs=[ImpactPair(clearance=4.0, law=Restitution(coefficient=0.6))],
-    excitations=[
-        Sine(amplitude=1.0, frequency_hz=1.0 / (2.0 * math.pi)), WhiteNoise(intensity=0.0806)
-    ],
-)  # fmt: skip
-"""A mass that may hit its stops under a sine or not, in noise that ends its rest."""
-
-
-def life_without_impacts(seed: int) -> Ends:
-    found = partial_answer(
-        lifetimes, TWO_MOTIONS, ["no impacts"], rel_error=0.01, budget=6.0, seed=seed, threads=1
-    ).regimes[0]
-    return found.life_time_low, math.inf if found.left == 0 else found.life_time_high
-
-
 def exact_rate() -> float:
     return exact(FAR).impact_pairs["stops"]["collision_rate"].value
 
@@ -198,12 +181,6 @@ def exact_clearance() -> float:
 def long_vibration() -> float:
     found = absorber(BOXED, levels_db=[0.0], rel_error=0.002, seed=10**6, budget=None)
     return found.central.displacement_std.value
-
-
-def long_life() -> float:
-    found = lifetimes(TWO_MOTIONS, ["no impacts"], rel_error=0.004, seed=10**6, budget=600.0)
-    assert found.regimes[0].life_time is not None
-    return found.regimes[0].life_time
 
 
 def long_bursts() -> float:
@@ -229,11 +206,10 @@ QUESTIONS: dict[str, tuple[Callable[[int], Ends], Callable[[], float]]] = {
     "rate, clearance": (rate_at_a_clearance, exact_rate),
     "clearance, size": (required_clearance, exact_clearance),
     "deviation, absorber": (vibration_with_an_absorber, long_vibration),
-    "life, lifetimes": (life_without_impacts, long_life),
 }
 """An interval from little work, by seed, and the truth."""
 
-DEAR = ("clearance, size", "deviation, absorber", "life, lifetimes")
+DEAR = ("clearance, size", "deviation, absorber")
 """Questions of which an answer takes a second."""
 
 
