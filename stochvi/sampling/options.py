@@ -83,6 +83,14 @@ class SamplingOptions(AccuracyOptions, total=False):
     ----------
     paths, duration
         Number of paths instead of an accuracy, and their length after burn-in, s.
+
+    See Also
+    --------
+    stochvi.simulate : A calculation that takes them; the manual has a table of all of them.
+
+    Examples
+    --------
+    >>> asked: SamplingOptions = {"rel_error": 0.02, "seed": 1, "budget": 10.0}
     """
 
     paths: int | None

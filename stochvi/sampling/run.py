@@ -116,8 +116,12 @@ class Run:
         it asks for none.
 
         Blocks are merged in their order, and every decision but the end at the deadline depends on
-        merged samples alone, so that a run that resumes decides as one that never stopped. Once the
-        deadline has passed, the block under way is cut, and is no part of the checkpoint.
+        merged samples alone, so that a run that resumes decides as one that never stopped.
+
+        Once the deadline has passed, the block under way is cut. It is part of the answer, and no
+        part of the checkpoint: the clock chose where it was cut, and a run that resumes does the
+        block again as a whole. So no digit depends on load, and at most the blocks under way are
+        lost, one for each worker: some tenths of a second, or seconds of many coupled modes.
 
         Parameters
         ----------

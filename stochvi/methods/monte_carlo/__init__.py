@@ -8,7 +8,8 @@ from stochvi.methods.monte_carlo.simulate import (
     record_paths,
     simulate,
 )
+from stochvi.sampling.options import SamplingOptions
 
 leave_out_of_budgets()
 
-__all__ = ["Prospect", "prospect", "record_path", "record_paths", "simulate"]
+__all__ = ["Prospect", "SamplingOptions", "prospect", "record_path", "record_paths", "simulate"]
