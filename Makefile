@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test everywhere verify distributed lint docs studies bench clean
+.PHONY: demo test everywhere clocks verify distributed lint docs studies bench clean
 
 demo: .venv/test-installed
 	$(BIN)/stochvi demo --out out
@@ -12,6 +12,12 @@ test: .venv/test-installed
 
 everywhere: .venv/test-installed
 	$(BIN)/python .ci/everywhere.py
+
+# the suite with clocks that are fast, as on a slow machine, and slow
+clocks: .venv/test-installed
+	for speed in 6 0.5; do \
+	  CLOCK_SPEED=$$speed PYTHONPATH=.ci/clock $(BIN)/python -m pytest -n auto --dist worksteal || exit 1; \
+	done
 
 verify: .venv/test-installed
 	$(BIN)/python -m pytest -n auto --dist worksteal -m verify

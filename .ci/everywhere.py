@@ -1,10 +1,9 @@
 """A part of the suite as other machines and other users would run it.
 
 Digits of linear algebra, of numpy, of the C library and of compiled kernels depend on the
-processor; words, times and tables on the user's locale, time zone and terminal; what a budget
-leaves on the speed of the machine; and a test may lean on the one that runs before it. Each run
-below takes one processor and one user, so that few runs cover all. What a machine lacks is skipped,
-and said.
+processor; words, times and tables on the user's locale, time zone and terminal; and a test may
+lean on the one that runs before it. Each run below takes one processor and one user, so that few
+runs cover all. What a machine lacks is skipped, and said.
 """
 
 from __future__ import annotations
@@ -31,10 +30,8 @@ PART = (
     "tests/methods/monte_carlo/test_random_numbers.py",
     "tests/isolators/test_record_verdict.py", "tests/isolators/test_isolators.py",
     "tests/cli/test_cli.py", "tests/cli/test_quantities.py", "tests/views/test_tables.py",
-    "tests/test_budgets.py", "tests/isolators/test_sizing.py", "tests/cli/test_cli_size.py",
-    "tests/verification/test_cost.py",
 )  # fmt: skip
-"""Rooms that compute with linear algebra, show numbers or keep budgets, and need few kernels."""
+"""Rooms that compute with linear algebra or show numbers, and need few kernels."""
 
 BLAS = ("Prescott", "Haswell", "Zen", "SkylakeX")
 """Processors whose kernels OpenBLAS can be told to take, the oldest first."""
@@ -43,19 +40,9 @@ LIBM = "glibc.cpu.hwcaps=-AVX2,-FMA,-FMA4,-AVX2_Usable,-FMA_Usable,-FMA4_Usable"
 """Has the C library round exp, sin and their like as on a processor without these instructions."""
 
 USERS = (
-    {
-        "LC_ALL": "C", "TZ": "Asia/Kathmandu", "COLUMNS": "60", "PYTHONHASHSEED": "1",
-        "CLOCK_SPEED": "6",
-    },
-    {
-        "LC_ALL": "de_DE.UTF-8", "TZ": "America/St_Johns", "COLUMNS": "200", "PYTHONHASHSEED": "2",
-        "CLOCK_SPEED": "0.5",
-    },
-)  # fmt: skip
-"""Their clocks go faster than the true one, as on a slow machine, or slower (`clock`)."""
-
-CLOCK = {"PYTHONPATH": str(Path(__file__).with_name("clock"))}
-"""Makes Python heed CLOCK_SPEED as it starts."""
+    {"LC_ALL": "C", "TZ": "Asia/Kathmandu", "COLUMNS": "60", "PYTHONHASHSEED": "1"},
+    {"LC_ALL": "de_DE.UTF-8", "TZ": "America/St_Johns", "COLUMNS": "200", "PYTHONHASHSEED": "2"},
+)
 
 START = (
     "import locale, sys, pytest; locale.setlocale(locale.LC_ALL, ''); "
@@ -167,14 +154,12 @@ def run(kind: str, variables: Variables, arguments: list[str], folder: Path) -> 
     began, printed = time.monotonic(), folder / f"{kind}.txt"
     with printed.open("wb") as file:
         done = subprocess.run(
-            command, env=os.environ | variables | CLOCK, stdout=file, stderr=subprocess.STDOUT,
-            check=False,
-        )  # fmt: skip
+            command, env=os.environ | variables, stdout=file, stderr=subprocess.STDOUT, check=False
+        )
     text = printed.read_text(encoding="utf-8", errors="replace").strip()
     last = f"{text.splitlines()[-1].strip('= ')} ({time.monotonic() - began:.0f} s)" if text else ""
     if done.returncode:
-        given = variables | CLOCK
-        again = shlex.join([*(f"{key}={value}" for key, value in given.items()), *command])
+        again = shlex.join([*(f"{key}={value}" for key, value in variables.items()), *command])
         last = f"{last}\n{text[-20_000:]}\nagain: env {again}\n"
     return Result(done.returncode == 0, last)
 

@@ -120,15 +120,17 @@ def test_the_chance_at_a_clearance_is_read_off_the_curve(sizing: Sizing) -> None
     assert 0.0 < (probability_at(sizing, 1e3 * sizing.sigma) or 0.0) < 1e-200
 
 
-def test_each_side_of_the_scene_brings_half_the_bursts_of_its_distance(sizing: Sizing) -> None:
+def test_uneven_stops_have_their_own_chance_and_even_ones_that_of_the_curve(sizing: Sizing) -> None:
     sag = sizing.scene.structure.sag
-    for lower, sides in ((-11e-3, 2), (-1.0, 1)):
-        pair = sizing.scene.impact_pairs[0].model_copy(update={"lower": lower, "upper": 8e-3})
-        scene = sizing.scene.model_copy(update={"impact_pairs": (pair,)})
-        expected = [bursts(sizing, 8e-3 + sag), bursts(sizing, 11e-3 - sag)][:sides]
-        assert probability_of_stops(replace(sizing, scene=scene)) == pytest.approx(
-            -math.expm1(-0.5 * sum(expected)), rel=1e-9
-        )
+    own = sizing.probability_of_stops
+    assert own is not None
+    assert probability_of_stops(sizing) == own.value
+    even = sizing.scene.impact_pairs[0].model_copy(
+        update={"lower": -8e-3 - sag, "upper": 8e-3 - sag}
+    )
+    scene = sizing.scene.model_copy(update={"impact_pairs": (even,)})
+    told = replace(sizing, scene=scene, probability_of_stops=None)
+    assert probability_of_stops(told) == pytest.approx(-math.expm1(-bursts(sizing, 8e-3)), rel=1e-9)
 
 
 def test_the_only_stop_of_a_scene_brings_all_the_bursts_of_its_distance(sizing: Sizing) -> None:
@@ -136,9 +138,8 @@ def test_the_only_stop_of_a_scene_brings_all_the_bursts_of_its_distance(sizing: 
     pair = sizing.scene.impact_pairs[0].model_copy(update={"lower": None, "upper": 8e-3})
     scene = sizing.scene.model_copy(update={"impact_pairs": (pair,)})
     expected = bursts(sizing, 8e-3 + sizing.scene.structure.sag)
-    assert probability_of_stops(replace(sizing, scene=scene)) == pytest.approx(
-        -math.expm1(-expected), rel=1e-9
-    )
+    told = replace(sizing, scene=scene, probability_of_stops=None)
+    assert probability_of_stops(told) == pytest.approx(-math.expm1(-expected), rel=1e-9)
 
 
 # Numbers of the page ----------------------------------------------------------------------

@@ -24,6 +24,7 @@ from stochvi import (
     TabulatedNoise,
     Viscoelastic,
     WhiteNoise,
+    first_passage,
     screen,
     simulate,
 )
@@ -424,6 +425,25 @@ def test_what_cannot_be_kept_says_why() -> None:
     )
     with pytest.raises(NotApplicable, match=r"^size does not apply: excitation must contain noise"):
         size(still, probability=0.1)
+
+
+def test_the_chance_between_uneven_stops_is_that_of_their_first_passage() -> None:
+    """Bursts on two even stops touch both: half of them for either side are too few."""
+    mount = Isolator(frequency_hz=10.0, zeta=0.02)
+    free = Scene(structure=mount, excitations=[WhiteNoise(intensity=0.5)])
+    sigma, mission = screen(free).displacement_std, 30.0
+    lower, upper = -3.0 * sigma, 3.6 * sigma
+    stops = ImpactPair(lower=lower, upper=upper, law=Restitution(coefficient=0.5))
+    found = size(
+        free.replace(impact_pairs=[stops]), probability=0.5, mission=mission, rel_error=0.02, seed=1
+    )
+    passage = first_passage(free, lower, upper, times=[mission], start="stationary")
+    chance = found.probability_of_stops
+    assert_agrees(chance, passage.probability[0].value)
+    even = found.curve.set_index("clearance_in_sigma")["probability"]
+    halves = [-0.5 * math.log1p(-np.interp(each, even.index, even)) for each in (3.0, 3.6)]
+    independent = -math.expm1(-sum(halves))
+    assert independent < passage.probability[0].value - Z * chance.standard_error
 
 
 def test_where_the_stops_of_the_scene_stand_does_not_matter() -> None:

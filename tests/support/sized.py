@@ -10,6 +10,7 @@ import pandas as pd
 from stochvi import ImpactPair, Isolator, Scene, TabulatedNoise, screen, simulate
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import Clearance, Sizing, Target, ThreeSigma
+from stochvi.isolators.sizing.chance_at_stops import distances_of_stops
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.impact_laws import Law, Viscoelastic
@@ -70,6 +71,8 @@ def sizing_of(scene: Scene, mission: float = 3600.0, paths: int = 256) -> Sizing
                 }
             )
     hits = linear.rice_rate(3.0 * sigma) * mission
+    distances = distances_of_stops(scene)
+    some = 0.5 * sum(0.55 * linear.rice_rate(each) * mission for each in distances.values())
     return Sizing(
         scene=scene,
         target=Target(name="probability", value=0.01, unit="1"),
@@ -90,6 +93,7 @@ def sizing_of(scene: Scene, mission: float = 3600.0, paths: int = 256) -> Sizing
         evidence=evidence,
         screening=linear,
         method="made by hand",
+        probability_of_stops=Estimate(value=-math.expm1(-some)) if distances else None,
         cost=Cost(wall_time=1.0, paths=2 * paths, threads=1),
         provenance=provenance(scene.document(), seed=1),
     )

@@ -489,8 +489,10 @@ def test_cards_tell_the_limit_that_is_kept(reviewed: Review) -> None:
 def test_stops_far_beyond_the_curve_have_a_limit_of_their_chance(
     sizing: Sizing, reviewed: Review
 ) -> None:
-    far = sizing.scene.impact_pairs[0].model_copy(update={"lower": -1.0, "upper": 1.0})
-    moved = replace(sizing, scene=sizing.scene.model_copy(update={"impact_pairs": (far,)}))
+    sag = sizing.scene.structure.sag
+    far = sizing.scene.impact_pairs[0].model_copy(update={"lower": -1.0 - sag, "upper": 1.0 - sag})
+    scene = sizing.scene.model_copy(update={"impact_pairs": (far,)})
+    moved = replace(sizing, scene=scene, probability_of_stops=None)
     limit = f"under {spoken_percent(TINY)}"
     assert chance_of_stops(moved) == limit
     told = facts(gap_section(replace(reviewed, sizing=moved)))[

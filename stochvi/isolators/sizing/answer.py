@@ -227,6 +227,9 @@ class Sizing(Result):
         smallest that can be judged and keeps the target with a margin; else None.
     allowed
         The tolerances that were asked for, within all of which `made` keeps the target.
+    probability_of_stops
+        Probability of any impact in the mission, with the two stops of the scene unevenly far
+        from the static equilibrium; None elsewhere, as `curve` holds it.
     worst_case
         The table of `worst_case`; None without tolerances, or where the calculation ended before.
     fell_short
@@ -255,6 +258,7 @@ class Sizing(Result):
     kept_with: Estimate | None = None
     exceeding: pd.DataFrame | None = None
     allowed: Tolerances = field(default_factory=Tolerances)
+    probability_of_stops: Estimate | None = None
     worst_case: pd.DataFrame | None = None
     fell_short: tuple[str, ...] = ()
 

@@ -67,20 +67,35 @@ def probability_at(sizing: Sizing, clearance: float) -> float | None:
 
 
 def probability_of_stops(sizing: Sizing) -> float | None:
-    """Chance of any hit in the mission with the stops where the scene has them.
+    """Probability of any impact with the stops where the scene has them; None where it is
+    not known, or a stop presses on the mass."""
+    if sizing.probability_of_stops is not None:
+        return sizing.probability_of_stops.value
+    distances = distances_of_stops(sizing.scene)
+    if not distances or min(distances.values()) <= 0.0 or are_uneven(distances):
+        return None
+    return probability_at(sizing, min(distances.values()))
 
-    The response is above its mean as often as below, so that each side has half of the bursts that
-    two stops at its distance would have. Bursts on the two sides are taken for independent.
+
+def distances_of_stops(scene: Scene) -> dict[str, float]:
+    """Distance of each stop from the static equilibrium by "lower" and "upper", m; negative where
+    it presses on the mass there."""
+    model = model_of(scene)
+    return {
+        stop.name: model.rest - stop.position
+        if stop.name == "lower"
+        else stop.position - model.rest
+        for stop in model.stops
+    }
+
+
+def are_uneven(distances: Mapping[str, float]) -> bool:
+    """Whether there are two stops at different distances.
+
+    Their probability is not on the curve of even ones: a cluster may touch both stops, so that
+    either has more than half of the clusters.
     """
-    model = model_of(sizing.scene)
-    rest, places = model.rest, [stop.position for stop in model.stops]
-    beyond = [place < rest for place in places] == [True, False]
-    if not places or (len(places) == 2 and not beyond):
-        return None
-    found = [_bursts_at(sizing, abs(place - rest)) for place in places]
-    if any(bursts is None for bursts in found):
-        return None
-    return -math.expm1(-sum(bursts for bursts in found if bursts is not None) / len(places))
+    return len(distances) == 2 and not math.isclose(*distances.values())
 
 
 def _bursts_at(sizing: Sizing, clearance: float) -> float | None:

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from stochvi.isolators.sizing.answer import (
     ThreeSigma,
     spoken_percent,
 )
+from stochvi.isolators.sizing.chance_at_stops import are_uneven, distances_of_stops
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.exceedances import chance_in_windows
 from stochvi.isolators.sizing.hits_at_clearance import ClearanceTrial, Hits, compile_kernels
@@ -227,6 +228,21 @@ def risk_curve(
     return RiskCurve.of(found, mission)
 
 
+def chance_between(
+    scene: Scene, distances: Mapping[str, float], mission: float, **options: Any
+) -> Estimate:
+    """Probability of any impact with stops at these distances from the static equilibrium, by
+    "lower" and "upper", m; 1 where one of them presses on the mass.
+
+    Options are those of `first_crossings`.
+    """
+    if min(distances.values()) <= 0.0:
+        return Estimate(value=1.0, how="a stop presses on the mass")
+    free = scene.model_copy(update={"impact_pairs": ()})
+    found = partial_result(first_crossings, free, mission=mission, **distances, **options)
+    return found.probability(mission)[0]
+
+
 @dataclass(kw_only=True)
 class _Job:
     """One sizing: what was asked for, and what was found on the way."""
@@ -332,6 +348,7 @@ class _Job:
             method=method,
             record=linear.record,
             kept_with=self.kept_with,
+            probability_of_stops=self._probability_of_stops(),
             exceeding=self._exceeding() if self.target.exceedance is not None else None,
             allowed=self.allowed,
             fell_short=tuple(dict.fromkeys(self.fell_short)),
@@ -647,6 +664,20 @@ class _Job:
             hits=None if tried is None else tried.hit_rate * self.mission,
             impact_speed_mean=None if tried is None else tried.impact_speed_mean,
         )
+
+    def _probability_of_stops(self) -> Estimate | None:
+        """Probability of any impact with the stops of the scene, where these are unevenly far."""
+        distances = distances_of_stops(self.scene)
+        if not are_uneven(distances) or min(distances.values()) <= 0.0:
+            return None
+        try:
+            return chance_between(
+                self.scene, distances, self.mission, rel_error=self.rel_error, seed=self.seed,
+                threads=self.threads, budget=self.left,
+            )  # fmt: skip
+        except (NotConverged, Interrupted) as reason:
+            self._short(f"the probability of an impact on the stops of the scene: {reason}")
+            return None
 
     def _required(self) -> pd.DataFrame:
         import pandas as pd

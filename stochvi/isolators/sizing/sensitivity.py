@@ -12,11 +12,12 @@ from scipy.optimize import brentq
 from scipy.special import gammaln, roots_genlaguerre
 
 from stochvi.isolators.sizing.answer import Sizing
+from stochvi.isolators.sizing.chance_at_stops import are_uneven
 from stochvi.isolators.sizing.changes import Tolerances, changed_stops, ends_of
-from stochvi.isolators.sizing.nominal import nominal_sizing, risk_curve
+from stochvi.isolators.sizing.nominal import chance_between, nominal_sizing, risk_curve
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.question import Question
-from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
+from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.model.calculations import calculation
@@ -119,6 +120,7 @@ def sensitivity(
 
     Examples
     --------
+    >>> from stochvi.isolators.sizing.method import size
     >>> from stochvi.scenes.excitations import WhiteNoise
     >>> from stochvi.scenes.structures import Isolator
     >>> scene = Scene(
@@ -208,14 +210,16 @@ class Resizing:
             clearance = found.clearance.value
         # stops stay where they are, while a changed mount hangs elsewhere
         shift = model_of(scene).rest - model_of(sizing.scene).rest
-        moved = [TOWARDS[side] * shift for side in sizing.sides]
-        hazards = [
-            -math.log1p(-min(curve.probability(sizing.clearance.value - each), KNOWN))
-            for each in moved
-        ]
+        moved = {side: TOWARDS[side] * shift for side in sizing.sides}
+        distances = {side: sizing.clearance.value - each for side, each in moved.items()}
+        chance = curve.probability(min(distances.values()))
+        if are_uneven(distances):
+            chance = chance_between(
+                scene, distances, sizing.mission, rel_error=self.rel_error, seed=self.seed,
+                threads=self.threads, budget=deadline.part(CURVE_SHARE),
+            ).value  # fmt: skip
         return row_of(
-            change, sizing, {"clearance": max(clearance + max(moved), 0.0)},
-            -math.expm1(-sum(hazards) / len(hazards)),
+            change, sizing, {"clearance": max(clearance + max(moved.values()), 0.0)}, chance,
             sigma=curve.crossings.displacement_std, note=note,
         )  # fmt: skip
 
@@ -455,6 +459,7 @@ def slow_bursts(curve: RiskCurve, clearance: float, kurtosis: float, mission: fl
 
     Examples
     --------
+    >>> from stochvi.isolators.sizing.method import size
     >>> from stochvi.scenes.excitations import WhiteNoise
     >>> from stochvi.scenes.structures import Isolator
     >>> scene = Scene(
