@@ -59,6 +59,9 @@ PILOT_SHARE = 0.25
 """Largest number of paths of a pilot, as a share of those that the accuracy will take, or of two
 blocks if these are more."""
 
+PILOT_TIME = 0.25
+"""Largest time of a pilot, as a share of the seconds that are left: the answer rests on the run."""
+
 SIGNIFICANT = 2.0
 """Standard errors by which a bias must exceed `rel_error` to decide early, or to be refused."""
 
@@ -515,10 +518,14 @@ def choose_step(simulation: Simulation, rel_error: float) -> float:
 
 
 def _pilot(simulation: Simulation, rel_error: float, last: bool) -> tuple[Simulation, float]:
-    """A pilot at the step, with its relative bias; 0 where it is small enough, or there is no time.
+    """A pilot at the step, with its relative bias; 0 where it is small enough, or its time ends.
     At the `last` step it does not end early for a large one."""
     speak = simulation.run.progress
-    run = replace(simulation.run, progress=speak and partial(_say_pilot, speak))
+    run = replace(
+        simulation.run,
+        progress=speak and partial(_say_pilot, speak),
+        deadline=simulation.run.deadline.sooner(1.0 - PILOT_TIME),
+    )
     pilot = Simulation(simulation.scene, simulation.plan, run, 0.0, PILOT_SEED, all_pairs=True)
 
     def judged() -> tuple[bool, float]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import signal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -271,3 +272,19 @@ def test_the_seed_does_not_decide_the_scheme() -> None:
             own.add(simulation.largest_bias(again, 1.0) > asked)
     assert len({each.plan for each in runs}) == 1 and runs[0].plan.slow_impacts
     assert own == {False, True}  # negative control: by its own paths each run was lucky or not
+
+
+def test_the_choice_of_the_step_has_a_quarter_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It used to have all of it: the answer then rested on what was under way at its end."""
+    ends: dict[bool, float] = {}
+    add_paths = simulation.Simulation.add_paths
+
+    def noted(self: simulation.Simulation, *asked: Any, **more: Any) -> bool:
+        ends.setdefault(self.seed == simulation.PILOT_SEED, self.run.deadline.due)
+        return add_paths(self, *asked, **more)
+
+    monkeypatch.setattr(simulation.Simulation, "add_paths", noted)
+    began = Deadline.after(1e5)
+    simulate(oscillator(-1.0, 1.0, 0.5), rel_error=0.2, budget=1e5)
+    pilot, run = ends[True], ends[False]
+    assert run - pilot == pytest.approx(0.75 * (run - (began.due - 1e5)), rel=0.01)
