@@ -105,7 +105,7 @@ COMMANDS = (
     ("How far does it move without stops?", "screen", "rms, Miles, Rice", "1 s"),
     ("How much clearance do I need?", "size", "clearance, tolerances, report", "3 s"),
     ("How often and how hard at my stops?", "simulate, impacts", "rates, speeds, forces", "2 s"),
-    ("The same over clearances?", "clearance", "hit rates, Rice, closure", "10 s"),
+    ("The same over clearances?", "clearance", "impact rates, Rice, closure", "5 s"),
     ("And where impacts are rare?", "reliability", "probability to 1e-9, expected hits", "10 s"),
     ("What does this record do?", "replay", "every impact, x(t), peak g", "1 s"),
     ("Which motions exist under a sine?", "sine, basins", "regimes, jumps, clatter", "4 s"),
