@@ -1,7 +1,7 @@
 """Where the stops of a sizing lie, and the chance of any hit there.
 
-This module only reads the chance off the curve of risk against clearance. The chance itself is
-calculated in `stochvi.statistics.first_crossings`, and `risk_curve` makes the curve of it.
+This module reads the chance of even stops off the curve of risk against clearance, which
+`risk_curve` makes. That of uneven stops is in the sizing, as their first crossings have it.
 """
 
 from __future__ import annotations
@@ -47,13 +47,11 @@ class StopPositions:
 def gap_of(sizing: Sizing) -> StopPositions:
     """The stops of a sizing: at the clearance to make, and as the scene has them."""
     model = model_of(sizing.scene)
-    rest = model.rest
-    stops = {stop.name: abs(stop.position - rest) for stop in model.stops}
-    made = sizing.made
+    rest, made = model.rest, sizing.made
     return StopPositions(
         mean_position=rest,
         recommended={side: made.position(rest, side) for side in sizing.sides if made},
-        distances=stops,
+        distances={name: abs(each) for name, each in distances_of_stops(sizing.scene).items()},
         probability=probability_of_stops(sizing),
     )
 
