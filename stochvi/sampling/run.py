@@ -128,8 +128,9 @@ class Run:
         needed
             Number of paths that are sampled even where the deadline passes before.
         start
-            What a block is given by its number and size, where its paths go on from somewhere: a
-            function of the sample before the round, or of one with some of the blocks of the round.
+            Function that returns the state from which the paths of a block go on, where they do:
+            of the sample before the round, or with some of its blocks, and the first path and
+            number of paths of the block.
         tell
             Fraction done and a sentence, for the progress; by default those of the paths of the
             round.

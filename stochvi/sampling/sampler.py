@@ -100,7 +100,7 @@ class TrialSampler(ListSampler):
         return len(sample) * self.block
 
     def is_whole(self, sample: list[Any], paths: int) -> bool:
-        """Always: blocks are made as a whole."""
+        """True, as blocks are made as a whole."""
         return True
 
 
