@@ -30,11 +30,12 @@ from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
-from stochvi.results.intervals import binomial_interval, poisson_interval
+from stochvi.results.intervals import binomial_interval
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.sampling.sampler import Sampler
 from stochvi.scenes.scene import Scene
+from stochvi.statistics.survival import MeanLife, Survival
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,11 +45,16 @@ BETWEEN_LOOKS = 5
 """Number of periods of the force between two looks at the state of a path."""
 
 LOOKS = 8
-"""Number of looks at a group of paths in a round."""
+"""Number of looks at a group of paths in a round, besides those before which a departure at the
+constant rate is noted: a small budget is not spent on beginnings alone."""
 
 DECAY_FACTOR = 10.0
 """Factor by which a small disturbance has decayed, in the slowest of the regimes, in the time for
 which a path must stay outside a basin to have left it."""
+
+FORGOTTEN = 2
+"""Multiple of that time after which paths leave at a constant rate: their variance has come within
+DECAY_FACTOR to the power of -4 of that of paths without a start."""
 
 DECIDED = 200
 """Number of periods for which a state is followed on without noise to the regime of its basin."""
@@ -109,8 +115,8 @@ class LifeTime:
     impact_speed_max
         Largest impact speed without noise, m/s.
     life_time, life_time_low, life_time_high
-        Mean time until a path leaves, s, with its 95 % interval; None where no path left, and where
-        there is no upper limit.
+        Mean time until a path that starts in the motion without noise leaves, s, with its 95 %
+        interval; None where too few paths left, and where there is no upper limit.
     left, paths
         Paths that left, of those that were simulated.
     watched
@@ -171,7 +177,7 @@ class LifeTimes(Result):
                 "regime": each.regime,
                 "life_time": _or_nan(each.life_time),
                 "life_time_low": each.life_time_low,
-                "life_time_high": math.inf if each.left == 0 else each.life_time_high,
+                "life_time_high": math.inf if each.life_time is None else each.life_time_high,
                 "left": each.left,
                 "paths": each.paths,
             }
@@ -203,7 +209,8 @@ def _or_nan(value: float | None) -> float:
 
 def _sentence(each: LifeTime) -> str:
     if each.life_time is None:
-        return f"{each.regime}: longer than {each.life_time_low:.3g} s (95 %), no path left it"
+        left = "no path" if each.left == 0 else f"{each.left} of {each.paths} paths"
+        return f"{each.regime}: longer than {each.life_time_low:.3g} s (95 %), {left} left it"
     most = max(each.destinations, key=lambda there: there.paths)
     high = math.inf if each.life_time_high is None else each.life_time_high
     return (
@@ -233,7 +240,7 @@ def lifetimes(
         Names of the regimes whose life times are wanted, as "no impacts"; by default all.
     **options
         `AccuracyOptions`: rel_error, seed, budget and others. The relative error is that of the
-        mean life times, which are taken for exponential; 0.1 if left out.
+        mean life times; 0.1 if left out.
 
     Returns
     -------
@@ -287,8 +294,8 @@ def lifetimes(
         return GROUP * len(sample.round)
 
     def tell(sample: Departures) -> tuple[float, str]:
-        least = min(sample.left(regime) for regime in sampler.regimes)
-        return least / wanted, f"{least} of {wanted} paths have left each regime"
+        least = min(sampler.departures(sample, regime) for regime in sampler.regimes)
+        return least / wanted, f"{least:.0f} of {wanted} departures from each regime"
 
     first = GROUP * len(sampler.first_round)
     taken = run.until(sampler, first, more, start=sampler.group_of, tell=tell)
@@ -315,7 +322,7 @@ def lifetimes(
 
 LEAVING = (
     "a path has left a regime where it stays outside its basin, as without noise, for the time in "
-    "which disturbances decay to a tenth; regimes are left at constant rates"
+    "which disturbances decay to a tenth; after twice that time regimes are left at constant rates"
 )
 """What life times take for granted."""
 
@@ -371,8 +378,8 @@ class Group:
         Number of their regime.
     at
         Where the paths are.
-    looks
-        Number of looks at their states.
+    looks, until
+        Number of looks at their states, and the number at the end of the round.
     since
         (paths,): the look since which each path lies outside its basin, or 0.
     left, left_at, ends
@@ -385,6 +392,7 @@ class Group:
     regime: int
     at: Aloft
     looks: int
+    until: int
     since: Whole
     left: NDArray[np.bool_]
     left_at: Whole
@@ -394,8 +402,8 @@ class Group:
 
     @property
     def whole(self) -> bool:
-        """Whether the paths were simulated up to the end of a round."""
-        return self.looks % LOOKS == 0 or bool(np.all(self.left))
+        """Whether the paths were simulated up to the end of the round."""
+        return self.looks >= self.until or bool(np.all(self.left))
 
     def noted(self, at: Aloft, here: Whole, there: Whole, outside: int) -> Group:
         """The group after another look, at which the paths `here`, all that have not left, lie in
@@ -413,18 +421,17 @@ class Group:
         left_at[here[gone]] = since[here[gone]]
         ends[here[gone]] = there[gone]
         return Group(
-            self.regime, at, looks, since, left, left_at, ends,
+            self.regime, at, looks, self.until, since, left, left_at, ends,
             self.seen + int(np.sum(~beyond)) + returned, self.returned + returned,
         )  # fmt: skip
 
-    def watched(self, outside: int) -> float:
-        """Looks in the regime at which a departure would have been noted, all paths together.
+    def noted_until(self, outside: int) -> Whole:
+        """(paths,): the last look at which a departure of each path would have been noted.
 
         A departure is dated back to the start of the stay outside, so that one in the last
-        `outside` looks cannot have been noted yet: these looks are not counted.
+        `outside` looks cannot have been noted yet.
         """
-        noted = max(self.looks - outside, 0)
-        return float(np.where(self.left, self.left_at - 0.5, noted).sum())
+        return np.where(self.left, self.left_at, max(self.looks - outside, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -462,7 +469,8 @@ class DepartureSampler(Sampler[Group, Departures]):
     outside
         Number of looks for which a path that has left lies outside a basin.
     regimes, wanted
-        Numbers of the regimes, and number of paths that must leave each.
+        Numbers of the regimes, and number of departures at a constant rate from which the life time
+        of each would be as accurate as is wanted.
     """
 
     plan: ModalPlan
@@ -483,6 +491,11 @@ class DepartureSampler(Sampler[Group, Departures]):
     def steps(self) -> int:
         """Number of steps between two looks."""
         return round(BETWEEN_LOOKS * self.period / self.plan.step)
+
+    @property
+    def looks(self) -> int:
+        """Number of looks in a round."""
+        return (FORGOTTEN + 1) * self.outside + LOOKS
 
     @property
     def most(self) -> int:
@@ -511,7 +524,7 @@ class DepartureSampler(Sampler[Group, Departures]):
 
     def next_round(self, sample: Departures) -> tuple[int, ...]:
         """The groups of the round that follows a sample; none once enough paths have left."""
-        behind = [each for each in self.regimes if sample.left(each) < self.wanted]
+        behind = [each for each in self.regimes if self.departures(sample, each) < self.wanted]
         return tuple(
             number
             for regime in behind
@@ -561,16 +574,15 @@ class DepartureSampler(Sampler[Group, Departures]):
         state = self.plan.start(streams)
         self._set_sines(state)
         return Group(
-            regime, Aloft(state, streams, self._motion(regime)), 0, np.zeros(GROUP, np.int64),
+            regime, Aloft(state, streams, self._motion(regime)), 0, 0, np.zeros(GROUP, np.int64),
             np.zeros(GROUP, bool), np.zeros(GROUP, np.int64), np.full(GROUP, regime),
         )  # fmt: skip
 
     def advance(self, number: int, group: Group, deadline: Deadline) -> Group:
         """Simulate a group on, and look at its paths now and then."""
         flight = self.plan.flight(group.at, self.seed, number * GROUP)
-        for _ in range(LOOKS):
-            if np.all(group.left) or deadline.passed():
-                break
+        group = replace(group, until=group.looks + self.looks)
+        while not (group.whole or deadline.passed()):
             motion = flight.on(self.steps)
             here = np.flatnonzero(~group.left)
             group = group.noted(flight.at, here, self._regimes(motion[:, here]), self.outside)
@@ -606,26 +618,42 @@ class DepartureSampler(Sampler[Group, Departures]):
 
     # Answers ------------------------------------------------------------------------------------
 
+    def survival(self, sample: Departures, regime: int) -> Survival:
+        """How many paths were still in a regime at each look, and how many left it then."""
+        groups = sample.of(regime)
+        ends = np.concatenate([group.noted_until(self.outside) for group in groups])
+        left = np.concatenate([group.left for group in groups])
+        return Survival.of(ends, left)
+
+    def mean_life(self, sample: Departures, regime: int) -> MeanLife:
+        """The mean life time of a regime, in looks."""
+        return self.survival(sample, regime).mean_life(FORGOTTEN * self.outside)
+
+    def departures(self, sample: Departures, regime: int) -> float:
+        """The number of departures at a constant rate from which the life time of a regime would be
+        as accurate as it is."""
+        found = self.mean_life(sample, regime)
+        return 0.0 if math.isinf(found.error) else (found.value / found.error) ** 2
+
     def life_time(
         self, sample: Departures, described: Sequence[BasinRegime], number: int
     ) -> LifeTime:
         """The life time of a motion."""
-        groups, left = sample.of(number), sample.left(number)
-        looks = (group.watched(self.outside) for group in groups)
-        watched = float(sum(each * BETWEEN_LOOKS * self.period for each in looks))
-        low, high = poisson_interval(left, watched) if watched else (0.0, math.inf)
+        groups, seconds = sample.of(number), BETWEEN_LOOKS * self.period
+        found, survival = self.mean_life(sample, number), self.survival(sample, number)
+        known = not math.isnan(found.value)
         ends = [group.ends[group.left] for group in groups]
         regime = described[number]
         return LifeTime(
             regime=regime.name,
             kind=regime.kind,
             impact_speed_max=regime.impact_speed_max,
-            life_time=watched / left if left else None,
-            life_time_low=1.0 / high,
-            life_time_high=1.0 / low if low > 0.0 else None,
-            left=left,
+            life_time=seconds * found.value if known else None,
+            life_time_low=seconds * found.lower,
+            life_time_high=seconds * found.upper if known else None,
+            left=sample.left(number),
             paths=GROUP * len(groups),
-            watched=watched,
+            watched=seconds * survival.watched,
             destinations=_destinations(
                 np.concatenate([np.empty(0, np.int64), *ends]), [each.name for each in described]
             ),

@@ -21,9 +21,11 @@ from stochvi import (
     WhiteNoise,
     load_scene,
 )
+from stochvi.results.deadline import NEVER
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics import lifetimes
 from support.bounces import Bounces
+from support.clocks import tick
 
 Vector = NDArray[np.float64]
 
@@ -50,19 +52,19 @@ def mount(*noise: WhiteNoise | TabulatedNoise) -> Scene:
     )
 
 
-def plain_rest(intensity: float, periods: int) -> tuple[float, int]:
-    """Mean seconds without clatter, and the number of paths that began to clatter.
+def plain_rest(intensity: float) -> Vector:
+    """Seconds without clatter of paths that are followed until all of them clatter.
 
     Symplectic steps with kicks; a step that ends beyond a stop is reflected. Clatter is known by
     three impacts or more in every two of twelve periods.
     """
-    random, paths, steps = np.random.default_rng(5), 128, 64
+    random, paths, steps = np.random.default_rng(5), 256, 64
     h = 2.0 * math.pi / DRIVE / steps
     swing = PUSH / ((OMEGA**2 - DRIVE**2) + 1j * DAMPING * DRIVE)
     x, v = np.full(paths, swing.real), np.full(paths, (1j * DRIVE * swing).real)
-    hits, clatter, watched = np.zeros(paths), np.zeros(paths, np.int64), 0
-    left = np.zeros(paths, bool)
-    for number in range(steps * periods):
+    hits, clatter, lives = np.zeros(paths), np.zeros(paths, np.int64), np.zeros(paths)
+    number = 0
+    while not lives.all():
         phase = 2.0 * math.pi * (number % steps + 0.5) / steps
         v += h * (PUSH * math.cos(phase) - OMEGA**2 * x - DAMPING * v)
         v += math.sqrt(intensity * h) * random.normal(size=paths)
@@ -71,12 +73,12 @@ def plain_rest(intensity: float, periods: int) -> tuple[float, int]:
         x[beyond] = np.sign(x[beyond]) * GAP - RESTITUTION * (x - np.sign(x) * GAP)[beyond]
         v[beyond] *= -RESTITUTION
         hits += beyond
-        if (number + 1) % (2 * steps) == 0:
+        number += 1
+        if number % (2 * steps) == 0:
             clatter = np.where(hits > 2, clatter + 1, 0)
             hits[:] = 0.0
-            left |= clatter == 6
-            watched += int(np.sum(~left))
-    return 2.0 * steps * h * (watched / int(left.sum()) - 6), int(left.sum())
+            lives[(clatter == 6) & (lives == 0.0)] = h * (number - 13 * steps)
+    return lives
 
 
 def test_rest_lasts_as_long_as_in_a_plain_simulation() -> None:
@@ -86,16 +88,53 @@ def test_rest_lasts_as_long_as_in_a_plain_simulation() -> None:
     assert found.left >= 70 and found.life_time_low < found.life_time < found.life_time_high
     (there,) = found.destinations
     assert there.regime == "stops lower, stops upper" and there.share == 1.0
-    plain, left = plain_rest(NOISE, 300)
-    assert left > 70
-    error = math.hypot(1.0 / math.sqrt(left), 1.0 / math.sqrt(found.left))
+    lives = plain_rest(NOISE)
+    plain = float(lives.mean())
+    error = math.hypot(lives.std() / math.sqrt(len(lives)) / plain, 1.0 / math.sqrt(found.left))
     # the two rules by which a path has left differ by some periods
     assert abs(math.log(plain / found.life_time)) < 4.0 * error + 0.05 / plain
 
 
-def own_lives(intensity: float, paths: int, seconds: float, outside: float) -> Vector:
-    """Seconds for which paths without impacts stay so, of those that left the basin within
-    `seconds`; a mount of 10 Hz on a base that moves by 0.1 mm at 100 Hz.
+def test_a_budget_that_ends_early_makes_no_life_longer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Paths that are watched for a part of their lives, and others until all of them have left.
+
+    The negative control takes the first seconds, in which noise has not spread the paths yet, for
+    as good as all others.
+    """
+    made, sampler_of = [], module.DepartureSampler
+
+    def kept(*arguments: object) -> object:
+        made.append(sampler_of(*arguments))
+        return made[-1]
+
+    monkeypatch.setattr(module, "DepartureSampler", kept)
+
+    def early() -> module.LifeTime:
+        with pytest.MonkeyPatch.context() as patched:
+            tick(patched, 1e-3)
+            with pytest.raises(NotConverged) as ended:
+                lifetimes(mount(WhiteNoise(intensity=NOISE)), [REST], rel_error=0.01, budget=2.0)
+        return ended.value.partial.regimes[0]
+
+    found = early()
+    sampler, lives = made[0], np.empty(0)
+    first = sampler.most * (sampler.regimes[0] + 1) - 1  # far behind those that were simulated
+    for number in range(first, first - 16, -1):
+        group = sampler.begun(number)
+        while not np.all(group.left):
+            group = sampler.advance(number, group, NEVER)
+        lives = np.append(lives, group.left_at - 0.5)
+    lives *= module.BETWEEN_LOOKS * 2.0 * math.pi / DRIVE
+    error = math.hypot(lives.std() / 32.0, found.life_time / math.sqrt(found.left))
+    assert found.left < 0.75 * found.paths and len(lives) == 1024
+    assert abs(found.life_time - lives.mean()) < 4.0 * error
+    monkeypatch.setattr(module, "FORGOTTEN", 0)
+    assert early().life_time - lives.mean() > 4.0 * error
+
+
+def own_lives(intensity: float, paths: int, outside: float) -> Vector:
+    """Seconds for which paths without impacts stay so; a mount of 10 Hz on a base that moves by
+    0.1 mm at 100 Hz.
 
     Symplectic steps with kicks, and reflections. Every five periods the states are kept, and
     followed on without noise for 100 periods: what still hits then has left. A path has left where
@@ -122,48 +161,59 @@ def own_lives(intensity: float, paths: int, seconds: float, outside: float) -> V
 
     swing = push / ((stiffness - drive**2) + 1j * damping * drive)
     x, v = np.full(paths, swing.real), np.full(paths, (1j * drive * swing).real)
-    kept = []
-    for _ in range(round((seconds + outside) / 0.05)):
-        flown(x, v, 5, intensity, 0)
-        kept.append((x.copy(), v.copy()))
-    states = [np.concatenate(part) for part in zip(*kept, strict=True)]
-    away = flown(states[0], states[1], 100, 0.0, 20).reshape(-1, paths) > 0
-    stay = round(outside / 0.05) + 1
-    gone = np.lib.stride_tricks.sliding_window_view(away, stay, axis=0).all(axis=-1)
-    left = gone.any(axis=0)
-    return np.asarray(0.05 * (gone.argmax(axis=0)[left] + 0.5))
+    lives, since, look = np.zeros(paths), np.zeros(paths, np.int64), 0
+    while not lives.all():
+        (here,) = np.nonzero(lives == 0.0)
+        kept = []
+        for _ in range(8):
+            flown(x, v, 5, intensity, 0)
+            kept.append((x[here], v[here]))
+        states = [np.concatenate(part) for part in zip(*kept, strict=True)]
+        for away in flown(states[0], states[1], 100, 0.0, 20).reshape(8, -1) > 0:
+            look += 1
+            since[here[away & (since[here] == 0)]] = look
+            since[here[~away]] = 0
+            gone = away & (0.05 * (look - since[here]) > outside - 1e-9) & (lives[here] == 0.0)
+            lives[here[gone]] = 0.05 * (since[here[gone]] - 0.5)
+    return lives
 
 
-def test_a_short_life_is_that_of_paths_watched_until_all_have_left() -> None:
+def test_a_short_life_is_that_of_paths_watched_until_all_have_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Of these nothing is censored. A life time that counts the last seconds of those that stayed,
-    in which a departure is not noted yet, is nearly twice as long."""
+    in which a departure is not noted yet, is nearly twice as long where paths are watched for as
+    long as that."""
     quiet = load_scene(shipped_scene("isolator-sine"))
     noisy = quiet.replace(excitations=(*quiet.excitations, WhiteNoise(intensity=0.03)))
     answer = lifetimes(noisy, [REST], rel_error=0.07, threads=1)
     (found,) = answer.regimes
-    lives = own_lives(0.03, 192, 6.0, answer.outside)
-    assert len(lives) == 192 and found.life_time is not None
+    lives = own_lives(0.03, 192, answer.outside)
+    assert found.life_time is not None
     error = math.hypot(lives.std() / math.sqrt(len(lives)), found.life_time / math.sqrt(found.left))
     difference = found.life_time - lives.mean()
     assert abs(difference) < 4.0 * error
-    stayed = (found.paths - found.left) * answer.outside / found.left
-    assert difference + stayed > 4.0 * error
+    monkeypatch.setattr(module, "FORGOTTEN", 0)
+    (brief,) = lifetimes(noisy, [REST], rel_error=0.07, threads=1).regimes
+    stayed = (brief.paths - brief.left) * answer.outside
+    assert (brief.watched + stayed) / brief.left - lives.mean() > 4.0 * error
 
 
-def test_tabulated_noise_of_one_level_is_white() -> None:
+def test_tabulated_noise_of_one_level_is_white(monkeypatch: pytest.MonkeyPatch) -> None:
     """A table that reaches far beyond the frequencies of the mount, of the same density."""
+    monkeypatch.setattr(module, "FIRST_GROUPS", 1)  # several rounds, after each of which it tells
     table = TabulatedNoise(
         density=[2.0 * NOISE] * 2, frequency_hz=[0.5, 400.0], unit="N^2/Hz", on="x"
     )
     done: list[float] = []
     one, other = (
         lifetimes(
-            mount(noise), [REST], rel_error=0.2, threads=1,
+            mount(noise), [REST], rel_error=0.1, threads=1,
             progress=lambda share, _: done.append(share),
         ).regimes[0]
         for noise in (WhiteNoise(intensity=NOISE), table)
     )  # fmt: skip
-    assert 0.0 in done and any(0.0 < share < 1.0 for share in done)
+    assert any(0.0 < share < 1.0 for share in done) and done[-1] == 1.0
     error = math.sqrt(1.0 / one.left + 1.0 / other.left)
     assert one.life_time is not None and other.life_time is not None
     assert abs(math.log(one.life_time / other.life_time)) < 4.0 * error
