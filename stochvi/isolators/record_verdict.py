@@ -453,6 +453,8 @@ def cut_off(values: Vector) -> bool:
     """Whether samples pile up at the largest or the smallest value, as a logger leaves them."""
     for side in (values, -values):
         top = float(side.max())
+        if top == float(np.median(side)):
+            continue  # at rest for half of the time, as between shocks
         # neighbouring values of a logger with few digits count as one band
         following = float(np.max(side[side < top], initial=-math.inf))
         width = max(CLIPPED_BAND * abs(top), 1.5 * (top - following))

@@ -208,6 +208,15 @@ def test_the_clearance_of_the_record_is_not_hit(tmp_path: Path) -> None:
     assert all(each.seen >= 0 and each.expected > 0.0 for each in verdict.crossings)
 
 
+def test_a_record_at_rest_between_shocks_is_not_cut_off() -> None:
+    shock = np.sin(np.linspace(0.0, np.pi, 12))
+    record = np.tile(np.concatenate([shock, np.zeros(100)]), 5)
+    for each in (record, -record):
+        assert not cut_off(each - each.mean())
+        limited = np.clip(each, -0.6, 0.6)
+        assert cut_off(limited - limited.mean())
+
+
 def test_logger_without_many_digits_is_not_cut_off() -> None:
     a = gaussian(np.random.default_rng(5), 60.0)
     for digits in (0.05, 1e-3):
