@@ -214,11 +214,13 @@ def new_table(title: str, headings: Sequence[str], words: Sequence[str] = WORDS)
 
 
 def print_table(console: Console, table: Table) -> None:
-    """Print a table as wide as it is: a terminal may wrap its lines, nothing is cut short."""
+    """Print a table after an empty line, as wide as it is: a terminal may wrap its lines, nothing
+    is cut short."""
     needed = Measurement.get(console, console.options.update(width=WIDEST), table).maximum
     width = console.width
     console.width = max(needed, width)
     try:
+        console.print()
         console.print(table)
     finally:
         console.width = width
