@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import itertools
 import re
 import sys
 import tomllib
@@ -211,15 +212,23 @@ def name_in_words(name: str) -> str:
 
 
 def table_of(part: Mapping[str, Any]) -> list[str]:
-    """Rows of the keys of a part."""
+    """Rows of the keys of a part, `kind` first; keys that share a meaning share a row."""
     rows = ["| key | value | default | meaning |", "|---|---|---|---|"]
     required = part.get("required", [])
-    for key, each in part["properties"].items():
-        name = f"**`{key}`**" if key in required else f"`{key}`"
-        default = each.get("default", "")
-        shown = "" if default in ("", [], None) or key == "kind" else f"`{default}`"
-        meaning = each.get("description", "").replace("|", "\\|").replace("*", "\\*")
-        rows.append(f"| {name} | {type_of(each)} | {shown} | {meaning} |")
+    keys = sorted(part["properties"].items(), key=lambda item: item[0] != "kind")
+    for meaning, group in itertools.groupby(keys, key=lambda item: item[1].get("description", "")):
+        names, values, defaults = [], [], []
+        for key, each in group:
+            names.append(f"**`{key}`**" if key in required else f"`{key}`")
+            values.append(type_of(each))
+            default = each.get("default", "")
+            if default not in ("", [], None) and key != "kind":
+                shown = f"{default:.6g}" if isinstance(default, float) else str(default).lower()
+                defaults.append(f"`{shown}`")
+        if not meaning or len(set(values)) == 1:
+            values = values[:1]
+        said = meaning.replace("|", "\\|").replace("*", "\\*")
+        rows.append(f"| {', '.join(names)} | {'; '.join(values)} | {', '.join(defaults)} | {said} |")
     return rows
 
 
@@ -248,7 +257,7 @@ def type_of(schema: Mapping[str, Any]) -> str:
         "string": "text",
         "boolean": "true or false",
     }
-    return names.get(schema.get("type", ""), "any") + limit
+    return names.get(schema.get("type", ""), "a table of names and values") + limit
 
 
 DEVELOPERS = ("02", "05", "11", "13", "14", "15", "16", "23")

@@ -1,9 +1,12 @@
 """What every notebook of the manual starts with: commands print whole lines, and may not fail."""
 
+import html
 import os
 import subprocess
+from pathlib import Path
 
 from IPython.core.magic import register_cell_magic
+from IPython.display import HTML, Image
 
 os.environ.pop("FORCE_COLOR", None)  # the kernel asks for colours, which a page does not show
 
@@ -11,8 +14,26 @@ os.environ.pop("FORCE_COLOR", None)  # the kernel asks for colours, which a page
 @register_cell_magic
 def sh(line: str, cell: str) -> None:
     """Run commands; one that fails ends the build."""
+    print(printed_by(cell), end="")
+
+
+def printed_by(commands: str) -> str:
+    """The standard output of commands, which must succeed."""
     environment = os.environ | {"MPLBACKEND": "agg"}
     done = subprocess.run(
-        ["sh", "-ec", cell], check=True, stdout=subprocess.PIPE, text=True, env=environment
+        ["sh", "-ec", commands], check=True, stdout=subprocess.PIPE, text=True, env=environment
     )
-    print(done.stdout, end="")
+    return done.stdout
+
+
+def picture(commands: str, file: str, alt: str) -> Image:
+    """The picture that commands leave in a file; `alt` says it in words."""
+    printed_by(commands)
+    return Image(file, alt=alt, width="100%")
+
+
+def framed(page: str, title: str) -> HTML:
+    """A page of HTML that commands have left, within the page of the manual."""
+    text = html.escape(Path(page).read_text(encoding="utf-8"))
+    style = "width: 100%; height: 42em; border: 1px solid #8888"
+    return HTML(f'<iframe title="{title}" srcdoc="{text}" style="{style}"></iframe>')

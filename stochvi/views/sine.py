@@ -111,10 +111,12 @@ def _range(values: np.ndarray) -> str:
 
 def draw_sine(found: HarmonicResponse) -> Axes:
     """Displacement, impact speed and acceleration of the branches: stable ones full, unstable ones
-    dashed, simulated motions as dots."""
+    dashed, simulated motions as dots. A ValueError says that there is none to draw."""
     figure, axes = plt.subplots(3, 1, figsize=SIZE, sharex=True, layout="constrained")
     for ax, column in zip(axes, PANELS, strict=True):
         plot_branches(found, ax, column)
+    if not any(ax.has_data() for ax in axes):
+        raise ValueError("no motion was found")
     for ax in axes[:2]:
         ax.set_xlabel("")
     if found.branches:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -26,3 +28,15 @@ def test_axes_are_logarithmic_where_motions_of_all_sizes_are_drawn(high: float, 
     assert top > np.nanmax(drawn) and (low < np.nanmin(drawn) if scale == "log" else low == 0.0)
     assert "no impacts" in ax.figure.legends[0].get_texts()[0].get_text()
     plt.close(ax.figure)
+
+
+def test_no_picture_is_drawn_where_no_motion_was_found() -> None:
+    scene = Scene(
+        structure=Isolator(mass=1.0, frequency_hz=14.0, zeta=0.5),
+        excitations=[Sine(on="base", amplitude=9.81, frequency_hz=14.0)],
+    )
+    found = harmonic_response(scene, [10.0, 20.0])
+    plt.close(draw_sine(found).figure)
+    with pytest.raises(ValueError, match="no motion was found"):
+        draw_sine(dataclasses.replace(found, branches=()))
+    plt.close("all")
