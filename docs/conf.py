@@ -71,6 +71,8 @@ intersphinx_mapping = {
     }.items()
 }
 
+smartquotes_action = "qe"  # options keep their two dashes
+
 html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = "stochvi"

@@ -228,7 +228,9 @@ def table_of(part: Mapping[str, Any]) -> list[str]:
         if not meaning or len(set(values)) == 1:
             values = values[:1]
         said = meaning.replace("|", "\\|").replace("*", "\\*")
-        rows.append(f"| {', '.join(names)} | {'; '.join(values)} | {', '.join(defaults)} | {said} |")
+        rows.append(
+            f"| {', '.join(names)} | {'; '.join(values)} | {', '.join(defaults)} | {said} |"
+        )
     return rows
 
 

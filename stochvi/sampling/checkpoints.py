@@ -299,8 +299,13 @@ class CheckpointWriter:
         if not isinstance(answer, Result):
             return answer
         if self.begun.seconds:
-            wall_time = answer.cost.wall_time + self.begun.seconds
-            answer = replace(answer, cost=replace(answer.cost, wall_time=wall_time))
+            cost = answer.cost
+            wall_time = cost.wall_time + self.begun.seconds
+            tenfold = cost.tenfold_wall_time
+            if tenfold is not None and cost.wall_time:
+                tenfold *= wall_time / cost.wall_time
+            cost = replace(cost, wall_time=wall_time, tenfold_wall_time=tenfold)
+            answer = replace(answer, cost=cost)
         if not self.failure or self.failure in answer.warnings:
             return answer
         return replace(answer, warnings=[*answer.warnings, self.failure])

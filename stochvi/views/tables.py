@@ -78,7 +78,7 @@ def print_response(console: Console, response: Response) -> None:
     for reason in _without_bound(response):
         print_line(console, f"{NO_BOUND}{reason}")
     balances = [
-        f"{name} {format_with_error(residual.value, residual.standard_error)}"
+        f"{name} {value_with_error(residual)}"
         if residual.standard_error
         else f"{name} {residual.value:.0e}"
         for name, residual in response.identities.items()

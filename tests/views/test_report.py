@@ -474,8 +474,11 @@ def test_cards_tell_the_limit_that_is_kept(reviewed: Review) -> None:
     cards = {card.name: card for card in page.cards}
     assert cards["Probability of exceeding 30 g in 1 h"].value == "below 1 %"
     doubtful = replace(sizing, kept_with=Estimate(value=0.0, upper_95=0.1))
-    risk = {card.name: card for card in page_of(replace(reviewed, sizing=doubtful)).cards}
+    unknown = page_of(replace(reviewed, sizing=doubtful))
+    risk = {card.name: card for card in unknown.cards}
     assert risk["Probability of exceeding 30 g in 1 h"].value == "not known well enough"
+    assert "not shown to keep the target" in risk["Clearance to make"].remark
+    assert "was shown to keep the target" in unknown.verdict
     assert "enough, and less may be" in cards["Clearance to make"].remark
     assert "95 %" not in cards["Calculated as stated"].remark
     said = " ".join(page.statements)

@@ -311,6 +311,11 @@ class Sizing(Result):
                 f"the probability that any {target.name.replace('_', ' ')} of "
                 f"{spoken_mission(mission)} exceeds {target.limit} is {self.kept_chance()} there"
             )
+            if not self.shown_to_keep:
+                return (
+                    f"no clearance was shown to keep the target{within}: {made} from the static "
+                    f"equilibrium were tried, and {kept}; raise budget"
+                )
             return (
                 f"clearance: {made} from the static equilibrium{within} is enough, and less may "
                 f"be; {kept}"
@@ -323,7 +328,9 @@ class Sizing(Result):
 
     def stops_to_copy(self) -> str:
         """The stops at the clearance to make, as lines of a scene file have them (m from the
-        unloaded spring); empty where that is not known."""
+        unloaded spring); empty where that is not known, or not shown to keep the target."""
+        if not self.shown_to_keep:
+            return ""
         return ", ".join(f"{side} = {x:.9g}" for side, x in self.gap.recommended.items())
 
     @property
@@ -382,13 +389,17 @@ class Sizing(Result):
         accepted = spoken_percent(self.target.exceedance or 0.0)
         if self.kept_with is None:
             return accepted
+        return f"below {accepted}" if self.shown_to_keep else "not known well enough"
+
+    @property
+    def shown_to_keep(self) -> bool:
+        """Whether the target was shown to be kept at the clearance: not where too few samples speak
+        for the smallest clearance that can be judged."""
+        if self.kept_with is None:
+            return True
         most = self.kept_with.upper_95
         most = self.kept_with.value if most is None else most
-        return (
-            "not known well enough"
-            if most > (self.target.exceedance or 0.0)
-            else f"below {accepted}"
-        )
+        return most <= (self.target.exceedance or 0.0)
 
     def to_frame(self) -> pd.DataFrame:
         """The curve of risk against clearance."""

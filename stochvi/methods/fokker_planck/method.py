@@ -64,8 +64,9 @@ def fokker_planck(
     """Stationary response of one oscillator with stops under white noise, by Galerkin's method.
 
     Solves -v p_x + [(b(v) + g(x) - load) p]_v + S0 / 2 p_vv = 0 (B 13.34) with
-    v p(c, v) dv = -R v p(c, -R v) d(R v) at a rigid stop c; other stops are part of g. Meshes of
-    the whole range come first; where they do not reach rtol, strips of velocity cells.
+    w p(c, w) dw = R w p(c, -R w) d(R w) for arrivals at the speed w at a rigid upper stop c: thus
+    p(c, -R w) = p(c, w) / R^2. Other stops are part of g. Meshes of the whole range come first;
+    where they do not reach rtol, strips of velocity cells.
 
     Parameters
     ----------
@@ -77,18 +78,17 @@ def fokker_planck(
         to some 1e-8; rates are brought to 10 %.
     speed_threshold
         Slowest impact that a rate counts, m/s. Default: 0 between stops that lose nothing, else
-        5 % of the rms velocity that a law exp(-energy / s^2) would have, as in `simulate`.
+        5 % of the rms velocity (of the closure), as in `simulate`.
     budget
-        Seconds after which no finer mesh is begun; None for no limit. Ctrl-C does the same where it
-        is heeded, as in `check`.
+        Seconds after which no finer mesh is begun; None for no limit.
 
     Returns
     -------
     Response
         SI units; `bias` bounds the error of each quantity by the difference of the two finest
         meshes. A rate known to no better than 10 %, or of all impacts of a rigid stop that loses
-        energy, is None (for R <= exp(-pi / sqrt 3) there is no end to them, and the rest is the
-        limit in which the mass that they bring to rest leaves at once).
+        energy, is None: for R <= exp(-pi / sqrt 3) their rate is infinite. The other quantities are
+        then those of a mass that leaves the stop again as soon as noise lifts it.
 
     Raises
     ------

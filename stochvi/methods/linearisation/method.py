@@ -58,8 +58,8 @@ def linearise(
         law; by the closure also several coordinates, several pairs, and sines.
     form
         "closure", "motion" or "force" (see `stochvi.methods.linearisation`); "clumps", the
-        closure (of two stops its variant "box") corrected by the law of the energy, the best of
-        them for one oscillator between rigid stops in white noise.
+        closure (of two stops its variant "box") corrected by the law of the energy, for one
+        oscillator between rigid stops in white noise; the best at light damping or in wide gaps.
     variant
         "consistent"; "book": the factors of m_F and k as in (B 13.12) for "motion", and of beta
         as in (B 8.54) for "force"; "box" for the closure between two rigid stops: hits as those
@@ -71,11 +71,11 @@ def linearise(
     -------
     Response
         SI units. `bias` is a bound on the error that is read from an atlas of errors
-        (`data/linearisation_atlas`; more than 99 % of the bounds hold) for one oscillator between
-        rigid stops in white noise, and for a loose mass in a box; None, with the reason
-        in `how`, outside of the atlas; 0 where the answer is exact, that is without stops, and
-        for the closure with stops that lose nothing in white noise (of several coordinates: one
-        pair, and noise that matches the damping).
+        (`data/linearisation_atlas`; 99 % of the bounds hold, 98.3 % of the worst quantity) for one
+        oscillator between rigid stops in white noise, and for a loose mass in a box; None, with the
+        reason in `how`, outside of the atlas; 0 where the answer is exact, that is without stops,
+        and for the closure with stops that lose nothing in white noise (of several coordinates:
+        one pair, and noise that matches the damping).
 
     Raises
     ------

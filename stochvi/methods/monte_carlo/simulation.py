@@ -235,6 +235,7 @@ class Simulation:
 
     def response(self, warnings: tuple[str, ...] = (), interrupted: bool = False) -> Response:
         """The response from the paths simulated so far."""
+        spent = self.seconds
         coordinates = {
             coordinate: CoordinateResponse(
                 acceleration_std=self._acceleration(coordinate),
@@ -250,13 +251,13 @@ class Simulation:
             impact_pairs=pairs,
             assumptions=self._assumptions(),
             cost=Cost(
-                wall_time=self.seconds,
+                wall_time=spent,
                 compile_time=self.compile_time,
                 steps=self.steps,
                 impacts=self.impacts,
                 paths=self.fine.count,
                 threads=self.run.workers,
-                tenfold_wall_time=100.0 * self.seconds,
+                tenfold_wall_time=100.0 * spent,
             ),
             warnings=[*warnings, *self._warnings()],
             identities=self._identities(),
@@ -412,7 +413,8 @@ class Simulation:
             threshold = self.layout.thresholds[pair.name]
             if threshold > 0.0:
                 yield (
-                    f"rates{of} count impacts faster than {threshold:.3g} m/s; F1 and F2 count all"
+                    f"rates{of} count impacts faster than {threshold:.3g} m/s; F1 and F2 count "
+                    "all; the mean impact speed is F1 over the rate"
                 )
             for stop in pair.stops:
                 if collapses(stop):

@@ -286,7 +286,10 @@ def _clearance_card(sizing: Sizing) -> Fact:
     if made is None:
         return Fact(name, UNKNOWN, "what the target needs within the tolerances was not found")
     within = f"within {sizing.allowed.in_words()}; " if sizing.worst_case is not None else ""
-    enough = "enough, and less may be; " if sizing.kept_with is not None else ""
+    enough = ""
+    if sizing.kept_with is not None:
+        shown = sizing.shown_to_keep
+        enough = "enough, and less may be; " if shown else "not shown to keep the target; "
     remark = (
         f"{enough}{sides}from the static equilibrium; {within}rounded up to {made.step_in_words}"
     )

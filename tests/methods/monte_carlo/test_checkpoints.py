@@ -3,6 +3,7 @@
 import errno
 import hashlib
 import json
+import math
 import os
 import sys
 import threading
@@ -66,7 +67,11 @@ def test_nothing_but_a_checkpoint_is_replaced(tmp_path: Path) -> None:
             simulate(oscillator(), **ASKED, **{name: ""})
 
 
-def test_a_link_is_followed_and_an_empty_file_is_filled(tmp_path: Path) -> None:
+def test_a_link_is_followed_and_an_empty_file_is_filled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # else a busy machine, on which a run takes longer, keeps the checkpoint as `there.earlier`
+    monkeypatch.setattr(checkpoints, "LONG_SECONDS", math.inf)
     link = tmp_path / "link"
     link.symlink_to(tmp_path / "there")
     (tmp_path / "empty").touch()
@@ -167,6 +172,13 @@ def test_a_folder_that_is_not_there_is_said(tmp_path: Path) -> None:
 
 
 # ---- what is asked, and what was written ------------------------------------------------------
+
+
+def test_the_price_of_more_accuracy_counts_the_time_before_a_resume(tmp_path: Path) -> None:
+    kept = tmp_path / "run"
+    simulate(oscillator(), checkpoint=kept, **ASKED)
+    cost = simulate(oscillator(), resume=kept, **ASKED).cost
+    assert cost.tenfold_wall_time == pytest.approx(100.0 * cost.wall_time)
 
 
 def test_numbers_of_numpy_are_numbers(tmp_path: Path) -> None:
