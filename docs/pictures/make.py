@@ -48,11 +48,11 @@ def three_sigma() -> Axes:
         found = rows.loc[mount]
         rice, true = found["hits_by_rice_per_hour"], found["hits_per_hour"]
         ax.plot([ACCEPTED, true], [row, row], color=DRAWING["line"], linewidth=1.0, zorder=0)
-        ax.plot(rice, row, "o", mfc="white", mec=COLOURS["exact"], markersize=8)
+        ax.plot(rice, row, "o", mfc="white", mec=COLOURS["exact"], markersize=12)
         ax.plot(true, row, "o", color=COLOURS["linearise:closure"], markersize=8)
         ax.plot(ACCEPTED, row, "s", color=COLOURS["linearise:force"], markersize=7)
-        ax.text(true * 1.6, row, count_of(float(f"{true:.2g}")), va="center", fontsize="small",
-                color=DRAWING["length"])  # fmt: skip
+        ax.text(max(rice, true) * 1.9, row, count_of(float(f"{true:.2g}")), va="center",
+                fontsize="small", color=DRAWING["length"])  # fmt: skip
         ax.text(ACCEPTED * 1.7, row - 0.13, f"at {found['clearance_in_sigma']:.1f} sigma",
                 va="bottom", fontsize="x-small", color=COLOURS["linearise:force"])  # fmt: skip
     ax.set_xscale("log")

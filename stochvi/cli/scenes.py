@@ -34,7 +34,7 @@ zeta = 0.1
 # mass = 2.5                 # kg; needed if a force acts on the mass
 # or: mass (kg), damping (N s/m) and stiffness (N/m); mounts = 4 if these are those of one of four
 # gravity = true             # towards -x; left out, stops are measured from where the mass hangs
-# frequency_tolerance = 0.1  # relative, and damping_tolerance: for the sensitivity in reports
+# frequency_tolerance = 0.1  # relative, and damping_tolerance: `size` keeps its target within
 # several masses: kind = "matrices", coordinates = ["box", "absorber"], mass = [[..], [..]],
 # damping = .., stiffness = ..; then say on = or between = in every entry below, on = "base" for
 # an acceleration of the base, or between = ["box", "absorber"] for a force and its reaction

@@ -133,6 +133,7 @@ def _print_one(console: Console, sizing: Sizing) -> None:
     if three.impact_speed_mean is not None:
         table.add_row("mean impact speed (m/s)", value_with_error(three.impact_speed_mean))
     print_table(console, table)
+    print_line(console, LAST_DIGITS)
     limits = zip(sizing.required["clearance_low"], sizing.required["clearance_high"], strict=True)
     print_frame(
         console,
@@ -214,7 +215,6 @@ def _print_hits(console: Console, sizing: Sizing) -> None:
             "impacts on all stops, with the stop law",
         )
         print_line(console, HITS_PER_FIRST_HIT)
-    print_line(console, LAST_DIGITS)
 
 
 REQUIRED_COLUMNS = {

@@ -161,9 +161,8 @@ def print_frame(
 
 
 LAST_DIGITS = (
-    "(20): a standard error of 20 in the last digits; +-4.3: a bias of up to 4.3 from the step or "
-    "the model, shown where it widens the 95 % interval by more than a tenth (? where it is not "
-    "known)"
+    "607(20): a standard error of 20; 841(15)+-4.3: a bias of up to 4.3 besides, from the step or "
+    "the model, shown where it widens the 95 % interval by more than a tenth (+-?: not known)"
 )
 """Explanation of the notation of an `Estimate`."""
 

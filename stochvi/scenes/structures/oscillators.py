@@ -165,8 +165,8 @@ class Isolator(Oscillator):
         stops, which are measured from the unloaded spring, lie closer below than above. Leave it
         out where clearances are measured from where the mass hangs.
     frequency_tolerance, damping_tolerance
-        Relative tolerances of the natural frequency and of the damping ratio, as 0.1 for 10 %. No
-        simulation depends on them; they are the ranges of a sensitivity analysis.
+        Relative tolerances of the natural frequency and of the damping ratio, as 0.1 for 10 %:
+        `size` keeps its target within them. No simulation depends on them.
 
     See Also
     --------

@@ -146,6 +146,10 @@ def gap_section(review: Review) -> Section:
         else "without gravity or a load, that is where the mass hangs"
     )
     names = [pair.name for pair in scene.impact_pairs] or ["stops"]
+    drawn, where = scene, "as the scene file states them"
+    if scene.impact_pairs and found.recommended and sizing.shown_to_keep:
+        made = scene.impact_pairs[0].replace(**found.recommended)
+        drawn, where = scene.replace(impact_pairs=[made]), "at the clearance to make"
     return Section(
         title="Gap and stops",
         lead="A clearance is the distance of a stop from the static equilibrium, where the mass "
@@ -156,9 +160,8 @@ def gap_section(review: Review) -> Section:
         facts=facts,
         pictures=[
             shown(
-                lambda: draw_problem(scene, dict.fromkeys(names, found.mean_position)),
-                "The scene with its stops as the scene file states them, before they are moved to "
-                "the clearance to make; not to scale.",
+                lambda: draw_problem(drawn, dict.fromkeys(names, found.mean_position)),
+                f"The scene with its stops {where}; not to scale.",
                 wide=True,
             )
         ],
