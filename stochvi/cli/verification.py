@@ -120,7 +120,7 @@ def cost(options: Common, scene: str, budget: float) -> None:
     options.draw("cost", picture)
 
 
-EXPLAIN_BUDGET = 3.0
+EXPLAIN_BUDGET = 10.0
 """Time of an explanation, s, unless --budget is given."""
 
 

@@ -92,6 +92,8 @@ class Record:
         Sentences on what was taken from the file besides the numbers.
     interpolated
         A sentence on an uneven clock, from whose times the values were interpolated; else empty.
+    mean
+        The mean that was taken off, m/s^2 (or N).
 
     See Also
     --------
@@ -104,6 +106,7 @@ class Record:
     gaps: tuple[tuple[float, float], ...] = ()
     notes: tuple[str, ...] = ()
     interpolated: str = ""
+    mean: float = 0.0
 
     def __eq__(self, other: object) -> bool:
         return (
@@ -127,7 +130,7 @@ class Record:
 
     def scaled(self, factor: float) -> Record:
         """The record at `factor` times its values."""
-        return replace(self, values=self.values * factor)
+        return replace(self, values=self.values * factor, mean=self.mean * factor)
 
     def filtered(self, low_hz: float, high_hz: float) -> Record:
         """The record without a straight line through each segment, and without frequencies outside
@@ -402,12 +405,13 @@ def read_record(
     if interpolated:
         assert times is not None
         values, lengths = _on_even_grid(times[~missing], values, lengths, rate)
-    values = values - values.mean()
+    mean = float(values.mean())
+    values = values - mean
     if not np.any(values):
         raise SceneError(f"{path} holds a record whose values are all equal; choose another column")
     record = Record(
         values=values, fs=rate, lengths=lengths if len(lengths) > 1 else (), gaps=found,
-        notes=notes, interpolated=interpolated,
+        notes=notes, interpolated=interpolated, mean=mean,
     )  # fmt: skip
     return record, columns
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 APPLIES = "applies"
 
-SECONDS = 3.0
+SECONDS = 10.0
 """Largest number of seconds that an explanation takes, if no kernel must be compiled."""
 
 FOR_LINEARISATION = 0.3

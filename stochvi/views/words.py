@@ -156,9 +156,10 @@ def places_of_stops(sizing: Sizing) -> str:
         texts.append(f"in the scene file, m from the unloaded spring: {copied}{hangs}")
     if stops := sizing.gap.distances:
         distances = " and ".join(f"{1e3 * distance:.4g}" for distance in stops.values())
+        noise = ", for Gaussian noise" if sizing.doubtful else ""
         texts.append(
             f"stops of the scene, {distances} mm from the static equilibrium: "
-            f"{chance_of_stops(sizing)} in {spoken_mission(sizing.mission)} (any impact)"
+            f"{chance_of_stops(sizing)} in {spoken_mission(sizing.mission)} (any impact{noise})"
         )
     return "\n".join(texts)
 

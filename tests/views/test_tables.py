@@ -23,7 +23,8 @@ def test_numbers_stand_to_the_right_whether_they_are_text_or_not() -> None:
     )
     written = io.StringIO()
     print_frame(Console(file=written, width=100), frame, "hits")
-    _, *lines = written.getvalue().splitlines()
+    above, title, *lines = written.getvalue().splitlines()
+    assert (above, title.rstrip()) == ("", "hits")
     assert [line.rstrip() for line in lines] == [
         "  gap  hits found  speed found  how",
         "6.000           4          0.5  by counting",

@@ -328,8 +328,9 @@ class Sizing(Result):
 
     def stops_to_copy(self) -> str:
         """The stops at the clearance to make, as lines of a scene file have them (m from the
-        unloaded spring); empty where that is not known, or not shown to keep the target."""
-        if not self.shown_to_keep:
+        unloaded spring); empty where that is not known or not shown to keep the target, and
+        where a record contradicts the noise for which it holds."""
+        if self.doubtful or not self.shown_to_keep:
             return ""
         return ", ".join(f"{side} = {x:.9g}" for side, x in self.gap.recommended.items())
 

@@ -282,14 +282,14 @@ class _Job:
         reached = largest_error(self.curve.crossings, self.mission)
         if reached > SEARCH.most_error:
             raise self.deadline.fell_short(
-                f"at a relative error of {reached:.2g} of the probability of an impact: "
+                f"at a relative error of {reached:.3g} of the probability of an impact: "
                 "hardly any first "
                 "hit was seen",
                 "raise budget",
             )
         if reached > self.rel_error:
             self._short(
-                f"the budget ended at a relative error of {reached:.2g} of the probability of "
+                f"the budget ended at a relative error of {reached:.3g} of the probability of "
                 "an impact"
             )
         self.hits = Hits(
@@ -469,7 +469,7 @@ class _Job:
             return answer
         beyond = "" if self.target.exceedance is None else " beyond the limit"
         reached = (
-            f"the budget ended at a relative error of {error:.2g} of the rate of "
+            f"the budget ended at a relative error of {error:.3g} of the rate of "
             f"impacts{beyond} at "
             f"{1e3 * place:.4g} mm"
         )

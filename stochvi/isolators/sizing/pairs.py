@@ -288,7 +288,7 @@ class _PairsJob:
                     half = found.half_width_95() / found.value / slope
                     if error > MISSED * self.rel_error:
                         note = (
-                            f"the budget ended at a relative error of {error:.2g} of the "
+                            f"the budget ended at a relative error of {error:.3g} of the "
                             f"{'rate of hits' if self.limit is None else 'chance of the limit'}"
                         )
                         self.notes.append(note)
@@ -525,7 +525,7 @@ class _PairsJob:
         reached = largest_error(together, self.mission)
         if reached > MOST_ERROR:
             raise self.deadline.fell_short(
-                f"at a relative error of {reached:.2g} of the probability of an impact: "
+                f"at a relative error of {reached:.3g} of the probability of an impact: "
                 "hardly any first "
                 "hit was seen",
                 "raise budget",
@@ -533,7 +533,7 @@ class _PairsJob:
         late = []
         if reached > MISSED * self.rel_error:
             late = [
-                f"the budget ended at a relative error of {reached:.2g} of the probability of "
+                f"the budget ended at a relative error of {reached:.3g} of the probability of "
                 "an impact"
             ]
         self.short += late

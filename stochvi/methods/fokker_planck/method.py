@@ -64,8 +64,8 @@ def fokker_planck(
     """Stationary response of one oscillator with stops under white noise, by Galerkin's method.
 
     Solves -v p_x + [(b(v) + g(x) - load) p]_v + S0 / 2 p_vv = 0 (B 13.34) with
-    w p(c, w) dw = R w p(c, -R w) d(R w) for arrivals at the speed w at a rigid upper stop c: thus
-    p(c, -R w) = p(c, w) / R^2. Other stops are part of g. Meshes of the whole range come first;
+    p(c, -R w) = p(c, w) / R^2, w > 0, at a rigid upper stop c: what arrives at w leaves at R w.
+    Other stops are part of g. Meshes of the whole range come first;
     where they do not reach rtol, strips of velocity cells.
 
     Parameters

@@ -154,9 +154,9 @@ def first_passage(
 ) -> FirstPassage:
     """P(a barrier is reached before t), its mean time and its decay rate, for one oscillator.
 
-    Solves the backward equation u_t = v u_x - (b v + omega^2 x - load) u_v + S0 / 2 u_vv of
-    u = P(passage before t), adjoint to (B 13.34), with u = 1 at the barriers, on finer and finer
-    meshes until two of them agree.
+    The probability u of a passage before t, from (x, v), obeys the backward equation
+    u_t = v u_x - (b v + omega^2 x - load) u_v + S0 / 2 u_vv, adjoint to (B 13.34), with u = 1 at
+    the barriers. Meshes are refined until two of them agree.
 
     Parameters
     ----------

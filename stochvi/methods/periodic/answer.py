@@ -160,14 +160,10 @@ class Jump:
     impact_speed: tuple[float, float]
 
     @property
-    def size(self) -> float:
-        """How much larger the larger of the two motions is: its relative change."""
-        changes = [
-            abs(after - before) / max(before, after)
-            for before, after in (self.displacement_max, self.impact_speed)
-            if max(before, after) > 0.0
-        ]
-        return max(changes, default=0.0)
+    def changes(self) -> tuple[float, float]:
+        """Changes of the largest displacement (m) and of the impact speed (m/s)."""
+        before, after = zip(self.displacement_max, self.impact_speed, strict=True)
+        return abs(after[0] - before[0]), abs(after[1] - before[1])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -325,10 +321,16 @@ class HarmonicResponse(Result):
         return pd.concat(tables, ignore_index=True) if tables else empty
 
     def jump_at(self, *, upwards: bool) -> float | None:
-        """Frequency (hertz) of the largest jump of a slow sweep; None where there is none."""
+        """Frequency (hertz) of the largest jump of a slow sweep; None where there is none.
+
+        It is the one that changes displacement or impact speed the most, each relative to the
+        largest change of all jumps: where impacts set in, the speed grows from zero, yet little.
+        """
+        largest = np.max([jump.changes for jump in self.jumps], axis=0, initial=0.0)
+        scale = np.where(largest > 0.0, largest, 1.0)
         found = [jump for jump in self.jumps if jump.upwards == upwards]
-        largest = max(found, key=lambda jump: jump.size, default=None)
-        return None if largest is None else largest.frequency_hz
+        most = max(found, key=lambda jump: max(jump.changes / scale), default=None)
+        return None if most is None else most.frequency_hz
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()
@@ -345,8 +347,10 @@ class HarmonicResponse(Result):
         )
         for upwards, word in ((True, "up"), (False, "down")):
             frequency = self.jump_at(upwards=upwards)
+            number = sum(jump.upwards == upwards for jump in self.jumps)
             if frequency is not None:
-                found += f"; a slow sweep {word} jumps at {frequency:.5g} Hz"
+                places = "at" if number == 1 else f"at {number} places, most at"
+                found += f"; a slow sweep {word} jumps {places} {frequency:.5g} Hz"
         if self.model_error is not None and (median := self.model_error["median"]) is not None:
             found += (
                 f"; impact speeds are off by {100.0 * median:.2g} % from the exact regimes "

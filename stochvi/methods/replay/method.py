@@ -21,10 +21,14 @@ from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.sizes import MOST_NUMBERS
 from stochvi.scenes.excitations import BASE, ConstantLoad, DensityNoise, RecordedNoise
+from stochvi.scenes.records import Record
 from stochvi.scenes.scene import Scene
 
 EXACT = "the record itself, exact steps"
 """Words in every estimate of a replay on how it was found."""
+
+NOTICED_MEAN = 0.01
+"""Smallest displacement by the mean of a record that is told, as a share of the largest one."""
 
 
 @calculation
@@ -128,11 +132,9 @@ def replay(
         clearances=found,
         duration=float(sum(each.step * len(each.base) for each in segments)),
         assumptions=_assumptions(scene, model, len(segments)),
-        warnings=()
-        if keep
-        else (
-            f"The samples of x(t) are not kept: {numbers:.2g} of them would not fit into memory. "
-            "Ask for fewer clearances.",
+        warnings=(
+            *_without_samples(numbers, keep),
+            *_without_mean(scene, model, found[-1]),
         ),
         cost=Cost(
             wall_time=time.perf_counter() - begin - compile_time,
@@ -184,26 +186,32 @@ def unmet(scene: Scene, model: Model) -> list[str]:
     return found
 
 
+def _records_of(scene: Scene, model: Model) -> list[tuple[Record, Vector, int | None]]:
+    """Each record of a scene, its force on the coordinates per unit, and the number of the axis of
+    the base that it moves; None for a force."""
+    found: list[tuple[Record, Vector, int | None]] = []
+    noises = (each for each in scene.excitations if isinstance(each, DensityNoise))
+    for each, (_, direction) in zip(noises, model.tables, strict=True):
+        if not isinstance(each, RecordedNoise):
+            continue
+        if scene.place(each) == BASE:
+            axis = list(model.base).index(each.axis or "")
+            found.append((each.record, inertia_of(model.mass, model.base_rows[:, axis]), axis))
+        else:
+            found.append((each.record, np.asarray(direction), None))
+    return found
+
+
 def shaking_of(scene: Scene, model: Model) -> list[SampledExcitation]:
     """The records of a scene as forces on its coordinates, a part for each segment."""
-    records = [
-        (each.record, scene.place(each), list(model.base).index(each.axis or ""), direction)
-        for each, (_, direction) in zip(
-            (each for each in scene.excitations if isinstance(each, DensityNoise)),
-            model.tables,
-            strict=True,
-        )
-        if isinstance(each, RecordedNoise)
-    ]
+    records = _records_of(scene, model)
     first = records[0][0]
     forces = np.zeros((len(first.values), len(model.coordinates)))
     base = np.zeros((len(first.values), len(model.base)))
-    for record, place, axis, direction in records:
-        if place == BASE:
-            forces += np.outer(record.values, inertia_of(model.mass, model.base_rows[:, axis]))
+    for record, weights, axis in records:
+        forces += np.outer(record.values, weights)
+        if axis is not None:
             base[:, axis] += record.values
-        else:
-            forces += np.outer(record.values, np.asarray(direction))
     cuts = np.cumsum(first.lengths)[:-1]
     return [
         SampledExcitation(step=1.0 / first.fs, forces=force, base=acceleration)
@@ -316,6 +324,34 @@ def _histories(
         acceleration=columns("acceleration", model.outputs),
         force=columns("force", owners),
     )
+
+
+def _without_samples(numbers: int, keep: bool) -> list[str]:
+    """A sentence where the samples of x(t) are too many to be kept."""
+    if keep:
+        return []
+    return [
+        f"The samples of x(t) are not kept: {numbers:.2g} of them would not fit into memory. "
+        "Ask for fewer clearances."
+    ]
+
+
+def _without_mean(scene: Scene, model: Model, answer: ReplayAt) -> list[str]:
+    """A sentence where the mean of the record, which is taken off, would move the structure
+    noticeably: that of a shock is part of it."""
+    force = sum(record.mean * weights for record, weights, _ in _records_of(scene, model))
+    moved = np.abs(np.linalg.lstsq(model.stiffness, force, rcond=None)[0])
+    found = []
+    for name, each in zip(model.coordinates, moved.tolist(), strict=True):
+        largest = answer.coordinates[name].displacement_max.value
+        if each > NOTICED_MEAN * largest:
+            found.append(
+                f"The mean of the record is taken off. It alone would move {name} by "
+                f"{1e3 * each:.3g} mm, {100.0 * each / largest:.2g} % of its largest displacement. "
+                "If the record is a shock, append zeros; an offset of the sensor or gravity needs "
+                "nothing."
+            )
+    return found
 
 
 def _assumptions(scene: Scene, model: Model, segments: int) -> tuple[str, ...]:

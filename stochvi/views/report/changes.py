@@ -42,7 +42,7 @@ def sensitivity_section(table: pd.DataFrame | None) -> Section:
     return Section(
         title="Sensitivity",
         lead="The clearance for the same target if mount, environment or stops are not as stated, "
-        "and the probability of any impact that the clearance calculated as stated then has.",
+        "and the probability of any impact that is then left.",
         grids=[_changes_grid(table, "One thing changed at a time, the rest as stated")],
         pictures=_change_bars(table),
         notes=_notes_of(table),
@@ -57,7 +57,7 @@ def _changes_grid(table: pd.DataFrame, caption: str) -> Grid:
     lengths |= clearances_of_changes(table)
     return Grid(
         caption=caption,
-        headings=["change", *lengths.values(), "by (%)", "any impact at the clearance as stated"],
+        headings=["change", *lengths.values(), "by (%)", "any impact, clearance as stated"],
         rows=[
             [
                 row["change"],

@@ -122,6 +122,7 @@ def gap_section(review: Review) -> Section:
             f"in the scene file {side} = {place:.9g} (m)",
         )
         for side, place in found.recommended.items()
+        if sizing.stops_to_copy()
     ]
     if scene.impact_pairs:
         pair = scene.impact_pairs[0]
@@ -147,7 +148,7 @@ def gap_section(review: Review) -> Section:
     )
     names = [pair.name for pair in scene.impact_pairs] or ["stops"]
     drawn, where = scene, "as the scene file states them"
-    if scene.impact_pairs and found.recommended and sizing.shown_to_keep:
+    if scene.impact_pairs and sizing.stops_to_copy():
         made = scene.impact_pairs[0].replace(**found.recommended)
         drawn, where = scene.replace(impact_pairs=[made]), "at the clearance to make"
     return Section(

@@ -281,7 +281,8 @@ def _cards(review: Review) -> list[Fact]:
 
 def _clearance_card(sizing: Sizing) -> Fact:
     """The clearance to make."""
-    made, name = sizing.made, "Clearance to make"
+    made = sizing.made
+    name = "Clearance to make" if sizing.doubtful is None else "Clearance for Gaussian noise alone"
     sides = "per side, " if len(sizing.sides) > 1 else ""
     if made is None:
         return Fact(name, UNKNOWN, "what the target needs within the tolerances was not found")

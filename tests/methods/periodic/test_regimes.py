@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -21,7 +22,7 @@ from stochvi import (
     WhiteNoise,
     harmonic_response,
 )
-from stochvi.methods.periodic import Branch, HarmonicResonance, HarmonicResponse
+from stochvi.methods.periodic import Branch, HarmonicResonance, HarmonicResponse, Jump
 from support.accuracies import quick_cases
 from support.bounces import Bounces
 from support.sine_flights import Mass, settled
@@ -291,6 +292,22 @@ def test_a_slow_sweep_jumps_where_its_regime_ends() -> None:
     down = found.jump_at(upwards=False)
     assert down == pytest.approx(special(found, "grazing", 0)[0], rel=1e-9)
     assert found.to_dict()["jumps"]["down_hz"] == down
+
+
+def test_the_largest_jump_is_not_the_one_where_slow_impacts_set_in() -> None:
+    """There the impact speed grows from zero, by any ratio, and yet by little."""
+    found = harmonic_response(mount().model_copy(update={"impact_pairs": ()}), [40.0])
+    start = Jump(
+        upwards=True, value=8.0, frequency_hz=8.0, displacement_max=(1e-2, 1e-2),
+        impact_speed=(0.0, 0.05),
+    )  # fmt: skip
+    drop = Jump(
+        upwards=True, value=11.0, frequency_hz=11.0, displacement_max=(1e-2, 4e-3),
+        impact_speed=(0.6, 0.0),
+    )  # fmt: skip
+    found = dataclasses.replace(found, jumps=(start, drop))
+    assert found.jump_at(upwards=True) == 11.0 and found.jump_at(upwards=False) is None
+    assert "a slow sweep up jumps at 2 places, most at 11 Hz" in found.summary()
 
 
 def test_noise_is_left_out_with_a_warning_and_the_rest_is_refused_in_a_sentence() -> None:
