@@ -30,7 +30,7 @@ MOUNTS = {
     ("mil-std-810h-truck-longitudinal-5hz", 8.0): "8 Hz on a truck, longitudinal",
     ("navmat-p-9492", 40.0): "40 Hz on NAVMAT P-9492",
     ("navmat-p-9492", 20.0): "20 Hz on NAVMAT P-9492, at its edge",
-    ("navmat-p-9492", 12.0): "12 Hz on NAVMAT P-9492, below its table",
+    ("navmat-p-9492", 8.0): "8 Hz on NAVMAT P-9492, below its table",
     ("gevs-acceptance", 8.0): "8 Hz on GEVS, below its table",
 }
 """Rows of the picture of three sigma: profile and natural frequency (Hz), and their words."""

@@ -42,9 +42,9 @@ def _value_unit(spelling: str) -> str:
 class RecordedNoise(DensityNoise):
     """Gaussian noise with the density of a measured record, estimated by Welch's method.
 
-    `stochvi.replay` alone takes the record itself. The length of the segments follows from the length of the
-    record and from the oscillator that it excites (`Record.resolution`), unless `resolution_hz` is
-    given.
+    `stochvi.replay` alone takes the record itself. The length of the segments follows from the
+    length of the record and from the oscillator that it excites (`Record.resolution`), unless
+    `resolution_hz` is given.
 
     Parameters
     ----------
