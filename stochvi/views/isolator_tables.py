@@ -164,8 +164,7 @@ def _print_changes(console: Console, table: pd.DataFrame, title: str) -> None:
     print_frame(
         console,
         shown[list(columns)].rename(columns=columns),
-        f"{title}: clearance for the same target, and probability of any impact at the "
-        "calculated one",
+        f"{title}: clearance for the same target; probability with the clearance as stated",
     )
     for change, note in zip(table["change"], table["note"], strict=True):
         if note:

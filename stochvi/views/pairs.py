@@ -124,9 +124,8 @@ def worst_places(sizing: PairsSizing) -> list[str]:
 
 
 TOLERANCES = (
-    "within the tolerances, by linear theory: clearances for the same risk, and the "
-    "probability of any "
-    "hit at the calculated ones; last, the largest of each column over the whole region"
+    "within the tolerances, by linear theory: clearances for the same risk; probability of any "
+    "impact with those as stated; last, the largest of each column over the whole region"
 )
 """Heading of the table of tolerances."""
 
