@@ -154,9 +154,8 @@ def first_passage(
 ) -> FirstPassage:
     """P(a barrier is reached before t), its mean time and its decay rate, for one oscillator.
 
-    The probability u of a passage before t, from (x, v), obeys the backward equation
-    u_t = v u_x - (b v + omega^2 x - load) u_v + S0 / 2 u_vv, adjoint to (B 13.34), with u = 1 at
-    the barriers. Meshes are refined until two of them agree.
+    The probability u of a passage before t, from (x, v), obeys the equation adjoint to (B 13.34):
+    u_t = v u_x - (b v + omega^2 x - load) u_v + S0 / 2 u_vv. It is 1 at the barriers. Meshes are refined until two of them agree.
 
     Parameters
     ----------

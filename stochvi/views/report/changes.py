@@ -25,7 +25,7 @@ def worst_case_section(review: Review) -> Section:
     return Section(
         title="Tolerances",
         lead="The clearance for the same target, from the static equilibrium of the mount as "
-        "stated, and the chance of any hit that the calculated clearance then has: "
+        "stated, and the probability of any impact that is then left: "
         f"{review.tolerances.in_words()}. Each is at its ends first. Last is the largest "
         "requirement within all of them: the response of the mount is searched over the whole "
         "region, and the scene that is found there is sized.",

@@ -139,7 +139,7 @@ def _hit_rows(review: Review) -> list[list[str]]:
         ),
         row("impacts per first impact", lambda hits: _seen(hits.hits_per_first_hit)),
         row("mean impact speed (m/s)", lambda hits: _seen(hits.impact_speed_mean)),
-        row("impacts found by", lambda hits: hits.by),
+        row("impacts found by", lambda hits: hits.by.replace("bursts", "clusters")),
     ]
 
 
