@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from stochvi import absorber, impacts, reliability, size, spectrum
+from stochvi import absorber, impacts, lifetimes, reliability, size, spectrum
 from stochvi.isolators import clatter, clearance_curve
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import first_passage
@@ -21,7 +21,7 @@ from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import GAUSSIAN_95, mean_and_error
 from stochvi.scenes.absorbers import Absorber
-from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
+from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Oscillator
@@ -89,9 +89,13 @@ def sampled_spectrum(seed: int) -> Ends:
     return float(curve.lower[place]), float(curve.upper[place])
 
 
+OFTEN = scene(2.5, damping=0.2)
+"""The same stops, of which a short mission meets some."""
+
+
 def hits_of_missions(seed: int) -> Ends:
     found = partial_answer(
-        reliability, FAR, mission=100.0, rel_error=0.01, budget=0.05, seed=seed, threads=1
+        reliability, OFTEN, mission=20.0, rel_error=0.002, budget=0.2, seed=seed, threads=1
     )
     return ALL if found is None or found.hits is None else found.hits_interval
 
@@ -160,8 +164,29 @@ def vibration_with_an_absorber(seed: int) -> Ends:
     return ends_of(found.central.displacement_std) if found else ALL
 
 
+TWO_MOTIONS = Scene(
+    structure=Oscillator(mass=1.0, damping=0.02, stiffness=0.01),
+    impact_pairs=[ImpactPair(clearance=4.0, law=Restitution(coefficient=0.6))],
+    excitations=[
+        Sine(amplitude=1.0, frequency_hz=1.0 / (2.0 * math.pi)), WhiteNoise(intensity=8e-4)
+    ],
+)  # fmt: skip
+"""A mass that may hit its stops under a sine or not, in noise that ends its rest."""
+
+
+def life_without_impacts(seed: int) -> Ends:
+    found = partial_answer(
+        lifetimes, TWO_MOTIONS, ["no impacts"], rel_error=0.01, budget=1.3, seed=seed, threads=1
+    ).regimes[0]
+    return found.life_time_low, found.life_time_high or math.inf
+
+
 def exact_rate() -> float:
     return exact(FAR).impact_pairs["stops"]["collision_rate"].value
+
+
+def exact_hits() -> float:
+    return 20.0 * exact(OFTEN).impact_pairs["stops"]["collision_rate"].value
 
 
 def exact_chance() -> float:
@@ -183,6 +208,12 @@ def long_vibration() -> float:
     return found.central.displacement_std.value
 
 
+def long_life() -> float:
+    found = lifetimes(TWO_MOTIONS, ["no impacts"], rel_error=0.007, seed=10**6, budget=None)
+    assert found.regimes[0].life_time is not None
+    return found.regimes[0].life_time
+
+
 def long_bursts() -> float:
     found = reliability(SOFT, mission=10.0, rel_error=0.008, budget=None, seed=10**6, threads=1)
     return found.hits.value
@@ -199,17 +230,20 @@ QUESTIONS: dict[str, tuple[Callable[[int], Ends], Callable[[], float]]] = {
     "rate, impacts": (counted_impacts, exact_rate),
     # two-sided S0 / (2 pi b^2) per rad/s at resonance; one-sided per hertz
     "density, spectrum": (sampled_spectrum, lambda: 2.0 * 0.2 / 0.1**2),
-    "impacts of missions, reliability": (hits_of_missions, lambda: 100.0 * exact_rate()),
+    "impacts of missions, reliability": (hits_of_missions, exact_hits),
     "probability by splitting, reliability": (split_chance, exact_chance),
     "impacts of clusters, reliability": (hits_of_bursts, long_bursts),
     "acceleration, clatter": (clatter_of_windows, long_clatter),
     "rate, clearance": (rate_at_a_clearance, exact_rate),
     "clearance, size": (required_clearance, exact_clearance),
     "deviation, absorber": (vibration_with_an_absorber, long_vibration),
+    "life, lifetimes": (life_without_impacts, long_life),
 }
 """An interval from little work, by seed, and the truth."""
 
-DEAR = ("clearance, size", "deviation, absorber")
+DEAR = (
+    "impacts of missions, reliability", "clearance, size", "deviation, absorber", "life, lifetimes"
+)  # fmt: skip
 """Questions of which an answer takes a second."""
 
 
@@ -224,6 +258,8 @@ def test_what_is_left_of_a_budget_holds_as_often_as_it_says(
     intervals: list[bool] = []
     for name, (ask, _) in asked.items():
         ends = [ask(seed) for seed in range(seeds)]
+        stated = np.mean([low > 0.0 or high < math.inf for low, high in ends])
+        assert stated > 0.5, f"{name}: nothing is stated"
         inside = [low <= truths[name] <= high for low, high in ends]
         held[name] = float(np.mean(inside))
         intervals += [hit for hit, (low, _) in zip(inside, ends, strict=True) if low > 0.0]
