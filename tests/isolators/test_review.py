@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from dataclasses import replace
 
@@ -27,6 +28,7 @@ from stochvi.isolators.sizing.motion import PathSettings, motion_between_stops
 from stochvi.isolators.sizing.review import ReviewSettings, review
 from stochvi.isolators.sizing.sensitivity import variations
 from stochvi.model.model import Model, model_of
+from stochvi.results.errors import NotConverged
 from stochvi.scenes.impact_laws import ForceTable, Law, Viscoelastic
 from support.sized import MOUNT, TRUCK, scene_between_stops, sizing_of
 
@@ -143,6 +145,20 @@ def test_the_only_stop_of_a_scene_brings_all_the_bursts_of_its_distance(sizing: 
 
 
 # Numbers of the page ----------------------------------------------------------------------
+
+
+def test_peaks_for_which_no_time_is_left_cost_no_review(
+    sizing: Sizing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where the time of a review is over, a window alone may take longer than what is left."""
+    module = importlib.import_module("stochvi.isolators.sizing.review")
+
+    def late(*_: object, **named: object) -> None:
+        raise NotConverged("the budget of 0.001 s ended before there was an answer; raise budget")
+
+    monkeypatch.setattr(module, "clatter", late)
+    found = review(sizing, settings=ReviewSettings(budget=1e-3))
+    assert found.peaks is None and module.NO_PEAKS in found.warnings
 
 
 def test_numbers_of_a_review_without_stops_are_plain_sums_and_motions() -> None:

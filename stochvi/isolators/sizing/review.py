@@ -21,7 +21,7 @@ from stochvi.isolators.sizing.motion import MotionBetweenStops, PathSettings, mo
 from stochvi.model.model import model_of
 from stochvi.results.base import plain
 from stochvi.results.deadline import NEVER, Deadline
-from stochvi.results.errors import NotApplicable
+from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.scene import UNLOADED
@@ -312,6 +312,9 @@ def review(
         path = replace(path, periods=min(path.periods, settings.periods_when_late))
     closure = _closure(sizing, settings.closure_points, deadline)
     left_out = closure is not None and deadline.passed() and closure["closure"].isna().any()
+    motion = motion_between_stops(sizing, path) if stopped else None
+    peaks = peak_accelerations(sizing, settings.peaks, deadline, threads)
+    no_peaks = peaks is not None and not peaks["windows"].any()
     return Review(
         sizing=sizing,
         environment=environment(sizing.scene),
@@ -321,7 +324,7 @@ def review(
         chances=_chances(sizing),
         hits=_hits(sizing),
         comparisons=_comparisons(sizing),
-        motion=motion_between_stops(sizing, path) if stopped else None,
+        motion=motion,
         recommended=RoundedClearance.of(sizing.clearance.value),
         worst=None if sizing.allowed == Tolerances() else sizing.made,
         tolerances=sizing.allowed,
@@ -333,10 +336,14 @@ def review(
             for place, answer in sizing.evidence.items()
             for name, residual in answer.identities.items()
         ),
-        peaks=peak_accelerations(sizing, settings.peaks, deadline, threads),
+        peaks=None if no_peaks else peaks,
         peak_window=settings.peaks.window,
         sensitivity=sensitivity,
-        warnings=(*_warnings(sizing), *([NO_CLOSURE] if left_out else [])),
+        warnings=(
+            *_warnings(sizing),
+            *([NO_CLOSURE] if left_out else []),
+            *([NO_PEAKS] if no_peaks else []),
+        ),
         assumptions=_assumptions(sizing),
     )
 
@@ -446,6 +453,9 @@ def peak_accelerations(
             )  # fmt: skip
         except NotApplicable:
             break
+        except NotConverged:
+            # a window may take longer than all the time that is left
+            found = _not_simulated(clearance, clearance / sizing.sigma, *(ratios or (math.nan,)))
         rows.append(found)
     return pd.concat(rows, ignore_index=True) if rows else None
 
@@ -495,6 +505,9 @@ def largest_peak(count: float) -> float:
     root = math.sqrt(2.0 * math.log(max(count, math.e)))
     return root + float(np.euler_gamma) / root
 
+
+NO_PEAKS = "peak accelerations were not simulated: no time was left; raise the budget"
+"""Warning where the deadline passed before the first window."""
 
 NO_CLOSURE = (
     "the moment closure was not solved at every clearance of the curve of hit rates: no time was "

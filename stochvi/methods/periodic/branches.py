@@ -482,6 +482,8 @@ class Finder:
         for name, test in TESTS.items():
             values = test(track)
             for number in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0):
+                if self.deadline.passed():
+                    break
 
                 def value(u: Vector, test: Callable[[Track], Vector] = test) -> float:
                     return float(test(self.inspected(track.stops, track.periods, u[None], [""]))[0])

@@ -275,10 +275,15 @@ class ContactFinder(Finder):
         return Shooting(self, track.periods)
 
     def _traced(self, orbit: Orbit) -> list[Track]:
-        """The branch through a regime, as branches of one order of contacts each."""
+        """The branch through a regime, as branches of one order of contacts each; what was looked
+        at before the deadline."""
         problem = Shooting(self, orbit.periods)
         points, names = self._continuation(problem).through(orbit.u, self._name(orbit.sigma))
-        words = [self._word(u, orbit.periods) for u in points]
+        words = [
+            self._word(u, orbit.periods)
+            for u in itertools.takewhile(lambda _: not self.deadline.passed(), points)
+        ] or [self._word(points[0], orbit.periods)]
+        points = points[: len(words)]
         found, first = list[Track](), 0
         edge: list[Vector] = []
         for number in range(1, len(points) + 1):
@@ -290,9 +295,11 @@ class ContactFinder(Finder):
                 last, ahead = self._changed(*around, (words[first], words[number]), problem)
             part = [*edge, *points[first:number], *last]
             labels = [GRAZING] * len(edge) + names[first:number] + [GRAZING] * len(last)
-            track = self.inspected(words[first], orbit.periods, np.array(part), labels)
+            track = self.inspected(words[first], orbit.periods, np.array(part), labels, whole=False)
             found.append(self._located(track))
             first, edge = number, ahead
+            if self.deadline.passed():
+                break
         return found
 
     def _word(self, u: Vector, periods: int) -> tuple[int, ...]:
@@ -320,6 +327,8 @@ class ContactFinder(Finder):
         normal = (end - start) / np.linalg.norm(end - start)
         low, high, last, beyond = 0.0, 1.0, None, None
         for _ in range(HALVINGS):
+            if self.deadline.passed():
+                break
             middle = 0.5 * (low + high)
             found = problem.corrected(start + middle * (end - start), normal)
             if found is None:
@@ -331,13 +340,18 @@ class ContactFinder(Finder):
         return last, beyond
 
     def inspected(
-        self, stops: tuple[int, ...], periods: int, points: Matrix, names: Sequence[str]
-    ) -> Track:
+        self, stops: tuple[int, ...], periods: int, points: Matrix, names: Sequence[str],
+        *, whole: bool = True,
+    ) -> Track:  # fmt: skip
+        """The branch, up to the deadline where it need not be `whole`."""
         number, count, two = len(points), len(stops), 2 * self.family.sizes[0]
         sizes, factors = np.zeros((number, 2)), np.zeros((number, two, two))
         speeds, phases = np.zeros((number, count)), np.zeros((number, count))
         starts = np.array(points[:, :-1])
         for place, u in enumerate(points):
+            if place and not whole and self.deadline.passed():
+                number = place
+                break
             motion = self.at_point(u, periods)
             assert motion is not None, "a regime is followed once more"
             sizes[place] = motion.displacement, motion.acceleration
@@ -349,10 +363,11 @@ class ContactFinder(Finder):
                 phases[place, :own], speeds[place, :own] = log[:own, 0], log[:own, 2]
                 starts[place] = log[0, 3:]
         displacement, acceleration = sizes.T
-        return Track(
-            stops, periods, points, tuple(names), np.ones(number), displacement, acceleration,
+        track = Track(
+            stops, periods, points, tuple(names), np.ones(len(points)), displacement, acceleration,
             speeds, factors, starts, phases, by_state=True,
         )  # fmt: skip
+        return track.part(slice(number))
 
 
 class Shooting:

@@ -335,3 +335,41 @@ def test_a_resonance_between_the_values_that_are_drawn_is_found() -> None:
         assert [jump.value for jump in found.jumps] == pytest.approx(
             [points[2].value, points[1].value], rel=1e-6
         )
+
+
+def test_a_branch_that_is_being_followed_ends_with_the_budget(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """After the deadline a step of the branch may go on, and nothing is begun."""
+    family = Family.of(
+        lambda value: model_of(mount(Elastic(stiffness=20.0), value)), 0.15, 0.4, None
+    )
+    flown, motions = ContactFinder.flown, [0, 0]
+
+    class Ending:
+        """A deadline that passes after so many motions."""
+
+        def __init__(self, last: float) -> None:
+            self.last = last
+
+        def passed(self) -> bool:
+            return motions[0] >= self.last
+
+    def counted(self: ContactFinder, *arguments: object, **named: object) -> object:
+        motions[0] += 1
+        motions[1] += self.deadline.passed()
+        return flown(self, *arguments, **named)
+
+    finder = ContactFinder(family, np.linspace(0.0, 1.0, 5), 1)
+    settled = finder.simulate(0.5, np.array([0.1, 0.0]), periods=200)
+    orbit = finder._settled_orbit(settled, 0.5)
+    monkeypatch.setattr(ContactFinder, "flown", counted)
+    (*_, last) = finder._traced(orbit)
+    whole = motions[0]
+    assert whole > 500 and len(last.points) > 5
+    for share in (0.1, 0.5, 0.9):
+        motions[:] = 0, 0
+        finder.deadline = Ending(share * whole)
+        parts = finder._traced(orbit)
+        assert all(len(part.points) == len(part.names) for part in parts)
+        assert 0 < motions[1] < 60, share
