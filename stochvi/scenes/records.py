@@ -23,6 +23,9 @@ from stochvi.scenes.readers import TIME_RESPONSE, Columns, read_columns
 FEWEST_SAMPLES = 256
 """Smallest number of samples of a record: the segments of a shorter one would resolve nothing."""
 
+FEWEST_BINS = 16
+"""Smallest number of samples in a window."""
+
 FEWEST_SEGMENT_LENGTHS = 8
 """Smallest length of a record, in windows: the standard error of a bin is then 37 %."""
 
@@ -195,15 +198,15 @@ class Record:
         """Spacing of the bins, Hz, for an oscillator, or the finest one if none is given.
 
         For an oscillator it is the coarsest that resolves its resonance, but no finer than the
-        record allows. The coarsest is the smaller of b / (2 pi) / 6 (b / (2 pi) = 2 zeta f_n is the
-        half-power bandwidth) and f_n / 10. The finest is the larger of 8 / duration and one over
-        the length of the longest segment.
+        record allows. The coarsest is the smallest of b / (2 pi) / 6 (b / (2 pi) = 2 zeta f_n is
+        the half-power bandwidth), f_n / 10 and a sixteenth of the sampling rate. The finest is the
+        larger of 8 / duration and one over the length of the longest segment.
         """
         longest = max(map(len, self.segments)) / self.fs
         finest = max(FEWEST_SEGMENT_LENGTHS / self.duration, 1.0 / longest)
         if not omega or not damping_rate:
             return finest
-        return max(finest, wanted_resolution(omega, damping_rate))
+        return max(finest, min(wanted_resolution(omega, damping_rate), self.fs / FEWEST_BINS))
 
     def density(self, resolution_hz: float) -> DensityEstimate:
         """One-sided density by Welch's method: Hann windows, half overlap, means subtracted.

@@ -146,12 +146,24 @@ def test_text_is_read_whatever_its_name(tmp_path: Path, suffix: str) -> None:
     assert noise.table.frequency_hz.tolist() == FREQUENCY.tolist()
 
 
+ANYTHING = st.binary(max_size=400) | st.text("-158 \n0123456789.", max_size=400).map(str.encode)
+"""Bytes of a file."""
+
+
 @settings(max_examples=60, deadline=None)
-@given(
-    content=st.binary(max_size=400) | st.text("-158 \n0123456789.", max_size=400).map(str.encode),
-    suffix=st.sampled_from([".uff", ".mat", ".csv", ".unv"]),
-)
+@given(content=ANYTHING)
+def test_any_text_gives_columns_or_a_sentence(tmp_path_factory, content) -> None:
+    columns_or_a_sentence(tmp_path_factory, content, ".csv")
+
+
+# each of these is read by a process of its own; `make verify` has hundreds of damaged files
+@settings(max_examples=12, deadline=None)
+@given(content=ANYTHING, suffix=st.sampled_from([".uff", ".mat", ".unv"]))
 def test_any_file_gives_columns_or_a_sentence(tmp_path_factory, content, suffix) -> None:
+    columns_or_a_sentence(tmp_path_factory, content, suffix)
+
+
+def columns_or_a_sentence(tmp_path_factory, content: bytes, suffix: str) -> None:
     path = tmp_path_factory.getbasetemp() / f"anything{suffix}"
     path.write_bytes(content)
     sentences = [str(path)]

@@ -191,6 +191,16 @@ def test_a_record_says_where_it_is_short_or_has_large_peaks(tmp_path: Path) -> N
     assert "larger peaks" in told and "the record is short for this mount" in told
 
 
+def test_a_record_that_is_sampled_far_below_the_resonance_says_so(tmp_path: Path) -> None:
+    """As that of a table of a density that is taken for a record: a window of the mount would have
+    no sample."""
+    np.savetxt(tmp_path / "run.csv", white_record(20.0).values)
+    noise = RecordedNoise(file=str(tmp_path / "run.csv"), unit="m/s2", fs=1.0)
+    assert noise.table_for(OMEGA, DAMPING_RATE).frequency_hz[-1] == 0.5
+    told = " ".join(noise.cautions(OMEGA, DAMPING_RATE))
+    assert "sampled at 1 Hz and holds nothing at the natural frequency, 12 Hz" in told
+
+
 def test_a_record_is_not_read_again_for_another_level(tmp_path: Path) -> None:
     """The cases of a sizing are of five levels, and a record may take seconds to read."""
     file = write_text(tmp_path / "record.csv", white_record(20.0))

@@ -22,6 +22,7 @@ from stochvi.scenes.excitations.base import (
     unread_unit,
 )
 from stochvi.scenes.records import (
+    FEWEST_BINS,
     FEWEST_SEGMENT_LENGTHS,
     Record,
     listed_gaps,
@@ -221,7 +222,13 @@ class RecordedNoise(DensityNoise):
             f"uncertain by {50.0 * error:.2g} % (standard error; {50.0 * bias:+.1g} % bias of its "
             "window); the intervals of computed results do not include that"
         )
-        if record.density(bins).resolution_hz > COARSE * wanted:
+        natural = omega / (2.0 * math.pi)
+        if 0.5 * record.fs < natural:
+            found.append(
+                f"the record is sampled at {record.fs:.4g} Hz and holds nothing at the natural "
+                f"frequency, {natural:.4g} Hz: what shakes the mount there is left out"
+            )
+        elif record.density(bins).resolution_hz > COARSE * wanted:
             found.append(
                 f"the record is short for this mount: bins of {wanted:.3g} Hz need a record of "
                 f"{FEWEST_SEGMENT_LENGTHS / wanted:.3g} s"
@@ -295,9 +302,6 @@ class RecordedNoise(DensityNoise):
 
 DENSITY_OF = {"acceleration": "(m/s2)2/Hz", "force": "N2/Hz"}
 """Quantity of a record -> SI unit of its density."""
-
-FEWEST_BINS = 16
-"""Number of samples in the shortest segment that `resolution_hz` may ask for."""
 
 LOST = 0.05
 """Largest share of a mean square displacement that a density may leave out without a word: it
