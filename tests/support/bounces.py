@@ -86,12 +86,13 @@ class Bounces:
             later = self.step @ z
             hits = []
             for s in range(len(self.stops)):
-                end = self.h
-                if self.speed(z, s) > 0.0 > self.speed(later, s) and self.gap(later, s) <= 0.0:
+                end, beyond = self.h, self.gap(later, s)
+                own = lambda tau, s=s, z=z: self.gap(self.flown(z, tau), s)  # noqa: E731
+                if self.speed(z, s) > 0.0 > self.speed(later, s) and beyond <= 0.0:
                     # it turns back within the step: whether before the stop or beyond it
                     end = brentq(lambda tau, s=s, z=z: self.speed(self.flown(z, tau), s), 0.0, end)
-                own = lambda tau, s=s, z=z: self.gap(self.flown(z, tau), s)  # noqa: E731
-                if own(end) <= 0.0:
+                    beyond = own(end)
+                if beyond <= 0.0:
                     continue
                 # the stop that was just struck is left at once: its next impact is looked for
                 low = 1e-3 * self.h if time == 0.0 and self.speed(z, s) < 0.0 else 0.0

@@ -12,6 +12,7 @@ from stochvi.methods.periodic.answer import COLUMNS, Branch, HarmonicResponse
 from stochvi.model.model import model_of
 from stochvi.scenes.excitations import ConstantLoad, Sine
 from stochvi.scenes.keys import changed_scene
+from support.accuracies import quick_cases
 from support.bounces import Bounces
 
 PAIR = ("striker", "body")
@@ -51,9 +52,10 @@ def end_of_range(feed: float, restitution: float, *, above: bool) -> float:
     return math.sqrt(feed / (feed - sign * lossy))
 
 
-@pytest.mark.parametrize(
+@quick_cases(
     ("feed", "restitution", "body", "above"),
-    [(0.4, 0.5, 3.0, False), (0.8, 0.7, 0.7, False), (0.9, 0.3, 5.0, True)],
+    [(0.4, 0.5, 3.0, False), (0.8, 0.7, 0.7, False), (0.9, 0.3, 5.0, True), (1.2, 0.3, 5.0, True)],
+    keep=(1, 3),
 )
 def test_regimes_end_in_a_fold_at_the_limit_of_the_book(
     feed: float, restitution: float, body: float, above: bool
