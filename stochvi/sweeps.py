@@ -43,7 +43,6 @@ from stochvi.results.progress import Progress
 from stochvi.results.response import Response
 from stochvi.sampling.options import BUDGET, RunOptions
 from stochvi.sampling.run import Run, sampled
-from stochvi.sampling.workers import WorkerPool
 from stochvi.scenes.key_units import key_unit
 from stochvi.scenes.keys import Change, changed_scene, holder_of, is_place, unknown_key, written_key
 from stochvi.scenes.scene import Scene, load_scene
@@ -188,8 +187,6 @@ def _sweep(
     """The table of a sweep."""
     run, number, rows = Run.of(options), len(grid), list[dict[str, Any]]()
     document, given = scene.document(as_written=True), dict(arguments)
-    if options["threads"] is not None and method not in SHARED:
-        given["threads"] = options["threads"]
     each = None if options["budget"] is None else options["budget"] / number
     run.begin()
     folder = None if out is None else folder_in(Path(out), "rows")
@@ -197,18 +194,14 @@ def _sweep(
         where = f"after row {done} of {number}"
         if run.deadline.interrupted:
             raise run.deadline.fell_short(where, "", _table(rows))
-
-        def report(share: float, text: str, done: int = done) -> None:
-            if run.progress:
-                run.progress((done + share) / number, f"row {done + 1} of {number}, {text}")
-
         if each is not None:  # what a row took too long, the others have less
             given["budget"] = min(each, run.deadline.part(1.0 / (number - done)) or each)
         elif method in SAMPLING:
             given["budget"] = None
         job = Job.of(changed_scene(document, change), change, method, common, run.seed, dict(given))
         try:
-            rows.append(job.row(folder, run.pool, report))
+            row = run.part(done / number, (done + 1) / number, f"row {done + 1} of {number}")
+            rows.append(job.row(folder, row))
         except KeyboardInterrupt as reason:
             raise Interrupted(f"interrupted by Ctrl-C {where}", _table(rows)) from reason
     return _table(rows)
@@ -307,7 +300,7 @@ class Job:
             name=whole.hexdigest()[:16],
         )  # fmt: skip
 
-    def row(self, folder: Path | None, workers: WorkerPool, progress: Progress) -> dict[str, Any]:
+    def row(self, folder: Path | None, run: Run) -> dict[str, Any]:
         """The row of the table. A complete answer is kept in the folder, and is taken from there
         if it was kept before."""
         kept = None if folder is None else folder / f"{self.name}.json"
@@ -317,7 +310,7 @@ class Job:
             _again(kept, "holds no answer that can be read")
         response: Response | Summary | None = None
         try:
-            response, note = self._answer(folder, workers, progress), ""
+            response, note = self._answer(folder, run), ""
         except NotApplicable as error:
             note = str(error)
         except NotConverged as error:
@@ -327,25 +320,23 @@ class Job:
             kept.with_suffix(".checkpoint").unlink(missing_ok=True)
         return self._columns(response, note)
 
-    def _answer(
-        self, folder: Path | None, workers: WorkerPool, progress: Progress
-    ) -> Response | Summary:
+    def _answer(self, folder: Path | None, run: Run) -> Response | Summary:
         match self.method:
             case "simulate":
                 from stochvi.methods.monte_carlo import simulate
 
-                simulated: Response = self._sampled(simulate, folder, workers, progress)
+                simulated: Response = self._sampled(simulate, folder, run)
                 return simulated
             case "size":
-                return summary_of_sizing(self._sized(progress))
+                return summary_of_sizing(self._sized(folder, run))
             case "reliability":
                 from stochvi.statistics.reliability import reliability
 
-                return summary_of_reliability(self._sampled(reliability, folder, workers, progress))
+                return summary_of_reliability(self._sampled(reliability, folder, run))
             case "replay":
                 from stochvi.methods.replay import replay
 
-                return summary_of_replay(replay(self.scene, **self.arguments))
+                return summary_of_replay(replay(self.scene, threads=run.workers, **self.arguments))
             case "exact":
                 from stochvi.methods.closed_form import exact
 
@@ -362,25 +353,21 @@ class Job:
 
         return average(self.scene, **self.arguments)
 
-    def _sized(self, progress: Progress) -> Sizing | PairsSizing:
+    def _sized(self, folder: Path | None, run: Run) -> Sizing | PairsSizing:
         from stochvi.isolators import size
 
         try:
-            return size(self.scene, seed=self.seed, progress=progress, **self.arguments)
+            found: Sizing | PairsSizing = self._sampled(size, folder, run)
+            return found
         except ValueError as error:
             if isinstance(error, StochviError):
                 raise
             # a target that no clearance meets in one scene may be met in the next
             raise NotApplicable("size", [str(error)]) from error
 
-    def _sampled(
-        self, calculate: Callable[..., Any], folder: Path | None, workers: WorkerPool,
-        progress: Progress,
-    ) -> Any:  # fmt: skip
+    def _sampled(self, calculate: Callable[..., Any], folder: Path | None, run: Run) -> Any:
         """The answer of a calculation that may go on from a checkpoint in the folder."""
-        asked: dict[str, Any] = {
-            "seed": self.seed, "executor": workers, "progress": progress, **self.arguments
-        }  # fmt: skip
+        asked = run.work() | {"seed": self.seed, **self.arguments}
         if folder is None:
             return calculate(self.scene, **asked)
         folder.mkdir(parents=True, exist_ok=True)
@@ -528,10 +515,10 @@ def _again(file: Path, reason: str) -> None:
     warnings.warn(f"{file} {reason}: its row is computed again", stacklevel=2)
 
 
-SAMPLING, SHARED = ("simulate", "size", "reliability"), ("simulate", "reliability")
-"""Methods that draw random numbers, and those of them that share the workers of a sweep."""
+SAMPLING = ("simulate", "size", "reliability")
+"""Methods that draw random numbers: they share the workers of a sweep."""
 
-FREE = ("threads", "budget", "checkpoint_interval")
+FREE = ("budget", "checkpoint_interval")
 """Arguments that do not change the numbers of a row, so that they are not part of its name."""
 
 

@@ -305,8 +305,6 @@ class _Search:
                 ),
             )  # fmt: skip
         except (NotConverged, Interrupted) as reason:
-            if isinstance(reason, Interrupted) and not self.run.deadline.interrupted:
-                raise  # no Ctrl-C that deadlines heed
             self.short += 1
             if reason.partial is None:
                 return
@@ -327,9 +325,8 @@ class _Search:
             }
         )
         self.costs.append(response.cost)
-        if self.run.progress:
-            done = 1.0 - self.left / self.all
-            self.run.progress(done, f"play {play:.2f} sigma, R = {restitution:g}")
+        done = 1.0 - self.left / self.all
+        self.run.tell(done, f"play {play:.2f} sigma, R = {restitution:g}")
 
 
 def with_absorber(

@@ -264,28 +264,21 @@ def absorber(
     run = Run.of(options)
     deadline = run.deadline
     for number, level in enumerate(levels_db):
-
-        def report(done: float, text: str, number: int = number) -> None:
-            if run.progress:
-                run.progress((number + done) / len(levels_db), text)
-
         if deadline.passed():
             break
         shaken = scene.at_level(level)
         to_come = len(levels_db) - number
+        end = (number + 1) / len(levels_db)
         until = deadline.sooner_by(to_come * recording).share(1.0 / to_come)
+        part = run.part(number / len(levels_db), end, deadline=until)
         try:
-            response = simulate(
-                shaken.expanded, **run.options(until, rel_error=run.rel_error, progress=report)
-            )
+            response = simulate(shaken.expanded, **part.options(rel_error=run.rel_error))
         except (NotConverged, Interrupted) as reason:
-            if isinstance(reason, Interrupted) and not deadline.interrupted:
-                raise  # no Ctrl-C that deadlines heed
             if reason.partial is None:
                 break
             response = reason.partial
             short.append(level)
-        report(1.0, "peaks of recorded paths")
+        run.tell(end, "peaks of recorded paths")
         began = time.perf_counter()
         found.append(_performance(shaken, carrier, level, response, run))
         recording = time.perf_counter() - began

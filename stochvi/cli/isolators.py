@@ -15,6 +15,7 @@ from stochvi.cli.options import (
     Common,
     acceleration,
     common,
+    keeping,
     lengths,
     numbers,
     shown,
@@ -67,8 +68,9 @@ def screen(options: Common, scene: str) -> None:
     "--rel-error", type=float, default=0.02, show_default=True,
     help="Relative standard error of each simulated rate.",
 )  # fmt: skip
-@common("budget", "seed", "threads", "json", "out", "quiet")
-def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
+@keeping
+@common("kept budget", "seed", "threads", "json", "out", "quiet")
+def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     """Find impact rates against clearance."""
     import numpy as np
 
@@ -101,9 +103,7 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
 
     def simulated() -> pd.DataFrame:
         with options.progress("clearance") as report:
-            return clearance_curve(
-                loaded, places, rel_error=rel_error, progress=report, **options.sampling
-            )
+            return clearance_curve(loaded, places, progress=report, **options.sampling, **asked)
 
     def show(curve: pd.DataFrame) -> None:
         document = {
@@ -119,7 +119,7 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
         if options.out is not None:
             write_clearance(curve, predicted_curve(loaded, curve), loaded.title, options.out)
 
-    shown(simulated, show)
+    shown(simulated, show, asked)
     fail_unless_gaussian(record)
 
 
@@ -188,7 +188,8 @@ def clearance(options: Common, scene: str, gaps: str, rel_error: float) -> None:
     "frequency=10%,damping=30%,level=3dB,stiffness=20% (which usual stands for), of a rigid body "
     "centre=5mm [those that the scene states, such as structure.frequency_tolerance].",
 )  # fmt: skip
-@common("budget", "seed", "threads", "json", "out", "force", "quiet")
+@keeping
+@common("kept budget", "seed", "threads", "json", "out", "force", "quiet")
 def size(
     options: Common, scene: str, peak_acceleration: str | None, sensitivity: bool,
     tolerances: str | None, **asked: Any,
@@ -198,12 +199,13 @@ def size(
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
     from stochvi.results.base import plain
+    from stochvi.results.deadline import partial_result
     from stochvi.scenes.scene import load_scene
     from stochvi.views.isolator_tables import print_sizing
 
     loaded = load_scene(scene)
     # wrong tolerances are refused before the work
-    allowed = _tolerances_of(loaded, tolerances)
+    allowed = None if tolerances is None else _tolerances_of(loaded, tolerances)
     deadline = options.until(options.budget, REPORT_SECONDS)
     fell_short: list[str] = []
     judged: list[RecordVerdict | None] = []
@@ -223,8 +225,8 @@ def size(
         document, table = answer.to_dict(), None
         if sensitivity:
             with options.progress("sensitivity") as report:
-                table = vary(
-                    answer, seed=options.seed, threads=options.threads,
+                table = partial_result(
+                    vary, answer, seed=options.seed, threads=options.threads,
                     budget=deadline.part(1.0 if options.out is None else FIRST), progress=report,
                 )  # fmt: skip
             document |= {"sensitivity": plain(table)}
@@ -251,7 +253,7 @@ def size(
             reviewed = review(answer, table, settings, threads=options.threads)
             write_report(reviewed, options.out, origin)
 
-    shown(found, show)
+    shown(found, show, asked)
     for record in judged:
         fail_unless_gaussian(record)
     if fell_short:
@@ -273,11 +275,11 @@ TOLERANCE_UNITS = {
 """Tolerances that --tolerances may state, each with its unit and the factor of that unit."""
 
 
-def _tolerances_of(scene: Scene, text: str | None) -> Tolerances:
+def _tolerances_of(scene: Scene, text: str) -> Tolerances:
     """The tolerances of "usual" or "frequency=5%,level=2dB", and those of the scene."""
     from stochvi.isolators.sizing.changes import Tolerances
 
-    parts = [] if text is None else [part.strip() for part in text.split(",")]
+    parts = [part.strip() for part in text.split(",")]
     found: dict[str, float] = {}
     for part in parts:
         if part == "usual":

@@ -406,7 +406,7 @@ def shown(
     try:
         found = solve()
     except (NotConverged, KeyboardInterrupt) as reason:
-        so_far = getattr(reason, "response", None)  # a second Ctrl-C carries none
+        so_far = getattr(reason, "partial", None)  # a second Ctrl-C carries none
         if so_far is not None:
             show(so_far)
         if remedy := how_to_go_on(given):

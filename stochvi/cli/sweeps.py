@@ -124,7 +124,7 @@ def sweep(
                 common=random_numbers == "common", seed=options.seed, **given,
             )  # fmt: skip
     except KeyboardInterrupt as reason:
-        so_far = getattr(reason, "response", None)
+        so_far = getattr(reason, "partial", None)
         if options.out is not None and so_far is not None and len(so_far):
             write_sweep_table(so_far, list(ranges), options.out)
         kept = (

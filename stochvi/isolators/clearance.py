@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Unpack
 
 import numpy as np
 import pandas as pd
@@ -16,12 +16,12 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.model.calculations import calculation
-from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
-from stochvi.results.progress import Progress
 from stochvi.results.response import Response
-from stochvi.sampling.options import check_options
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 
 SMOOTH_POINTS = 31
@@ -65,15 +65,9 @@ def _rows(linear: Screening, clearances: ArrayLike) -> Matrix:
 
 
 @calculation
+@sampled(rel_error=0.02)
 def clearance_curve(
-    scene: Scene,
-    clearances: Sequence[float] | Matrix,
-    *,
-    rel_error: float = 0.02,
-    seed: int = 0,
-    threads: int | None = None,
-    budget: float | None = 60.0,
-    progress: Progress | None = None,
+    scene: Scene, clearances: Sequence[float] | Matrix, **options: Unpack[AccuracyOptions]
 ) -> pd.DataFrame:
     """Hit rate against clearance: by Rice, by the moment closure, and by Monte Carlo.
 
@@ -85,16 +79,9 @@ def clearance_curve(
     clearances
         Metres per side from the static equilibrium; of several pairs, of all of them, or a row
         (pairs,) each.
-    rel_error
-        Relative standard error to reach.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
-    threads
-        Number of threads; by default all cores.
-    budget
-        Seconds of wall time after which an answer is given with what was reached.
-    progress
-        Called now and then with what is done and what was reached.
+    **options
+        `AccuracyOptions`: `rel_error` is that of the simulated rates, by default 0.02; the
+        clearances share the `budget` evenly.
 
     Returns
     -------
@@ -125,43 +112,35 @@ def clearance_curve(
     """
     if not scene.impact_pairs:
         raise NotApplicable("clearance_curve", ["the scene needs an impact_pair, for its law"])
-    check_options({"rel_error": rel_error, "seed": seed, "budget": budget, "threads": threads})
     places = np.asarray(clearances, dtype=float)
     if not np.all((places > 0.0) & np.isfinite(places)):
         raise ValueError(f"clearances must be positive, got {places.tolist()} m")
-    linear = screened(scene)
+    linear, run = screened(scene), Run.of(options)
     cases = [_case(scene, linear, place) for place in _rows(linear, places)]
     rows: list[dict[str, float | str]] = []
     short: list[str] = []
-    deadline = Deadline.after(budget)
-    with graceful_interrupt():
-        for number, case in enumerate(cases):
-            simulated = None
-
-            def report(done: float, text: str, number: int = number) -> None:
-                if progress:
-                    progress((number + done) / len(cases), text)
-
-            left = len(cases) - number
-            closure = _closure_rates(case.scene, deadline, CLOSURE_SHARE / left)
-            try:
-                if not (number and deadline.passed()):
-                    simulated = simulate(
-                        case.scene, rel_error=rel_error, seed=seed, threads=threads,
-                        progress=report, budget=deadline.part(1.0 / left),
-                    )  # fmt: skip
-                else:
-                    short.append(case.words)
-            except (NotConverged, Interrupted) as reason:
-                simulated = reason.partial
+    for number, case in enumerate(cases):
+        simulated = None
+        left = len(cases) - number
+        closure = _closure_rates(case.scene, run.deadline, CLOSURE_SHARE / left)
+        part = run.part(
+            number / len(cases), (number + 1) / len(cases), case.words, run.deadline.share(1 / left)
+        )
+        try:
+            if not (number and run.deadline.passed()):
+                simulated = simulate(case.scene, **part.options(rel_error=run.rel_error))
+            else:
                 short.append(case.words)
-            if simulated is not None:
-                rows += case.rows(simulated, closure)
+        except (NotConverged, Interrupted) as reason:
+            simulated = reason.partial
+            short.append(case.words)
+        if simulated is not None:
+            rows += case.rows(simulated, closure)
     curve = pd.DataFrame(rows)
     if short:
-        raise deadline.fell_short(
+        raise run.deadline.fell_short(
             f"before the impacts at {', '.join(short)} were known to a relative error of "
-            f"{rel_error:g}",
+            f"{run.rel_error:g}",
             "raise budget or rel_error",
             curve if rows else None,
         )

@@ -182,9 +182,13 @@ class Deadline:
     def ended_by_exception(
         self, reason: KeyboardInterrupt, where: str, answer: Any = None
     ) -> NotConverged | Interrupted:
-        """The error to raise in place of a KeyboardInterrupt: that of the budget for `Overdue`."""
+        """The error to raise in place of a KeyboardInterrupt: that of the budget for `Overdue`.
+
+        After any other one all deadlines of the calculation pass, as if it had been heard.
+        """
         if isinstance(reason, Overdue):
             return self.fell_short(where, "raise budget", answer)
+        _heard[0] += 1
         return Interrupted(f"interrupted by Ctrl-C {where}", answer)
 
 
@@ -320,7 +324,7 @@ def ended_by(budget: float | None, patience: float = OVERDUE_SECONDS) -> Iterato
             close()
             if not fired.is_set():
                 raise
-            answer = getattr(reason, "response", None)
+            answer = getattr(reason, "partial", None)
             if hasattr(answer, "interrupted") and is_dataclass(answer):
                 answer = replace(answer, interrupted=False)  # type: ignore[type-var]
             where = "before there was an answer" if answer is None else "on the way"
@@ -355,7 +359,3 @@ def _raise_in(thread: int) -> None:
 
         raise_at = ctypes.pythonapi.PyThreadState_SetAsyncExc
         raise_at(ctypes.c_ulong(thread), ctypes.py_object(Overdue))
-
-
-graceful_interrupt, partial_result = graceful_interrupt, partial_result
-"""The names that both had; they go with the next version."""

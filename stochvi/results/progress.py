@@ -26,6 +26,22 @@ _CELL = Lock()
 which this one calls do not show theirs."""
 
 
+def part_of(progress: Progress | None, low: float, high: float, words: str = "") -> Progress | None:
+    """Progress of a part of a calculation, whose fraction goes from `low` to `high` while that of
+    the part goes from 0 to 1; its sentences follow some words.
+
+    >>> part_of(lambda done, text: print(f"{done:.2f} {text}"), 0.5, 0.7, "row 2")(0.5, "8 paths")
+    0.60 row 2, 8 paths
+    """
+    if progress is None:
+        return None
+
+    def tell(done: float, text: str) -> None:
+        progress(low + (high - low) * done, ", ".join(each for each in (words, text) if each))
+
+    return tell
+
+
 class Pace:
     """Progress as a sentence, with the time left.
 

@@ -175,10 +175,11 @@ class Checkpoint:
         for name, value in given.items():
             before = self.asked.get(name)
             if value != before:
-                had = f"{self._instead_of(name)}, not with {name} {value}"
+                old, new = _worded(before), _worded(value)
+                had = f"{self._instead_of(name)}, not with {name} {new}"
                 if before is not None:
-                    had = f"{name} {before}, not {value}"
-                remedy = f"give {name} {before}" if name in required else f"leave {name} out"
+                    had = f"{name} {old}, not {new}"
+                remedy = f"give {name} {old}" if name in required else f"leave {name} out"
                 raise CheckpointError(
                     f"{self.path} is of a run with {had}; {remedy} to go on with it, or start "
                     "again without the checkpoint"
@@ -407,6 +408,11 @@ def _difference(there: Any, here: Any, key: str = "") -> str:
                 return found
         return ""
     return "" if there == here else f"{key} is {_short(there)} in it, {_short(here)} here"
+
+
+def _worded(value: Any) -> str:
+    """An argument as a message names it."""
+    return str(from_plain(value) if isinstance(value, dict) and "record" in value else value)
 
 
 def _short(value: Any) -> str:

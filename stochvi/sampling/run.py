@@ -9,20 +9,21 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import closing
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, is_dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, ParamSpec, TypeVar, overload
 
 import numpy as np
 
 from stochvi.mathematics.units import plain_number
-from stochvi.results.deadline import Deadline
+from stochvi.results.deadline import Deadline, stood_still
 from stochvi.results.errors import Interrupted, NotConverged
-from stochvi.results.progress import Progress
+from stochvi.results.estimates import Cost
+from stochvi.results.progress import Progress, part_of
 from stochvi.sampling.blocks import BegunBlock, Block, blocks_of
 from stochvi.sampling.checkpoints import Checkpoint, CheckpointWriter, Entry, Samples
 from stochvi.sampling.options import DEFAULTS, WITHOUT_DIGITS, check_options, signature_of
-from stochvi.sampling.plain_values import digest_of
+from stochvi.sampling.plain_values import digest_of, from_plain, to_plain
 from stochvi.sampling.sampler import Sampler, more_paths
 from stochvi.sampling.workers import WorkerPool, pool_of
 from stochvi.scenes.scene import Scene
@@ -53,8 +54,9 @@ class Taken(Generic[Sample]):
 class Run:
     """What a calculation that samples works with.
 
-    `rel_error`, `paths` and `duration` are None where they are left out, or no option; `latest` is
-    the last sample of the loop, for an answer where an exception ends it.
+    `rel_error`, `paths` and `duration` are None where they are left out, or no option. `began` is
+    the time at which the calculation began, s, on a clock that stands still while kernels are
+    compiled. `latest` is the last sample of the loop, for an answer where an exception ends it.
     """
 
     pool: WorkerPool
@@ -64,6 +66,7 @@ class Run:
     rel_error: float | None = None
     paths: int | None = None
     duration: float | None = None
+    began: float = field(default_factory=lambda: time.time() - stood_still())
     latest: Any = field(default=None, init=False)
 
     @classmethod
@@ -87,19 +90,41 @@ class Run:
         """Number of workers."""
         return self.pool.workers
 
+    def cost(self, **work: int) -> Cost:
+        """The time that the calculation took so far, and the work that was done in it."""
+        return Cost(
+            wall_time=time.time() - stood_still() - self.began, threads=self.workers, **work
+        )
+
+    def tell(self, done: float, text: str) -> None:
+        """Tell the fraction that is done, and a sentence, where progress is asked for."""
+        if self.progress is not None:
+            self.progress(done, text)
+
+    def part(
+        self, low: float = 0.0, high: float = 1.0, words: str = "",
+        deadline: Deadline | None = None, **changed: Any,
+    ) -> Run:  # fmt: skip
+        """The run of a part of the calculation, which takes the fraction done from `low` to `high`
+        until a deadline; with some fields `changed`."""
+        progress = part_of(self.progress, low, high, words)
+        return replace(self, progress=progress, deadline=deadline or self.deadline, **changed)
+
     def begin(self) -> None:
         """Write the first checkpoint, if there is one; else it is written before the first block.
         The arguments must be checked."""
         if self.pool.samples is not None:
             self.pool.samples.begins()
 
+    def work(self) -> dict[str, Any]:
+        """The `WorkOptions` of another calculation that is a part of this one: it has the workers,
+        the checkpoint and the rest of the time of this run."""
+        return {"executor": self.pool, "budget": self.deadline.rest, "progress": self.progress}
+
     def options(self, deadline: Deadline | None = None, **more: Any) -> dict[str, Any]:
-        """The options of another calculation that is a part of this one: it has the workers, the
-        checkpoint and the seed of this run, and the time until a deadline."""
-        rest = (deadline or self.deadline).rest
-        return {
-            "seed": self.seed, "executor": self.pool, "budget": rest, "progress": self.progress,
-        } | more  # fmt: skip
+        """The options of another calculation that is a part of this one, until a deadline; it has
+        the seed of this run, too."""
+        return self.part(deadline=deadline).work() | {"seed": self.seed} | more
 
     def until(
         self,
@@ -265,7 +290,8 @@ def sampled(calculate: Any = None, **defaults: Any) -> Any:
             named["seed"] = named["seed"] or 0
         named |= {name: plain_number(each) for name, each in named.items() if name in DEFAULTS}
         check_options(named)
-        scene = next(iter(named.values()))
+        first = next(iter(named.values()))
+        scene = getattr(first, "scene", first)  # an answer is of its scene
         with pool_of(named["executor"], named["threads"]) as pool:
             outer = pool.samples
             begun = _begun(calculate.__name__.lstrip("_"), scene, own, named, pool)
@@ -327,9 +353,13 @@ def _plain(value: Any) -> Any:
         return value
     if isinstance(value, Mapping):
         return {str(name): _plain(each) for name, each in value.items()}
+    if is_dataclass(value) and not isinstance(value, type):
+        return to_plain(value)
     return [*map(_plain, value)] if isinstance(value, tuple | list) else digest_of(value)
 
 
 def _hashable(value: Any) -> Any:
     """An argument as it was before `_plain`."""
+    if isinstance(value, dict) and "record" in value:
+        return from_plain(value)
     return tuple(value) if isinstance(value, list) else value

@@ -8,7 +8,6 @@ it lies outside of that basin for long enough to forget how it got there.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Unpack
@@ -29,7 +28,7 @@ from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Cost, provenance
+from stochvi.results.estimates import provenance
 from stochvi.results.intervals import binomial_interval
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
@@ -271,7 +270,7 @@ def lifetimes(
     >>> [each.regime for each in found.regimes]
     ['no impacts']
     """
-    began, run = time.perf_counter(), Run.of(options)
+    run = Run.of(options)
     model = model_of(scene)
     conditions = unmet(model)
     if not model.noisy:
@@ -304,11 +303,9 @@ def lifetimes(
         frequency_hz=1.0 / place.period,
         outside=sampler.outside * BETWEEN_LOOKS * place.period,
         assumptions=(*scene.assumptions(), LEAVING),
-        cost=Cost(
-            wall_time=time.perf_counter() - began,
+        cost=run.cost(
             paths=GROUP * len(taken.sample.groups),
             steps=GROUP * sampler.steps * sum(g.looks for g in taken.sample.groups.values()),
-            threads=run.workers,
         ),
         warnings=tuple(_mixed(taken.sample, described, sampler.regimes)),
         provenance=provenance(scene.document(), run.seed),

@@ -33,7 +33,7 @@ from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NoExactSolution, NotApplicable, NotConverged
-from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.estimates import Estimate, provenance
 from stochvi.results.machine import thread_seconds
 from stochvi.results.response import Response
 from stochvi.sampling.options import RunOptions
@@ -412,7 +412,7 @@ def cost(scene: Scene, *, paths: int | None = None, **options: Unpack[RunOptions
         raise ValueError(
             f"paths must be at least {FEWEST_PATHS} for honest standard errors, got {paths}"
         )
-    started, run = time.perf_counter(), Run.of(options)
+    run = Run.of(options)
     deadline = run.deadline if paths is None else Deadline.after(None)
     plan = make_plan(model_of(scene), deadline=deadline)
     plans = ladder(plan)
@@ -454,9 +454,7 @@ def cost(scene: Scene, *, paths: int | None = None, **options: Unpack[RunOptions
         steps=tuple(rung.step for rung in plans),
         default_step=plan.step,
         left_out=tuple(left_out),
-        cost=Cost(
-            wall_time=time.perf_counter() - started, paths=statistics.count, threads=run.workers
-        ),
+        cost=run.cost(paths=statistics.count),
         provenance=provenance(scene.document(), run.seed),
     )
     if deadline.interrupted:

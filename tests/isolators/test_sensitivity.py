@@ -32,9 +32,11 @@ from stochvi.isolators.sizing.sensitivity import (
     variations,
 )
 from stochvi.results.deadline import Deadline
+from stochvi.sampling.run import Run
 from stochvi.verification.testing.agreement import Z
 from support.accuracies import quick_cases
 from support.mounts import HOUR, ten_hertz, truck
+from support.runs import run_of
 
 ONE_PER_CENT = Target(name="probability", value=0.01, unit="1")
 
@@ -69,11 +71,11 @@ def test_a_case_that_fails_is_a_row_that_says_so(
     first = list(islice(variations(sizing), 4))
     tried: list[Scene] = []
 
-    def fails_once(scene: Scene, *asked: Any, **how: Any) -> RiskCurve:
+    def fails_once(scene: Scene, *asked: Any) -> RiskCurve:
         tried.append(scene)
         if len(tried) == 3:
             raise NotConverged("the budget of 1 s ended in this case")
-        return risk_curve(scene, *asked, **how)
+        return risk_curve(scene, *asked)
 
     monkeypatch.setattr(method, "risk_curve", fails_once)
     monkeypatch.setattr(method, "variations", lambda _sizing: first)
@@ -94,8 +96,8 @@ def test_no_case_is_begun_once_the_budget_has_ended(
     now, budgets = [0.0], []
     monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))
 
-    def slow(*_: Any, budget: float, **__: Any) -> RiskCurve:
-        budgets.append(budget)
+    def slow(scene: Scene, target: Target, mission: float, run: Run) -> RiskCurve:
+        budgets.append(run.deadline.left)
         now[0] += 4.0
         raise NotConverged("late")
 
@@ -114,7 +116,7 @@ def test_no_case_is_begun_in_less_time_than_a_case_takes(
     now = [0.0]
     monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))
 
-    def late(*_: Any, **__: Any) -> RiskCurve:
+    def late(*_: Any) -> RiskCurve:
         now[0] += method.LEAST_SECONDS
         raise NotConverged("late")
 
@@ -180,7 +182,8 @@ def test_a_wide_mount_lets_them_through() -> None:
 
 @quick_cases("kurtosis", [3.02, 3.5, 5.0], keep=(1,))
 def test_slow_bursts_are_a_mean_over_a_gamma_law(kurtosis: float) -> None:
-    curve: RiskCurve = risk_curve(ten_hertz(0.05), ONE_PER_CENT, HOUR, seed=1)
+    with run_of(rel_error=0.05, seed=1) as run:
+        curve = risk_curve(ten_hertz(0.05), ONE_PER_CENT, HOUR, run)
     clearance = 6.0 * curve.crossings.displacement_std
     shape = 3.0 / (kurtosis - 3.0)
     draws = np.random.default_rng(1).gamma(shape, 1.0 / shape, 20_000)

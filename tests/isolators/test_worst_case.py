@@ -19,9 +19,9 @@ from stochvi.isolators.sizing.nominal import risk_curve
 from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.review import Balance
 from stochvi.isolators.sizing.worst_case import worst_case
-from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
+from support.runs import run_of
 
 NOISE = WhiteNoise(density=0.01, unit="g2/Hz")
 MISSION = 600.0
@@ -48,11 +48,9 @@ def test_a_changed_scene_is_sized_without_its_tolerances(
     target = Target(name="rate", value=0.1, unit="1/s")
     mount = Isolator(frequency_hz=10.0, zeta=0.2, frequency_tolerance=0.1)
     scene = sizing.scene.replace(structure=mount)
-    again = sensitivity.Resizing(
-        sizing=replace(sizing, target=target), seed=1, threads=1, deadline=Deadline.after(None),
-        rel_error=0.5,
-    )  # fmt: skip
-    assert "not sized here" in again.row("none", scene, 1.0)["note"]
+    with run_of(rel_error=0.5, seed=1) as run:
+        again = sensitivity.Resizing(sizing=replace(sizing, target=target), run=run)
+        assert "not sized here" in again.row("none", scene, run)["note"]
     assert asked == [Tolerances()]
     assert Tolerances.of(scene) != Tolerances()
 
@@ -75,7 +73,8 @@ def test_the_worst_combination_is_a_scene_of_its_own(sizing: Sizing) -> None:
     assert last["change"].endswith("natural frequency -5 %, damping ratio -20 %, level +1 dB")
     assert last["clearance"] > table["clearance"].iloc[:-1].max()
     changed = changed_mount(sizing.scene, 0.95, 0.8).at_level(1.0)
-    curve = risk_curve(changed, sizing.target, MISSION, rel_error=0.1, seed=sizing.seed, threads=1)
+    with run_of(rel_error=0.1, seed=sizing.seed) as run:
+        curve = risk_curve(changed, sizing.target, MISSION, run)
     assert last["clearance"] == pytest.approx(curve.clearance(0.05).value, rel=1e-9)
     assert last["probability"] == pytest.approx(curve.probability(sizing.clearance.value), rel=1e-9)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
@@ -23,7 +23,6 @@ from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import jackknife_ratio, mean_and_error, student_factor
-from stochvi.results.progress import Progress
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.sampling.sampler import Sampler
@@ -123,8 +122,11 @@ def clatter(
     for ratio, stopped, clearance in wanted:
         if run.deadline.interrupted:
             break
-        row = replace(run, deadline=run.deadline.share(1.0 / (len(wanted) - len(rows))))
-        row.progress = _of_row(run.progress, len(rows), len(wanted))
+        done, number = len(rows), len(wanted)
+        row = run.part(
+            done / number, (done + 1) / number, f"row {done + 1} of {number}",
+            run.deadline.share(1.0 / (number - done)),
+        )  # fmt: skip
         plan = plan_windows(at_clearances(stopped, clearance), window)
         windows = _Windows(plan, plan_windows(free, window), row)
         rows.append(
@@ -249,13 +251,6 @@ class WindowSampler(Sampler[list[_Averages], list[_Averages]]):
     def paths(self, sample: list[_Averages]) -> int:
         """Number of windows."""
         return len(sample[0].largest)
-
-
-def _of_row(progress: Progress | None, row: int, rows: int) -> Progress | None:
-    """Progress of one of several rows."""
-    if progress is None:
-        return None
-    return lambda done, _: progress((row + done) / rows, f"row {row + 1} of {rows}")
 
 
 class _Windows:

@@ -9,17 +9,14 @@ from dataclasses import dataclass, field, replace
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.methods.monte_carlo import simulate
-from stochvi.methods.monte_carlo.kernels.rows import Extremes
-from stochvi.model.coverage import beyond_one_oscillator
-from stochvi.model.model import model_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.response import Response
+from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import UNFINISHED, bursts
 from stochvi.statistics.cluster_paths import WINDOWS
-from stochvi.statistics.first_crossings import crossing_plan, deviations
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,15 +39,13 @@ class ClearanceTrial:
 class Hits:
     """Hits of a scene at one clearance after the other, from the same random numbers.
 
-    `left` returns the seconds that the next calculation may take.
+    `part` returns the run of the next calculation, by its relative error.
     """
 
     scene: Scene
     curve: RiskCurve
     rel_error: float
-    seed: int
-    threads: int | None
-    left: Callable[[], float]
+    part: Callable[[float], Run]
     tried: dict[float, ClearanceTrial] = field(default_factory=dict)
 
     @property
@@ -77,10 +72,8 @@ class Hits:
     def _by_bursts(self, scene: Scene, clearance: float, rel_error: float) -> ClearanceTrial | None:
         """The hits by bursts; None if bursts do not end or no pause separates them."""
         try:
-            found = partial_result(
-                bursts, scene, rel_error=rel_error, seed=self.seed, threads=self.threads,
-                budget=self.left(),
-            )  # fmt: skip
+            asked = self.part(rel_error).options(rel_error=rel_error)
+            found = partial_result(bursts, scene, **asked)
         except NotApplicable:
             return None
         if not found.apart:
@@ -96,9 +89,7 @@ class Hits:
     def _by_simulation(self, scene: Scene, clearance: float, rel_error: float) -> ClearanceTrial:
         unknown = ""
         try:
-            response = simulate(
-                scene, rel_error=rel_error, seed=self.seed, threads=self.threads, budget=self.left()
-            )
+            response = simulate(scene, **self.part(rel_error).options(rel_error=rel_error))
         except (NotConverged, Interrupted) as reason:
             if reason.partial is None:
                 raise
@@ -125,13 +116,3 @@ class Hits:
 def _relative_error(rate: Estimate) -> float:
     """Standard error of a rate, relative to it; infinite where an upper limit alone is known."""
     return rate.standard_error / rate.value if rate.value > 0.0 else math.inf
-
-
-def compile_kernels(scene: Scene) -> None:
-    """Compile the kernels that a sizing needs, so that its budget does not pay for it."""
-    if not scene.impact_pairs or beyond_one_oscillator(model_of(scene)):
-        return
-    free = scene.model_copy(update={"impact_pairs": ()})
-    plan = crossing_plan(at_clearances(scene, 3.0 * deviations(free)[0])).shortest()
-    plan.averages(0, 0, 2, None, Extremes.zeros(2).table)
-    plan.averages(0, 0, 2)

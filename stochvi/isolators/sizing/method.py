@@ -4,22 +4,25 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Unpack
 
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.nominal import ACCEPTED, SEARCH, nominal_sizing
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
-from stochvi.isolators.sizing.question import Question, silent
+from stochvi.isolators.sizing.question import Question
+from stochvi.isolators.sizing.sensitivity import LEAST_SECONDS
 from stochvi.isolators.sizing.targets import target_of
 from stochvi.isolators.sizing.worst_case import worst_case
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
-from stochvi.results.deadline import graceful_interrupt
-from stochvi.results.progress import Progress
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 
 
 @calculation
+@sampled(rel_error=0.05)
 def size(
     scene: Scene,
     *,
@@ -32,11 +35,7 @@ def size(
     pair: str | None = None,
     tolerances: Tolerances | None = None,
     mission: float = 3600.0,
-    rel_error: float = 0.05,
-    seed: int = 0,
-    threads: int | None = None,
-    budget: float = 60.0,
-    progress: Progress | None = None,
+    **options: Unpack[AccuracyOptions],
 ) -> Sizing | PairsSizing:
     """The clearance per side that an isolator, or each of several pairs, needs for one target.
 
@@ -67,17 +66,10 @@ def size(
         that the scene states (`Tolerances.of`), which may be none.
     mission
         Seconds of exposure, from a stationary start.
-    rel_error
-        Relative standard error of the risk (chance, rate) at the clearance.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
-    threads
-        Number of threads; by default all cores.
-    budget
-        Seconds of wall time; where it ends first, the interval of a probability or of a rate is
+    **options
+        `AccuracyOptions`: `rel_error` is that of the risk (probability, rate) at the clearance, by
+        default 0.05. Where the `budget` ends first, the interval of a probability or of a rate is
         wider, and a warning says so.
-    progress
-        Called now and then with what is done and what was reached.
 
     Returns
     -------
@@ -111,40 +103,43 @@ def size(
     5.6
     """
     target = target_of(probability, rate, impact_speed, peak_acceleration, exceedance)
-    for name, seconds in (("mission", mission), ("budget", budget)):
-        if not 0.0 < seconds < math.inf:
-            raise ValueError(f"{name} must be a positive number of seconds, got {seconds}")
-    if not 1e-4 <= rel_error < 1.0:
-        raise ValueError(f"rel_error must be in [1e-4, 1), got {rel_error}")
-    model = model_of(scene)
+    if not 0.0 < mission < math.inf:
+        raise ValueError(f"mission must be a positive number of seconds, got {mission}")
+    model, run = model_of(scene), Run.of(options)
     if pair is not None and (model.single or pair not in [each.name for each in model.pairs]):
         names = ", ".join(each.name for each in model.pairs) or "none"
         raise ValueError(f"pair must be the name of one of several pairs ({names}), got {pair!r}")
     allowed = tolerances or Tolerances.of(scene)
     by_hits = target.name != "probability"
     worst = model.single and allowed.felt(scene, by_hits=by_hits) != Tolerances()
+    nominal = run
+    if worst:
+        share = 1.0 - SEARCH.share_of_tolerances
+        nominal = run.part(0.0, share, deadline=run.deadline.share(share))
     asked = Question(
-        target=target, mission=mission, at=at, pair=pair, tolerances=allowed, rel_error=rel_error,
-        seed=seed, threads=threads, report=progress or silent,
-        budget=(1.0 - SEARCH.share_of_tolerances if worst else 1.0) * budget,
-    )  # fmt: skip
-    with graceful_interrupt():
-        found = nominal_sizing(scene, asked)
-        if not worst or isinstance(found, PairsSizing):
-            return found
-        return _within_tolerances(found, threads, budget)
+        target=target, mission=mission, run=nominal, at=at, pair=pair, tolerances=allowed
+    )
+    found = nominal_sizing(scene, asked)
+    if not worst or isinstance(found, PairsSizing):
+        return found
+    return _within_tolerances(found, run)
 
 
-def _within_tolerances(found: Sizing, threads: int | None, budget: float) -> Sizing:
+def _within_tolerances(found: Sizing, run: Run) -> Sizing:
     """A sizing with the worst case within its tolerances."""
-    rest = max(budget - found.cost.wall_time, SEARCH.share_of_tolerances * budget)
-    table = worst_case(found, found.allowed, threads=threads, budget=rest)
+    late = run.part(
+        1.0 - SEARCH.share_of_tolerances, deadline=run.deadline.in_no_less_than(LEAST_SECONDS)
+    )
+    table = worst_case(found, found.allowed, **late.work())
     worst = table.iloc[-1]
     short = []
     if worst["note"]:
         lack = "was not found" if math.isnan(worst["clearance"]) else "is rough"
         short = [f"the largest clearance within the tolerances {lack}: {worst['note']}"]
     return replace(
-        found, worst_case=table, fell_short=(*found.fell_short, *short),
+        found,
+        worst_case=table,
+        fell_short=(*found.fell_short, *short),
         warnings=(*found.warnings, *short),
-    )  # fmt: skip
+        cost=replace(found.cost, wall_time=run.cost().wall_time),
+    )

@@ -8,11 +8,10 @@ where first hits are rare, bursts are simulated from the first hit on (`bursts`)
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,7 +27,7 @@ from stochvi.isolators.sizing.answer import (
 from stochvi.isolators.sizing.chance_at_stops import are_uneven, distances_of_stops
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.exceedances import chance_in_windows
-from stochvi.isolators.sizing.hits_at_clearance import ClearanceTrial, Hits, compile_kernels
+from stochvi.isolators.sizing.hits_at_clearance import ClearanceTrial, Hits
 from stochvi.isolators.sizing.pairs import size_pairs
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.question import Question
@@ -37,11 +36,10 @@ from stochvi.isolators.sizing.targets import check_laws, limit_of_pairs, widenin
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
-from stochvi.results.deadline import Deadline, partial_result
+from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
-from stochvi.results.estimates import TOO_FEW, Cost, Estimate, provenance
-from stochvi.results.machine import usable_cores
-from stochvi.results.progress import Progress
+from stochvi.results.estimates import TOO_FEW, Estimate, provenance
+from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import FAR, UNFINISHED, bursts, chance_of
 from stochvi.statistics.crossing_ages import largest_error
@@ -181,25 +179,14 @@ def nominal_sizing(scene: Scene, asked: Question) -> Sizing | PairsSizing:
             )
         allowed = allowed.felt(scene, by_hits=asked.target.name != "probability")
         return _Job(
-            scene=scene, target=asked.target, mission=asked.mission, rel_error=asked.rel_error,
-            seed=asked.seed, threads=asked.threads, budget=asked.budget, allowed=allowed,
-            report=asked.report,
-        ).sizing()  # fmt: skip
+            scene=scene, target=asked.target, mission=asked.mission, run=asked.run, allowed=allowed
+        ).sizing()
     except NotApplicable as reason:
         # the user called `size`, so that the refusal has its name, whatever function it came from
         raise NotApplicable("size", reason.conditions) from reason
 
 
-def risk_curve(
-    scene: Scene,
-    target: Target,
-    mission: float,
-    *,
-    rel_error: float = 0.05,
-    seed: int = 0,
-    threads: int | None = None,
-    budget: float | None = 60.0,
-) -> RiskCurve:
+def risk_curve(scene: Scene, target: Target, mission: float, run: Run) -> RiskCurve:
     """Chance of any hit against clearance, from 1 sigma to a clearance that is more than the target
     needs."""
     free = scene.model_copy(update={"impact_pairs": ()})
@@ -220,26 +207,22 @@ def risk_curve(
         None if one_sided else levels,
         upper=levels if one_sided else None,
         mission=mission,
-        rel_error=rel_error,
-        seed=seed,
-        threads=threads,
-        budget=budget,
+        **run.options(rel_error=run.rel_error),
     )
     return RiskCurve.of(found, mission)
 
 
 def chance_between(
-    scene: Scene, distances: Mapping[str, float], mission: float, **options: Any
+    scene: Scene, distances: Mapping[str, float], mission: float, run: Run
 ) -> Estimate:
     """Probability of any impact with stops at these distances from the static equilibrium, by
-    "lower" and "upper", m; 1 where one of them presses on the mass.
-
-    Options are those of `first_crossings`.
-    """
+    "lower" and "upper", m; 1 where one of them presses on the mass."""
     if min(distances.values()) <= 0.0:
         return Estimate(value=1.0, how="a stop presses on the mass")
     free = scene.model_copy(update={"impact_pairs": ()})
-    found = partial_result(first_crossings, free, mission=mission, **distances, **options)
+    found = partial_result(
+        first_crossings, free, mission=mission, **distances, **run.options(rel_error=run.rel_error)
+    )
     return found.probability(mission)[0]
 
 
@@ -250,12 +233,8 @@ class _Job:
     scene: Scene
     target: Target
     mission: float
-    rel_error: float
-    seed: int
-    threads: int | None
-    budget: float
+    run: Run
     allowed: Tolerances
-    report: Progress
     warnings: list[str] = field(default_factory=list)
     fell_short: list[str] = field(default_factory=list)
     unfinished: dict[float, str] = field(default_factory=dict)
@@ -265,19 +244,12 @@ class _Job:
     def __post_init__(self) -> None:
         if self.target.name != "probability":
             check_laws(self.scene, self.target)
-        compile_kernels(self.scene)
-        self.started, self.deadline = time.perf_counter(), Deadline.after(self.budget)
-        self.report(0.0, "first crossings")
+        self.deadline, self.rel_error = self.run.deadline, self.run.accuracy
+        # an answer is mostly near when the time of a search ends
+        self.late = self.deadline.sooner_by(-SEARCH.grace * self.deadline.left)
+        self._stage(0.0, 0.1, "first crossings")
         share = 1.0 - SEARCH.share_of_hits if self.scene.impact_pairs else 1.0
-        self.curve = risk_curve(
-            self.scene,
-            self.target,
-            self.mission,
-            rel_error=self.rel_error,
-            seed=self.seed,
-            threads=self.threads,
-            budget=self.budget * share,
-        )
+        self.curve = risk_curve(self.scene, self.target, self.mission, self._part(share))
         self.sigma = self.curve.crossings.displacement_std
         reached = largest_error(self.curve.crossings, self.mission)
         if reached > SEARCH.most_error:
@@ -293,24 +265,25 @@ class _Job:
                 "an impact"
             )
         self.hits = Hits(
-            scene=self.scene,
-            curve=self.curve,
-            rel_error=self.rel_error,
-            seed=self.seed,
-            threads=self.threads,
-            left=lambda: self.left,
-        )
+            scene=self.scene, curve=self.curve, rel_error=self.rel_error,
+            part=lambda rel_error: self._part(rel_error=rel_error),
+        )  # fmt: skip
 
     def _short(self, warning: str) -> None:
         """Add a warning of an accuracy for which the budget did not suffice."""
         self.warnings.append(warning)
         self.fell_short.append(warning)
 
-    @property
-    def left(self) -> float:
-        """Seconds of the budget that are left; never below `SEARCH.least_seconds`, in which a
-        calculation can end."""
-        return max(self.deadline.left, SEARCH.least_seconds)
+    def _stage(self, low: float, high: float, words: str) -> None:
+        """Begin a stage of the sizing, in which the fraction done goes from `low` to `high`."""
+        self.stage = low, high, words
+        self.run.tell(low, words)
+
+    def _part(self, share: float = 1.0, rel_error: float | None = None) -> Run:
+        """The run of a calculation of this stage, in a share of the time that is left; never less
+        than `SEARCH.least_seconds`, in which a calculation can end."""
+        left = self.deadline.in_no_less_than(SEARCH.least_seconds)
+        return self.run.part(*self.stage, left.share(share), rel_error=rel_error or self.rel_error)
 
     def sizing(self) -> Sizing:
         """Find the clearance, then the other numbers of the answer."""
@@ -325,7 +298,7 @@ class _Job:
             self.warnings.insert(0, str(reason))
         three = self._three_sigma()
         if self.scene.impact_pairs:
-            self.report(0.9, "recommended clearance")
+            self._stage(0.9, 1.0, "recommended clearance")
             self._hits_or_warning(clearance.value)
         self._warn(clearance.value)
         crossings, linear = self.curve.crossings, screened(self.scene)
@@ -353,12 +326,8 @@ class _Job:
             allowed=self.allowed,
             fell_short=tuple(dict.fromkeys(self.fell_short)),
             warnings=tuple(dict.fromkeys(self.warnings)),
-            cost=Cost(
-                wall_time=time.perf_counter() - self.started,
-                paths=crossings.ages.shape[3],
-                threads=self.threads or usable_cores(),
-            ),
-            provenance=provenance(self.scene.document(), self.seed),
+            cost=self.run.cost(paths=crossings.ages.shape[3]),
+            provenance=provenance(self.scene.document(), self.run.seed),
         )
         if self.deadline.interrupted:
             raise self.deadline.fell_short("before the answer was whole", "", found)
@@ -406,11 +375,11 @@ class _Job:
         below: tuple[float, float] | None = None
         slope = -1.0 / (2.0 * self.sigma**2)
         nearest: tuple[float, Estimate, float] | None = None
-        late = self.deadline.sooner_by(-SEARCH.grace * self.budget)
         for attempt in range(SEARCH.most_clearances):
-            if attempt and late.passed():
+            if attempt and self.late.passed():
                 break
-            self.report(min(0.1 + 0.05 * attempt, 0.65), f"{1e3 * place:.4g} mm")
+            done = min(0.1 + 0.05 * attempt, 0.65)
+            self._stage(done, done + 0.05, f"{1e3 * place:.4g} mm")
             rough = attempt < SEARCH.rough_looks
             roughest = min(SEARCH.rough_factor * self.rel_error, SEARCH.roughest)
             roughly = risk(place, roughest if rough else self.rel_error)
@@ -548,10 +517,11 @@ class _Job:
         self.kept_with = chance
         answer = Clearance(value=place, lower=0.0, upper=place)
         if not _within(chance, target.exceedance):
-            raise NotConverged(
-                f"no cluster or hardly any exceeds {target.limit} at {1e3 * place:.4g} mm, but the "
-                f"budget of {self.deadline.budget or self.budget:.3g} s ended before that showed a "
-                f"probability below {spoken_percent(target.exceedance)}; raise budget",
+            raise self.deadline.fell_short(
+                f"before it was shown that {target.limit} is exceeded at {1e3 * place:.4g} mm with "
+                f"a probability below {spoken_percent(target.exceedance)}: hardly any cluster "
+                "exceeds it",
+                "raise budget",
                 answer,
             )
         return answer
@@ -566,8 +536,7 @@ class _Job:
         assert self.target.exceedance is not None
         found = chance_in_windows(
             at_clearances(self.scene, place), self.target.name, self.target.value, self.mission,
-            accepted=self.target.exceedance, seed=self.seed, threads=self.threads,
-            budget=SEARCH.share_of_windows * self.left,
+            accepted=self.target.exceedance, **self._part(SEARCH.share_of_windows).options(),
         )  # fmt: skip
         if found is not None:
             self.exceeded[place] = found
@@ -582,8 +551,7 @@ class _Job:
                 at_clearances(self.scene, place), mission=self.mission,
                 impact_speed=limits.get("impact_speed"),
                 peak_acceleration=limits.get("peak_acceleration"),
-                rel_error=SEARCH.rough_error, seed=self.seed, threads=self.threads,
-                budget=SEARCH.share_of_limit * self.left,
+                **self._part(SEARCH.share_of_limit).options(rel_error=SEARCH.rough_error),
             )  # fmt: skip
         except NotApplicable:
             return None
@@ -613,17 +581,15 @@ class _Job:
         name, limit = self.target.name, self.target.value
         scene = at_clearances(self.scene, clearance)
         assert self.target.exceedance is not None
+        rough = rel_error > self.rel_error
+        divisor = SEARCH.divisor_on_the_way if rough else SEARCH.divisor_of_last
         found = partial_result(
             bursts,
             scene,
-            rel_error=rel_error,
             far_from=-math.log1p(-self.target.exceedance) / self.mission,
             wanted=lambda some: some.exceedance_rate(name, limit),
             widening=widening(scene, self.target, self.curve.crossings.velocity_std, clearance),
-            seed=self.seed,
-            threads=self.threads,
-            budget=self.left
-            / (SEARCH.divisor_on_the_way if rel_error > self.rel_error else SEARCH.divisor_of_last),
+            **self._part(1.0 / divisor).options(rel_error=rel_error),
         )
         if found.unfinished > UNFINISHED:
             self.unfinished[clearance] = (
@@ -652,7 +618,7 @@ class _Job:
             return None
 
     def _three_sigma(self) -> ThreeSigma:
-        self.report(0.7, "three sigma")
+        self._stage(0.7, 0.9, "three sigma")
         clearance = 3.0 * self.sigma
         index = int(np.argmin(np.abs(self.curve.clearances - clearance)))
         tried = self._hits_or_warning(clearance) if self.scene.impact_pairs else None
@@ -671,10 +637,7 @@ class _Job:
         if not are_uneven(distances) or min(distances.values()) <= 0.0:
             return None
         try:
-            return chance_between(
-                self.scene, distances, self.mission, rel_error=self.rel_error, seed=self.seed,
-                threads=self.threads, budget=self.left,
-            )  # fmt: skip
+            return chance_between(self.scene, distances, self.mission, self._part())
         except (NotConverged, Interrupted) as reason:
             self._short(f"the probability of an impact on the stops of the scene: {reason}")
             return None

@@ -10,11 +10,10 @@ the other are simulated with all stops (`statistics.structure_hits`).
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -31,13 +30,10 @@ from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.model.model import model_of
-from stochvi.results.deadline import Deadline, partial_result
+from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
-from stochvi.results.estimates import Cost, Estimate, provenance
-from stochvi.results.machine import usable_cores
-from stochvi.results.progress import Progress
+from stochvi.results.estimates import Estimate, provenance
 from stochvi.sampling.run import Run
-from stochvi.sampling.workers import pool_of
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import MISSED, largest_error
 from stochvi.statistics.pair_crossings import (
@@ -129,10 +125,9 @@ def size_pairs(scene: Scene, limit: Limit | None, asked: Question) -> PairsSizin
     without one; see `size`."""
     return _PairsJob(
         scene=scene, target=asked.target, limit=limit, mission=asked.mission, pair=asked.pair,
-        rel_error=asked.rel_error, seed=asked.seed, threads=asked.threads, budget=asked.budget,
+        run=asked.run,
         # by linear theory, which knows no stop
         tolerances=(asked.tolerances or Tolerances.of(scene)).felt(scene, by_hits=False),
-        report=asked.report,
     ).sizing()  # fmt: skip
 
 
@@ -145,15 +140,11 @@ class _PairsJob:
     limit: Limit | None
     mission: float
     pair: str | None
-    rel_error: float
-    seed: int
-    threads: int | None
-    budget: float
+    run: Run
     tolerances: Tolerances
-    report: Progress
 
     def __post_init__(self) -> None:
-        self.started, self.deadline = time.perf_counter(), Deadline.after(self.budget)
+        self.deadline, self.rel_error = self.run.deadline, self.run.accuracy
         self.model = model_of(self.scene)
         self.notes = same_gaps(self.model)
         self.short: list[str] = []
@@ -178,7 +169,7 @@ class _PairsJob:
         """The risk of each pair alone, then that of all together, then the clearances."""
         self.curves = [self._curve(number, k) for number, k in enumerate(self.sized)]
         risks = self._risks()
-        self.report(0.5, "all pairs together")
+        self._stage(0.4, 0.5, "all pairs together")
         places = [*map(self._stops_of_risk, risks), self._stops(3.0 * self.sigma)]
         together = self._crossings(np.array(places), SHARE_OF_ALL)
         *chances, three_sigma = together.probability(self.mission)
@@ -229,30 +220,29 @@ class _PairsJob:
             allowed=self.tolerances,
             warnings=warnings,
             fell_short=tuple(self.short),
-            cost=Cost(
-                wall_time=time.perf_counter() - self.started,
-                paths=together.ages.shape[3],
-                threads=self.threads or usable_cores(),
-            ),
-            provenance=provenance(self.scene.document(), self.seed),
+            cost=self.run.cost(paths=together.ages.shape[3]),
+            provenance=provenance(self.scene.document(), self.run.seed),
         )
 
-    def _sampling(self, share: float, rel_error: float) -> dict[str, Any]:
-        """Arguments with which hits are sampled, in a share of the time that is left."""
-        return {
-            "rel_error": rel_error, "seed": self.seed, "threads": self.threads,
-            "budget": self.deadline.part(share),
-        }  # fmt: skip
+    def _stage(self, low: float, high: float, words: str) -> None:
+        """Begin a stage of the sizing, in which the fraction done goes from `low` to `high`."""
+        self.stage = low, high, words
+        self.run.tell(low, words)
+
+    def _part(self, share: float) -> Run:
+        """The run of a calculation of this stage, in a share of the time that is left."""
+        return self.run.part(*self.stage, self.deadline.share(share))
 
     def _hits_at(self, stops: Matrix, overlap: float) -> HitCounts | None:
         """Hits at the clearances of the answer; None and a note where they are not found."""
-        self.report(0.9, "impacts at the clearances found")
+        self._stage(0.9, 1.0, "impacts at the clearances found")
         try:
             if self.deadline.passed():
                 raise NotConverged("the budget ended", None)
             return count_hits(
-                at_clearances(self.scene, stops), overlap, **self._sampling(1.0, self.rel_error)
-            )
+                at_clearances(self.scene, stops), overlap,
+                **self._part(1.0).options(rel_error=self.rel_error),
+            )  # fmt: skip
         except (NotApplicable, NotConverged, Interrupted) as reason:
             note = f"the impacts at these clearances are not known: {reason}"
             self.notes.append(note)
@@ -273,7 +263,8 @@ class _PairsJob:
         for look in range(MAX_TRIALS):
             if look and self.deadline.passed():
                 break
-            self.report(0.5 + 0.4 * look / MAX_TRIALS, f"impacts at {look + 1} places")
+            step = 0.4 / MAX_TRIALS
+            self._stage(0.5 + step * look, 0.5 + step * (look + 1), f"place {look + 1}")
             risk = math.exp(place)
             found = self._expected(
                 risk, _at(risks, overlaps, risk), min(rough * self.rel_error, ROUGHEST)
@@ -316,7 +307,7 @@ class _PairsJob:
     def _expected(self, risk: float, overlap: float, rel_error: float) -> Estimate:
         """Hits, or -ln(1 - P) of an exceedance, of a mission, at one risk per pair."""
         scene = at_clearances(self.scene, self._stops_of_risk(risk))
-        sampling = self._sampling(SHARE_OF_LOOK, rel_error)
+        sampling = self._part(SHARE_OF_LOOK).options(rel_error=rel_error)
         if self.limit is None:
             return count_hits(scene, overlap, **sampling).rate * self.mission
         assert self.target.exceedance is not None
@@ -359,17 +350,15 @@ class _PairsJob:
     def _crossings(self, rows: Matrix, share: float) -> PairCrossings:
         """First crossings at rows of distances (levels, sides, pairs), in a share of the time that
         is left."""
-        deadline = Deadline.after(self.deadline.part(share))
-        with pool_of(None, self.threads) as pool:
-            run = Run(pool, deadline, seed=self.seed, rel_error=self.rel_error)
-            found: PairCrossings = partial_result(
-                self.motion.crossings, rows[:, 0], rows[:, 1], self.mission, run
-            )
+        found: PairCrossings = partial_result(
+            self.motion.crossings, rows[:, 0], rows[:, 1], self.mission, self._part(share)
+        )
         return found
 
     def _curve(self, number: int, k: int) -> RiskCurve:
         """The chance that a pair is hit, if it alone had stops, against their distance."""
-        self.report(0.5 * number / len(self.sized), self.names[k])
+        step = 0.4 / len(self.sized)
+        self._stage(step * number, step * (number + 1), self.names[k])
         sigma, speed = self.sigma[k], self.speed[k]
         crossings = speed / sigma / math.pi * max(self.mission, 2.0 * math.pi * sigma / speed)
         most, least = CLUSTERED * ROOM * float(self._hazards[-1]), 0.1 * self._least_risk

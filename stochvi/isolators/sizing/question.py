@@ -6,25 +6,17 @@ from dataclasses import dataclass
 
 from stochvi.isolators.sizing.answer import Target
 from stochvi.isolators.sizing.changes import Tolerances
-from stochvi.results.progress import Progress
-
-
-def silent(done: float, text: str) -> None:
-    """Report no progress."""
+from stochvi.sampling.run import Run
 
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """The target of a sizing and how it is searched for; see `size`. The tolerances are by default
-    those that the scene states, and the budget is in seconds."""
+    """The target of a sizing, and the run in which it is searched for, which has the relative error
+    of the risk; see `size`. The tolerances are by default those that the scene states."""
 
     target: Target
     mission: float
+    run: Run
     at: str | None = None
     pair: str | None = None
     tolerances: Tolerances | None = None
-    rel_error: float = 0.05
-    seed: int = 0
-    threads: int | None = None
-    budget: float = 60.0
-    report: Progress = silent

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 from scipy.optimize import brentq
@@ -22,9 +22,10 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
-from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt, partial_result
+from stochvi.results.deadline import NEVER, Deadline, partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged, StochviError
-from stochvi.results.progress import Progress
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.pair_crossings import pair_crossings
@@ -39,12 +40,6 @@ varied."""
 
 UNCHANGED = "none"
 """Name of the case in which nothing is changed."""
-
-ROUGH_ERROR = 0.1
-"""Relative error of the risk when a changed scene is sized for a target that needs impacts."""
-
-BUDGET = 60.0
-"""Seconds for the sizing of a changed scene where no budget is given."""
 
 LEAST_SECONDS = 0.2
 """Seconds that a row takes at least: what is found in less rests on a handful of paths, and takes
@@ -73,14 +68,8 @@ MODULATION_NODES = 200
 
 
 @calculation
-def sensitivity(
-    sizing: Sizing | PairsSizing,
-    *,
-    seed: int = 0,
-    threads: int | None = None,
-    budget: float | None = None,
-    progress: Progress | None = None,
-) -> pd.DataFrame:
+@sampled(rel_error=0.1)
+def sensitivity(sizing: Sizing | PairsSizing, **options: Unpack[AccuracyOptions]) -> pd.DataFrame:
     """Clearance for the same target, and chance of any hit at the old one, for a changed scene.
 
     Rows: natural frequency +-10 %, damping ratio +-30 % (or the tolerances of the isolator), level
@@ -95,14 +84,9 @@ def sensitivity(
     ----------
     sizing
         The answer of `size` that is varied.
-    seed
-        Seed of the random numbers: the same seed gives the same digits.
-    threads
-        Number of threads; by default all cores.
-    budget
-        Seconds for all rows together, which share them evenly; None for no limit.
-    progress
-        Called now and then with what is done and what was reached.
+    **options
+        `AccuracyOptions`: `rel_error` is that of the risk of each row, by default 0.1. The rows
+        share the `budget` evenly.
 
     Returns
     -------
@@ -134,21 +118,16 @@ def sensitivity(
     """
     import pandas as pd
 
-    again = Resizing(
-        sizing=sizing, seed=seed, threads=threads, deadline=Deadline.after(budget),
-        rel_error=ROUGH_ERROR,
-    )  # fmt: skip
-    rows, cases = [], list(variations(sizing))
-    with graceful_interrupt():
-        for number, (change, scene) in enumerate(cases):
-            if progress:
-                progress(number / len(cases), change)
-            rows.append(again.row(change, scene, 1.0 / (len(cases) - number)))
-        curve = again.curves.get(UNCHANGED)
-        if isinstance(sizing, PairsSizing) or sizing.target.name != "probability":
-            curve = None
-        if isinstance(sizing, Sizing) and curve and not again.deadline.passed():
-            rows += _not_gaussian(sizing, curve, seed, again.deadline)
+    run = Run.of(options)
+    again = Resizing(sizing=sizing, run=run)
+    rows = again.rows(list(variations(sizing)))
+    curve = again.curves.get(UNCHANGED)
+    if isinstance(sizing, PairsSizing) or sizing.target.name != "probability":
+        curve = None
+    if isinstance(sizing, Sizing) and curve and not run.deadline.passed():
+        rows += _not_gaussian(sizing, curve, run.seed, run.deadline)
+    if run.deadline.interrupted:
+        raise run.deadline.fell_short("before all rows were known", "", pd.DataFrame(rows))
     return pd.DataFrame(rows)
 
 
@@ -164,48 +143,53 @@ def variations(sizing: Sizing | PairsSizing) -> Iterator[tuple[str, Scene]]:
 
 @dataclass(frozen=True, kw_only=True)
 class Resizing:
-    """Sizes changed scenes for the target of a sizing, all before one deadline.
+    """Sizes changed scenes for the target of a sizing, all within one run, which has the relative
+    error of the risk of each.
 
-    `rel_error` is the relative error of the risk of each, and `curves` takes their risk curves by
-    the name of the change, of one mass.
+    `curves` takes their risk curves by the name of the change, of one mass.
     """
 
     sizing: Sizing | PairsSizing
-    seed: int
-    threads: int | None
-    deadline: Deadline
-    rel_error: float
+    run: Run
     curves: dict[str, RiskCurve] = field(default_factory=dict)
 
-    def row(self, change: str, scene: Scene, share: float) -> dict[str, Any]:
-        """The row of a changed scene in a share (0 to 1) of the time that is left, and no less than
-        LEAST_SECONDS; where the scene cannot be sized, or no time is left, a row whose note says
-        why."""
+    def rows(self, cases: Sequence[tuple[str, Scene]]) -> list[dict[str, Any]]:
+        """The rows of changed scenes, each with its change in words; they share the time evenly."""
+        rows, number = [], len(cases)
+        for done, (change, scene) in enumerate(cases):
+            self.run.tell(done / number, change)
+            part = self.run.part(
+                done / number,
+                (done + 1) / number,
+                change,
+                self.run.deadline.share(1 / (number - done)),
+            )
+            rows.append(self.row(change, scene, part))
+        return rows
+
+    def row(self, change: str, scene: Scene, part: Run) -> dict[str, Any]:
+        """The row of a changed scene, in a part of the run that gets no less than LEAST_SECONDS;
+        where the scene cannot be sized, or no time is left, a row whose note says why."""
         try:
-            if self.deadline.left < LEAST_SECONDS:
-                raise self.deadline.fell_short("before this case", "raise budget")
-            seconds = self.deadline.part(share)
-            part = Deadline.after(None if seconds is None else max(seconds, LEAST_SECONDS))
+            if self.run.deadline.left < LEAST_SECONDS:
+                raise self.run.deadline.fell_short("before this case", "raise budget")
+            part = replace(part, deadline=part.deadline.in_no_less_than(LEAST_SECONDS))
             if isinstance(self.sizing, PairsSizing):
                 return self._row_of_pairs(self.sizing, change, scene, part)
             return self._row_of_one(self.sizing, change, scene, part)
         except (StochviError, Interrupted, ValueError) as reason:
             return row_of(change, self.sizing, {}, math.nan, note=str(reason))
 
-    def _row_of_one(
-        self, sizing: Sizing, change: str, scene: Scene, deadline: Deadline
-    ) -> dict[str, Any]:
+    def _row_of_one(self, sizing: Sizing, change: str, scene: Scene, run: Run) -> dict[str, Any]:
         """The row of a changed scene of one mass, by the risk curve of that scene."""
         target = sizing.target
-        curve = risk_curve(
-            scene, target, sizing.mission, rel_error=0.5 * self.rel_error, seed=self.seed,
-            threads=self.threads, budget=deadline.part(CURVE_SHARE),
-        )  # fmt: skip
+        part = run.part(deadline=run.deadline.share(CURVE_SHARE), rel_error=0.5 * run.accuracy)
+        curve = risk_curve(scene, target, sizing.mission, part)
         self.curves[change] = curve
         if target.name == "probability":
             clearance, note = curve.clearance(target.value).value, ""
         else:
-            found, note = self._sized(scene, deadline)
+            found, note = self._sized(scene, run)
             assert isinstance(found, Sizing)
             clearance = found.clearance.value
         # stops stay where they are, while a changed mount hangs elsewhere
@@ -214,20 +198,18 @@ class Resizing:
         distances = {side: sizing.clearance.value - each for side, each in moved.items()}
         chance = curve.probability(min(distances.values()))
         if are_uneven(distances):
-            chance = chance_between(
-                scene, distances, sizing.mission, rel_error=self.rel_error, seed=self.seed,
-                threads=self.threads, budget=deadline.part(CURVE_SHARE),
-            ).value  # fmt: skip
+            part = run.part(deadline=run.deadline.share(CURVE_SHARE))
+            chance = chance_between(scene, distances, sizing.mission, part).value
         return row_of(
             change, sizing, {"clearance": max(clearance + max(moved.values()), 0.0)}, chance,
             sigma=curve.crossings.displacement_std, note=note,
         )  # fmt: skip
 
     def _row_of_pairs(
-        self, sizing: PairsSizing, change: str, scene: Scene, deadline: Deadline
+        self, sizing: PairsSizing, change: str, scene: Scene, run: Run
     ) -> dict[str, Any]:
         """The row of a changed scene of several pairs."""
-        found, note = self._sized(scene, deadline)
+        found, note = self._sized(scene, run)
         assert isinstance(found, PairsSizing)
         model = model_of(scene)
         shifts = model.mean_gaps - model_of(sizing.scene).mean_gaps
@@ -245,13 +227,12 @@ class Resizing:
         if min(lower.min(), upper.min()) > 0.0:
             crossings = partial_result(
                 pair_crossings, scene, lower=lower, upper=upper, mission=sizing.mission,
-                rel_error=self.rel_error, seed=self.seed, threads=self.threads,
-                budget=deadline.part(CURVE_SHARE),
+                **run.options(run.deadline.share(CURVE_SHARE), rel_error=run.rel_error),
             )  # fmt: skip
             chance = crossings.probability(sizing.mission)[0].value
         return row_of(change, sizing, clearances, chance, note=note)
 
-    def _sized(self, scene: Scene, deadline: Deadline) -> tuple[Sizing | PairsSizing, str]:
+    def _sized(self, scene: Scene, run: Run) -> tuple[Sizing | PairsSizing, str]:
         """The sizing of a changed scene for the same target, and a note where it is not as accurate
         as asked for."""
         sizing, target = self.sizing, self.sizing.target
@@ -261,10 +242,8 @@ class Resizing:
             of_pairs = {"pair": sizing.pair, "at": called.get("at")}
         # the change is the tolerance: those that the scene states are not added to it
         asked = Question(
-            target=target, mission=sizing.mission, rel_error=self.rel_error, seed=self.seed,
-            threads=self.threads, budget=deadline.rest or BUDGET, tolerances=Tolerances(),
-            **of_pairs,
-        )  # fmt: skip
+            target=target, mission=sizing.mission, run=run, tolerances=Tolerances(), **of_pairs
+        )
         try:
             return nominal_sizing(scene, asked), ""
         except (NotConverged, Interrupted) as reason:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
@@ -19,13 +20,15 @@ from stochvi.isolators.sizing.changes import (
 )
 from stochvi.isolators.sizing.sensitivity import Resizing, row_of
 from stochvi.isolators.sizing.tolerance_region import Region, SameRisk
-from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NotConverged
+from stochvi.sampling.options import WorkOptions
+from stochvi.sampling.run import Run, sampled
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.isolators.sizing.answer import Sizing
+    from stochvi.results.deadline import Deadline
 
 REL_ERROR = 0.2
 """Relative error of the risk of a changed scene: that of its clearance c is 0.2 sigma^2 / c^2, some
@@ -35,16 +38,14 @@ FIRST_SHARE = 0.3
 """Share of the time for the worst place; the single changes share the rest evenly."""
 
 
+@sampled
 def worst_case(
-    sizing: Sizing,
-    tolerances: Tolerances | None = None,
-    *,
-    threads: int | None = None,
-    budget: float | None = None,
+    sizing: Sizing, tolerances: Tolerances | None = None, **options: Unpack[WorkOptions]
 ) -> pd.DataFrame:
     """Clearances for the target of a sizing with mount, level and stops within their tolerances.
 
-    Every row is a scene of its own that is sized for the target. The last row is the largest
+    Every row is a scene of its own that is sized for the target, with the seed of the sizing. The
+    last row is the largest
     requirement of the whole region: the place where linear theory asks for most (`Region.worst`) is
     sized like the others, with the stiffness of the stops at both ends, and no row is larger.
 
@@ -52,8 +53,8 @@ def worst_case(
     ----------
     tolerances
         By default those of the sizing.
-    budget
-        Seconds for all rows together; None for no limit.
+    **options
+        `WorkOptions`: `budget` is that of all rows together.
 
     Returns
     -------
@@ -78,10 +79,8 @@ def worst_case(
     import pandas as pd
 
     scene = sizing.scene
-    again = Resizing(
-        sizing=sizing, seed=sizing.seed, threads=threads, deadline=Deadline.after(budget),
-        rel_error=REL_ERROR,
-    )  # fmt: skip
+    run = replace(Run.of(options), seed=sizing.seed, rel_error=REL_ERROR)
+    again = Resizing(sizing=sizing, run=run)
     tolerances = tolerances or sizing.allowed
     by_hits = sizing.target.name != "probability"
     stops = ends_of_stops(scene, tolerances.felt(scene, by_hits=by_hits))
@@ -100,21 +99,19 @@ def worst_case(
     if not ends and not stops:
         return pd.DataFrame(rows)
 
-    with graceful_interrupt():
-        try:
-            linear = _linear_worst(sizing, tolerances, again.deadline)
-        except (NotConverged, Interrupted) as reason:
-            worst = [row_of(WORST, sizing, {}, math.nan, note=str(reason))]
-        else:
-            places = [(*linear, end) for end in stops] or [linear]
-            worst = [
-                again.row(worded(place), all_applied(place, scene), FIRST_SHARE / len(places))
-                for place in places
-            ]
-        changes = [*ends, *stops]
-        for number, change in enumerate(changes):
-            share = 1.0 / (len(changes) - number)
-            rows.append(again.row(change.words, change.applied(scene), share))
+    run.tell(0.0, "the worst place within the tolerances")
+    try:
+        linear = _linear_worst(sizing, tolerances, run.deadline)
+    except (NotConverged, Interrupted) as reason:
+        worst = [row_of(WORST, sizing, {}, math.nan, note=str(reason))]
+    else:
+        places = [(*linear, end) for end in stops] or [linear]
+        first = run.deadline.share(FIRST_SHARE / len(places))
+        worst = [
+            again.row(worded(place), all_applied(place, scene), run.part(0.0, 0.0, deadline=first))
+            for place in places
+        ]
+    rows += again.rows([(change.words, change.applied(scene)) for change in (*ends, *stops)])
     # a worst place that was not sized leaves the worst unknown
     known = [row for row in [*worst, *rows[1:]] if not math.isnan(row["clearance"])]
     unknown = [row for row in worst if math.isnan(row["clearance"])]

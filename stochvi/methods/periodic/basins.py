@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -34,7 +33,7 @@ from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.results.estimates import Estimate, provenance
 from stochvi.sampling.options import WorkOptions
 from stochvi.sampling.plain_values import digest_of
 from stochvi.sampling.run import Run, sampled
@@ -276,7 +275,6 @@ def basins(
     >>> [each.name for each in basins(mount, starts).regimes]
     ['no impacts', 'stops lower, stops upper']
     """
-    began = time.perf_counter()
     if periods < 1:
         raise ValueError(f"periods must be at least 1, got {periods}")
     run = Run.of(options)
@@ -305,11 +303,7 @@ def basins(
         undecided=float(np.sum(ends == UNDECIDED)) / max(int(np.sum(ends != BEYOND)), 1),
         assumptions=(*scene.assumptions(), RECOGNISED),
         warnings=noise_left_out(place.model),
-        cost=Cost(
-            wall_time=time.perf_counter() - began,
-            paths=int(np.sum(ends != BEYOND)),
-            threads=run.workers,
-        ),
+        cost=run.cost(paths=int(np.sum(ends != BEYOND))),
         provenance=provenance(scene.document()),
     )
     if run.deadline.passed():
@@ -570,8 +564,7 @@ class BasinRun:
                 self._settle(0.0, periods)
             else:
                 self._sample(ComparingSampler, LAST, len(known.found) - 1)
-            if self.run.progress:
-                self.run.progress(*self._ended(0))
+            self.run.tell(*self._ended(0))
 
     def _settle(self, angle: float, periods: int) -> None:
         """Fly the undecided starts over an angle and some periods, or to a periodic regime."""

@@ -10,7 +10,6 @@ dispersion of the counts allows Poisson's exact ones.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -30,7 +29,7 @@ from stochvi.model.coverage import functions
 from stochvi.model.model import LOWER, UPPER, Model, Pair, model_of
 from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.results.estimates import TOO_FEW, Cost, Estimate, provenance
+from stochvi.results.estimates import TOO_FEW, Estimate, provenance
 from stochvi.results.intervals import ratio_and_error
 from stochvi.sampling.options import SamplingOptions
 from stochvi.sampling.run import Run, sampled
@@ -180,7 +179,7 @@ def impacts(
     True
     """
     check_threshold(speed_threshold)
-    started, run = time.perf_counter(), Run.of(options)
+    run = Run.of(options)
     asked = REL_ERROR if run.rel_error is None else run.rel_error
     deadline, paths, model = run.deadline, run.paths, model_of(scene)
     if conditions := functions(model):
@@ -229,12 +228,10 @@ def impacts(
             *_long_intervals(pairs),
             *_warnings(plan, model),
         ),
-        cost=Cost(
-            wall_time=time.perf_counter() - started,
+        cost=run.cost(
             impacts=round(sum(tally.numbers.sum() for tally in found.values())),
             steps=round(done * plan.duration / plan.step),
             paths=done,
-            threads=run.workers,
         ),
         provenance=provenance(scene.document(), run.seed),
     )

@@ -13,7 +13,6 @@ its error is clearly larger than the pilot let expect.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Unpack
@@ -32,7 +31,7 @@ from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator, without_noise
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
-from stochvi.results.estimates import TOO_FEW, Cost, Estimate, provenance
+from stochvi.results.estimates import TOO_FEW, Estimate, provenance
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
@@ -147,13 +146,13 @@ def reliability(
     """
     run = Run.of(options)
     _check(mission, impact_speed, peak_acceleration, start, way, run.accuracy, confidence)
-    started, jobs = time.perf_counter(), Jobs(run=run, confidence=confidence, deadline=run.deadline)
+    jobs = Jobs(run=run, confidence=confidence, deadline=run.deadline)
     model = model_of(scene)
     check_pair(model, pair)
     if not model.single:
         _check_several(model, barrier, start, way)
         hardest = _limits_of_pairs(scene, impact_speed, peak_acceleration, at)
-        return _of_pairs(scene, pair, hardest, mission, jobs, started)
+        return _of_pairs(scene, pair, hardest, mission, jobs)
     if at is not None:
         raise ValueError(f"at is for several coordinates or pairs, got {at!r} for one oscillator")
     ends = _barriers(model, barrier)
@@ -189,12 +188,10 @@ def reliability(
             *_by_the_spring(model, ends, peak_acceleration),
         ],
         missing=missing,
-        cost=Cost(
-            wall_time=time.perf_counter() - started,
+        cost=run.cost(
             steps=sum(chance.steps for chance in chances.values())
             + (0 if hits is None else hits.steps),
             paths=sum(chance.trials for chance in chances.values()),
-            threads=run.workers,
         ),
         provenance=provenance(scene.document(), run.seed),
     )
@@ -249,7 +246,7 @@ def _limits_of_pairs(
 
 
 def _of_pairs(
-    scene: Scene, pair: str | None, limits: list[Limit], mission: float, jobs: Jobs, started: float
+    scene: Scene, pair: str | None, limits: list[Limit], mission: float, jobs: Jobs
 ) -> Reliability:
     """The chance that any pair is hit, or any limit exceeded, expected hits, and the risk of each
     pair."""
@@ -310,11 +307,9 @@ def _of_pairs(
         missing=missing,
         pairs=risks,
         outputs=outputs,
-        cost=Cost(
-            wall_time=time.perf_counter() - started,
+        cost=jobs.run.cost(
             steps=0 if hits is None else hits.steps,
             paths=sum(each.trials for each in chances.values()),
-            threads=jobs.run.workers,
         ),
         provenance=provenance(scene.document(), jobs.run.seed),
     )

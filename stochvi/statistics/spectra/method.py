@@ -18,7 +18,6 @@ leading order.
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 from typing import Literal, Unpack
 
@@ -31,7 +30,7 @@ from stochvi.model.calculations import calculation
 from stochvi.model.model import Model
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Cost, provenance
+from stochvi.results.estimates import provenance
 from stochvi.results.intervals import CONFIDENCE, PathMoments, delta_method, student_quantile
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
@@ -156,7 +155,7 @@ def spectrum(
     True
     """
     _check_options(method, highest, segment)
-    started, run = time.perf_counter(), Run.of(options)
+    run = Run.of(options)
     asked = REL_ERROR if run.rel_error is None else run.rel_error
     plan, layout, bandwidth = _planned(scene, method, highest, segment, run.deadline)
     plan.plan.shortest().histories(run.seed, 0, 2, samples=2)
@@ -190,11 +189,8 @@ def spectrum(
             *(["the accuracy asked for was not reached"] if short else []),
             *([SINE_IS_A_LINE] if plan.model.sines else []),
         ),
-        cost=Cost(
-            wall_time=time.perf_counter() - started,
-            steps=moments.count * (plan.samples + plan.plan.settling),
-            paths=moments.count,
-            threads=run.workers,
+        cost=run.cost(
+            steps=moments.count * (plan.samples + plan.plan.settling), paths=moments.count
         ),
         provenance=provenance(scene.document(), run.seed),
     )
