@@ -17,14 +17,21 @@ import os
 import re
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
-from annotated_types import Ge
-from pydantic import ConfigDict, TypeAdapter, ValidationError
-from typing_extensions import TypedDict
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    NonNegativeFloat,
+    NonNegativeInt,
+    PlainSerializer,
+    ValidationError,
+)
 
 from stochvi.results.atomic_files import write_whole
 from stochvi.results.base import Result
@@ -47,99 +54,53 @@ less often than asked for."""
 
 Answer = TypeVar("Answer", bound=Result)
 
-STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
-"""How a checkpoint is checked: no value is converted, no key left out or added."""
 
-Count = Annotated[int, Ge(0)]
+class Checked(BaseModel):
+    """A part of a checkpoint: no value is converted as it is read, no key left out or added."""
 
-
-class EntryDocument(TypedDict):
-    """An `Entry` as plain types."""
-
-    __pydantic_config__ = STRICT  # type: ignore[misc]
-    paths: Count
-    goal: Count
-    machines: list[str]
-    sample: Any
+    model_config = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 
 
-class Document(TypedDict):
-    """What the body of a checkpoint holds."""
+class Entry(Checked):
+    """The sample of the first `paths` paths of a sampler, from whole blocks; the number of paths at
+    which its present round ends, and the kinds of machines that made it."""
 
-    __pydantic_config__ = STRICT  # type: ignore[misc]
+    paths: NonNegativeInt
+    goal: NonNegativeInt
+    machines: tuple[str, ...]
+    sample: Annotated[Any, BeforeValidator(from_plain), PlainSerializer(to_plain)]
+
+    @classmethod
+    def empty(cls) -> Entry:
+        """That of a sampler without paths."""
+        return cls(paths=0, goal=0, machines=(), sample=None)
+
+
+class Checkpoint(Checked):
+    """A command, its scene and its arguments, with the samples of the run by the digests of their
+    samplers, and the seconds that it took. `proof` is a digest of the files that the scene names.
+    """
+
+    path: Path = Field(default=Path(), exclude=True)
     command: str
     scene: dict[str, Any]
     asked: dict[str, Any]
     machine: str
     proof: str
-    samples: dict[str, EntryDocument]
-    seconds: Annotated[float, Ge(0.0)]
-
-
-@dataclass
-class Entry:
-    """The sample of the first `paths` paths of a sampler, from whole blocks; the number of paths at
-    which its present round ends, and the kinds of machines that made it."""
-
-    paths: int = 0
-    goal: int = 0
-    machines: tuple[str, ...] = ()
-    sample: Any = None
-
-
-@dataclass
-class Samples:
-    """Samples of all samplers of a run. `begins` is called before the first is asked for, `changed`
-    after each new block."""
-
-    entries: dict[str, Entry] = field(default_factory=dict)
-    begins: Callable[[], None] = lambda: None
-    changed: Callable[[], None] = lambda: None
-
-    def of(self, sampler: Any) -> Entry:
-        """The sample of a sampler, which may be empty, to be replaced as it grows."""
-        self.begins()
-        return self.entries.setdefault(digest_of(sampler), Entry())
-
-    @property
-    def paths(self) -> int:
-        """Number of paths of all samplers."""
-        return sum(entry.paths for entry in self.entries.values())
-
-    def document(self) -> dict[str, Any]:
-        """The samples as types that JSON can hold."""
-        return {
-            name: {**vars(entry), "machines": [*entry.machines], "sample": to_plain(entry.sample)}
-            for name, entry in self.entries.items()
-        }
-
-
-@dataclass(frozen=True, kw_only=True)
-class Checkpoint:
-    """A command, its scene and its arguments, with the samples of the run and the seconds that it
-    took. `proof` is a digest of the files that the scene names."""
-
-    path: Path
-    command: str
-    scene: Mapping[str, Any]
-    asked: Mapping[str, Any]
-    machine: str
-    proof: str = ""
-    samples: Mapping[str, Any] = field(default_factory=dict)
-    seconds: float = 0.0
+    samples: dict[str, Entry]
+    seconds: NonNegativeFloat
 
     @classmethod
-    def begun(cls, path: Path, command: str, scene: Scene, asked: Mapping[str, Any]) -> Checkpoint:
+    def begun(cls, path: Path, command: str, scene: Scene, asked: dict[str, Any]) -> Checkpoint:
         """The checkpoint of a run on this machine, without a sample yet."""
         return cls(
             path=path.resolve(), command=command, scene=plain_scene(scene), asked=asked,
-            machine=machine(), proof=digest_of_files(scene),
+            machine=machine(), proof=digest_of_files(scene), samples={}, seconds=0.0,
         )  # fmt: skip
 
     def write(self) -> None:
         """Write the file as a whole or not at all; it is on the disk on return."""
-        document = {name: each for name, each in vars(self).items() if name != "path"}
-        body = json.dumps(document, allow_nan=False).encode()
+        body = self.model_dump_json().encode()
         write_whole(_header(body) + body, self.path, durable=True)
 
     @classmethod
@@ -147,8 +108,7 @@ class Checkpoint:
         """Read a file; CheckpointError unless it is a checkpoint without damage."""
         if path.exists() and not _is_checkpoint(path):
             raise CheckpointError(f"{path} is not a checkpoint of stochvi")
-        text = path.read_bytes()
-        header, newline, body = text.partition(b"\n")
+        header, newline, body = path.read_bytes().partition(b"\n")
         number = re.match(rf"{HEADER} (\d+) [0-9a-f]{{64}}$".encode(), header)
         if number and int(number[1]) != FORMAT:
             raise CheckpointError(
@@ -161,13 +121,15 @@ class Checkpoint:
                 "checksum does not match); start again without it"
             )
         try:
-            found: Any = TypeAdapter(Document).validate_python(json.loads(body))
+            found = cls.model_validate_json(body)
         except ValidationError as error:
-            first = error.errors()[0]
-            raise _incomplete(path, ".".join(map(str, first["loc"]))) from error
-        except (ValueError, RecursionError) as error:
-            raise _incomplete(path) from error
-        return cls(path=path, **found)
+            where = ".".join(map(str, error.errors()[0]["loc"]))
+            raise CheckpointError(
+                f"{path} does not hold what a checkpoint of this version holds"
+                f"{f' ({where})' if where else ''}; start again without it"
+            ) from error
+        found.path = path.resolve()
+        return found
 
     def asked_again(self, given: Mapping[str, Any], required: Sequence[str] = ()) -> dict[str, Any]:
         """The arguments of the earlier run; CheckpointError if some of those `given` now differ
@@ -215,32 +177,24 @@ class Checkpoint:
                 f"{self.path} is of another scene: a file that the scene names has changed"
             )
 
-    def known(self) -> dict[str, Entry]:
-        """The samples from which a run goes on; CheckpointError if they cannot be read."""
-        try:
-            return {
-                name: Entry(
-                    paths=each["paths"], goal=each["goal"], machines=tuple(each["machines"]),
-                    sample=from_plain(each["sample"]),
-                )
-                for name, each in self.samples.items()
-            }  # fmt: skip
-        except ValueError as error:
-            raise _incomplete(self.path, str(error)) from error
-
 
 class CheckpointWriter:
-    """Writes the checkpoint of a run: at its start, when the interval since the last is over, and
-    at the end.
+    """Gives samplers their samples, and writes the checkpoint of a run: at its start, when the
+    interval since the last is over, and at the end.
 
     It replaces a checkpoint but no other file. The checkpoint of another run (`new`) that took
     longer than LONG_SECONDS is first renamed to FILE.earlier, and a damaged one to FILE.damaged.
     """
 
-    def __init__(self, begun: Checkpoint, samples: Samples, interval: float, new: bool) -> None:
-        self.begun, self.samples, self.interval, self.new = begun, samples, interval, new
-        self.started, self.failure, self.ready = time.perf_counter(), "", False
-        samples.begins, samples.changed = self.begin, self.keep_if_due
+    def __init__(self, checkpoint: Checkpoint, interval: float, new: bool) -> None:
+        self.checkpoint, self.interval, self.new = checkpoint, interval, new
+        self.before, self.started = checkpoint.seconds, time.perf_counter()
+        self.failure, self.ready = "", False
+
+    def of(self, sampler: Any) -> Entry:
+        """The sample of a sampler, which may be empty, to be replaced as it grows."""
+        self.begin()
+        return self.checkpoint.samples.setdefault(digest_of(sampler), Entry.empty())
 
     def begin(self) -> None:
         """Write the first checkpoint: once the arguments are checked, before any block is done.
@@ -249,11 +203,10 @@ class CheckpointWriter:
         """
         if self.ready:
             return
-        path = self.begun.path
+        path = self.checkpoint.path
         try:
             _check_place(path)
             if self.new:
-                _keep_damaged(path)
                 _set_aside(path)
             self._write()
         except OSError as error:
@@ -282,15 +235,15 @@ class CheckpointWriter:
             self.failure = ""
         except OSError as error:
             self.failure = (
-                f"the checkpoint {self.begun.path} could not be written: {reason_of(error)}; it "
-                "holds what it held before"
+                f"the checkpoint {self.checkpoint.path} could not be written: {reason_of(error)}; "
+                "it holds what it held before"
             )
 
     def _write(self) -> None:
         began = self.written = time.perf_counter()
         self.writing = 0.0
-        seconds = self.begun.seconds + began - self.started
-        replace(self.begun, samples=self.samples.document(), seconds=seconds).write()
+        self.checkpoint.seconds = self.before + began - self.started
+        self.checkpoint.write()
         self.written = time.perf_counter()
         self.writing = self.written - began
 
@@ -299,9 +252,9 @@ class CheckpointWriter:
         does not hold it."""
         if not isinstance(answer, Result):
             return answer
-        if self.begun.seconds:
+        if self.before:
             cost = answer.cost
-            wall_time = cost.wall_time + self.begun.seconds
+            wall_time = cost.wall_time + self.before
             tenfold = cost.tenfold_wall_time
             if tenfold is not None and cost.wall_time:
                 tenfold *= wall_time / cost.wall_time
@@ -333,41 +286,29 @@ def _is_empty(path: Path) -> bool:
 
 
 def _set_aside(path: Path) -> None:
-    """Rename a checkpoint that took long to FILE.earlier, unless the one there took longer."""
-    earlier = path.with_name(path.name + ".earlier")
-    if _seconds_in(path) > max(LONG_SECONDS, _seconds_in(earlier)):
-        with contextlib.suppress(FileNotFoundError):  # another run has renamed it
-            os.replace(path, earlier)
-
-
-def _keep_damaged(path: Path) -> None:
-    """Rename a checkpoint that cannot be read to FILE.damaged, with a UserWarning that says so."""
+    """Rename a checkpoint that took long to FILE.earlier, unless the one there took longer, and one
+    that cannot be read to FILE.damaged, with a UserWarning that says so."""
     if not path.exists() or _is_empty(path):
         return
+    earlier, damaged = (path.with_name(f"{path.name}.{word}") for word in ("earlier", "damaged"))
+    known = LONG_SECONDS
+    with contextlib.suppress(CheckpointError, FileNotFoundError):
+        known = max(known, _seconds_in(earlier))
     try:
-        Checkpoint.read(path)
+        if _seconds_in(path) > known:
+            os.replace(path, earlier)
+    except FileNotFoundError:  # another run has renamed it
+        pass
     except CheckpointError as error:
-        aside = path.with_name(path.name + ".damaged")
-        os.replace(path, aside)
+        os.replace(path, damaged)
         reason = str(error).rpartition("; ")[0]
-        warnings.warn(f"{reason}; it was renamed to {aside.name}", stacklevel=2)
+        warnings.warn(f"{reason}; it was renamed to {damaged.name}", stacklevel=2)
 
 
 def _seconds_in(path: Path) -> float:
-    """Seconds of simulation in a checkpoint; 0 if no run can resume from it."""
-    try:
-        found = Checkpoint.read(path)
-    except (CheckpointError, FileNotFoundError):
-        return 0.0
-    return found.seconds if any(each["paths"] for each in found.samples.values()) else 0.0
-
-
-def _incomplete(path: Path, where: str = "") -> CheckpointError:
-    place = f" ({where})" if where else ""
-    return CheckpointError(
-        f"{path} does not hold what a checkpoint of this version holds{place}; start again without "
-        "it"
-    )
+    """Seconds of simulation in a checkpoint; 0 if it has no paths."""
+    found = Checkpoint.read(path)
+    return found.seconds if any(entry.paths for entry in found.samples.values()) else 0.0
 
 
 def plain_scene(scene: Scene) -> dict[str, Any]:

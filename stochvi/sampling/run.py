@@ -21,7 +21,7 @@ from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import Cost
 from stochvi.results.progress import Progress, part_of
 from stochvi.sampling.blocks import BegunBlock, Block, blocks_of
-from stochvi.sampling.checkpoints import Checkpoint, CheckpointWriter, Entry, Samples
+from stochvi.sampling.checkpoints import Checkpoint, CheckpointWriter, Entry
 from stochvi.sampling.options import DEFAULTS, WITHOUT_DIGITS, check_options, signature_of
 from stochvi.sampling.plain_values import digest_of, from_plain, to_plain
 from stochvi.sampling.sampler import Sampler, more_paths
@@ -113,8 +113,8 @@ class Run:
     def begin(self) -> None:
         """Write the first checkpoint, if there is one; else it is written before the first block.
         The arguments must be checked."""
-        if self.pool.samples is not None:
-            self.pool.samples.begins()
+        if self.pool.checkpoint is not None:
+            self.pool.checkpoint.begin()
 
     def work(self) -> dict[str, Any]:
         """The `WorkOptions` of another calculation that is a part of this one: it has the workers,
@@ -167,8 +167,8 @@ class Run:
             executor loses its workers.
         """
         deadline = deadline or self.deadline
-        kept = self.pool.samples
-        entry = Entry() if kept is None else kept.of(sampler)
+        kept = self.pool.checkpoint
+        entry = Entry.empty() if kept is None else kept.of(sampler)
         entry.goal = entry.goal or first
         self.pool.block_seconds = math.inf  # unknown for this sampler
         sample: Sample | None = entry.sample
@@ -189,7 +189,7 @@ class Run:
                     entry.paths += paths
                     entry.machines = tuple(dict.fromkeys((*entry.machines, machine)))
                     if kept is not None:
-                        kept.changed()
+                        kept.keep_if_due()
                     speak(sample, entry.goal)
             if sample is None:
                 raise deadline.fell_short("before two paths were simulated", "raise budget")
@@ -293,43 +293,40 @@ def sampled(calculate: Any = None, **defaults: Any) -> Any:
         first = next(iter(named.values()))
         scene = getattr(first, "scene", first)  # an answer is of its scene
         with pool_of(named["executor"], named["threads"]) as pool:
-            outer = pool.samples
-            begun = _begun(calculate.__name__.lstrip("_"), scene, own, named, pool)
+            outer = pool.checkpoint
+            begun = _begun(calculate.__name__.lstrip("_"), scene, own, named)
+            pool.checkpoint = begun or outer
             answer = functools.partial(calculate, **named | {"executor": pool})
             try:
                 return answer() if begun is None else _kept(answer, begun)
             finally:
-                pool.samples = outer
+                pool.checkpoint = outer
 
     run.__signature__ = signature  # type: ignore[attr-defined]
     return run
 
 
 def _begun(
-    command: str, scene: Scene, own: Mapping[str, Any], named: dict[str, Any], pool: WorkerPool
+    command: str, scene: Scene, own: Mapping[str, Any], named: dict[str, Any]
 ) -> CheckpointWriter | None:
     """What writes the checkpoint, if one is asked for; `named` gets the arguments of the run that
     is resumed."""
     file = named["resume"] if named["checkpoint"] is None else named["checkpoint"]
     if file is None:
         return None
-    before = None
     asked = {name: _plain(named[name]) for name in own}
+    begun, before = Checkpoint.begun(Path(file), command, scene, asked), None
     if named["resume"] is not None:
         before = Checkpoint.read(Path(named["resume"]))
         before.check(command, scene)
         required = [name for name, each in own.items() if each is inspect.Parameter.empty]
         changed = {name: each for name, each in asked.items() if each != _plain(own[name])}
-        asked = before.asked_again(changed, required)
-        taken = {name: value for name, value in asked.items() if value != _plain(named[name])}
+        begun.asked = before.asked_again(changed, required)
+        begun.samples, begun.seconds = before.samples, before.seconds
+        taken = {name: each for name, each in begun.asked.items() if each != _plain(named[name])}
         named.update({name: _hashable(value) for name, value in taken.items()})
-    begun = Checkpoint.begun(Path(file), command, scene, asked)
-    pool.samples = Samples()
-    if before is not None:
-        begun = replace(begun, seconds=before.seconds)
-        pool.samples.entries = before.known()
-    new = before is None or before.path.resolve() != begun.path
-    return CheckpointWriter(begun, pool.samples, named["checkpoint_interval"], new)
+    new = before is None or before.path != begun.path
+    return CheckpointWriter(begun, named["checkpoint_interval"], new)
 
 
 def _kept(calculate: Callable[[], Any], writer: CheckpointWriter) -> Any:

@@ -38,7 +38,7 @@ from stochvi.sampling.sampler import Sampler
 from stochvi.sampling.stop_flag import GivenUp
 
 if TYPE_CHECKING:
-    from stochvi.sampling.checkpoints import Samples
+    from stochvi.sampling.checkpoints import CheckpointWriter
 
 WINDOW = 4
 """Number of tasks per worker that may be under way or wait to be merged in order. It bounds the
@@ -205,14 +205,14 @@ class WorkerPool:
 
     It may stand for the `executor` of a calculation that another one asks, which then shares its
     workers and its checkpoint. `external` says that the caller supplied the executor, so that its
-    workers may be far away; `samples` are those of the checkpoint, if there is one;
+    workers may be far away; `checkpoint` keeps the samples, where one is asked for;
     `block_seconds` is the measured CPU time of a block.
     """
 
     executor: Executor
     workers: int
     external: bool
-    samples: Samples | None = None
+    checkpoint: CheckpointWriter | None = None
     block_seconds: float = math.inf
     waiting: deque[_Task] = field(default_factory=deque, init=False)
 

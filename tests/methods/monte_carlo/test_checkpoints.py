@@ -8,7 +8,6 @@ import os
 import sys
 import threading
 from concurrent.futures import Executor, ThreadPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +38,7 @@ def oscillator() -> Scene:
 
 
 def paths_in(kept: Path) -> int:
-    return sum(each["paths"] for each in Checkpoint.read(kept).samples.values())
+    return sum(each.paths for each in Checkpoint.read(kept).samples.values())
 
 
 # ---- what is there ----------------------------------------------------------------------------
@@ -89,7 +88,8 @@ def test_what_took_long_is_kept_as_earlier(tmp_path: Path) -> None:
         """After a run that took so long."""
         simulate(oscillator(), **ASKED, checkpoint=kept)
         found = Checkpoint.read(kept)
-        replace(found, seconds=seconds).write()
+        found.seconds = seconds
+        found.write()
         simulate(oscillator(), **ASKED, checkpoint=kept)
 
     rerun(0.5 * LONG_SECONDS)

@@ -476,9 +476,7 @@ def killed_at_random(
 
 def paths_in(kept: Path) -> int:
     return (
-        sum(each["paths"] for each in Checkpoint.read(kept).samples.values())
-        if kept.exists()
-        else 0
+        sum(each.paths for each in Checkpoint.read(kept).samples.values()) if kept.exists() else 0
     )
 
 
