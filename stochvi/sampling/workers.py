@@ -23,7 +23,7 @@ from concurrent.futures import (
     ThreadPoolExecutor,
 )
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -214,7 +214,6 @@ class WorkerPool:
     external: bool
     checkpoint: CheckpointWriter | None = None
     block_seconds: float = math.inf
-    waiting: deque[_Task] = field(default_factory=deque, init=False)
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]:
         """Give the workers a call to do, as any executor does."""
@@ -257,64 +256,47 @@ class WorkerPool:
         WorkersLost
             If a task cannot be done; all blocks before it have been handed on.
         """
-        waiting = self.waiting
+        waiting: deque[_Task] = deque()
         sent: Any = packed(sampler) if self.external else sampler
-        first, blocks = _first_of(blocks)
         try:
-            while (first < needed or not deadline.passed()) and (
-                chunk := tuple(islice(blocks, self.per_task(total)))
-            ):
+            while chunk := tuple(islice(blocks, self.per_task(total))):
+                if deadline.passed() and chunk[0][0] >= needed:
+                    break
                 # the deadline is checked within blocks that take long or an unknown time
                 until = NEVER if self.block_seconds < PIECE_SECONDS else deadline
                 waiting.append(_Task(self, (sent, chunk, until, needed)))
-                first = chunk[-1][0] + chunk[-1][1]
                 while len(waiting) >= min(self.window, max(1, MOST_WAITING // len(chunk))):
-                    if not (yield from self._hand_on()):
+                    if not (yield from self._hand_on(waiting)):
                         return
             while waiting:
                 late = deadline.passed() and waiting[0].blocks[0][0] >= needed
                 if late and waiting[0].cancel():
                     return
-                if not (yield from self._hand_on()):
+                if not (yield from self._hand_on(waiting)):
                     return
         finally:
-            self.cancel()
+            for task in waiting:
+                task.cancel()
 
-    def cancel(self) -> None:
-        """Cancel every task that has not begun."""
-        while self.waiting:
-            self.waiting.popleft().cancel()
-
-    def _hand_on(self) -> Generator[BlockDone, None, bool]:
+    def _hand_on(self, waiting: deque[_Task]) -> Generator[BlockDone, None, bool]:
         """Hand on the blocks of the oldest task, and measure the time of a block; return False if
         some of its blocks were left out because the deadline passed."""
-        task = self.waiting[0]
+        task = waiting[0]
         expected = self.block_seconds * len(task.blocks)
 
         def repeat_lost_and_late(waited: float) -> None:
             overtaken = False  # whether a task begun later has ended, so that this one has begun
-            for each in reversed(self.waiting):
+            for each in reversed(waiting):
                 each.resubmit(also_late=overtaken and waited > LATE * expected)
                 overtaken = overtaken or each.done() is not None
 
         interval = max(LOOK_SECONDS, expected / 2.0) if math.isfinite(expected) else LOOK_SECONDS
         done = task.result(repeat_lost_and_late, interval)
-        self.waiting.popleft()
+        waiting.popleft()
         self.block_seconds = done.seconds / len(task.blocks)
         for block, sample in zip(task.blocks, done.samples, strict=False):
             yield BlockDone(block, sample, done.machine)
         return len(done.samples) == len(task.blocks)
-
-
-def _first_of(blocks: Iterator[BegunBlock]) -> tuple[float, Iterator[BegunBlock]]:
-    """The first path of some blocks, infinite where there are none, and the same blocks."""
-    head = list(islice(blocks, 1))
-
-    def again() -> Iterator[BegunBlock]:
-        yield from head
-        yield from blocks
-
-    return (head[0][0] if head else math.inf), again()
 
 
 class _Task:
@@ -412,15 +394,13 @@ def pool_of(executor: Executor | WorkerPool | None, threads: int | None) -> Iter
             "executor must be a concurrent.futures.Executor, as ProcessPoolExecutor(), got "
             f"{executor!r}"
         )
-    if executor is None:
-        workers = threads or usable_cores()
-        pool = WorkerPool(ThreadPoolExecutor(workers), workers, external=False)
-    else:
-        pool = WorkerPool(executor, threads or workers_of(executor), external=True)
+    workers = threads or (usable_cores() if executor is None else workers_of(executor))
+    pool = WorkerPool(
+        executor or ThreadPoolExecutor(workers), workers, external=executor is not None
+    )
     try:
         with graceful_interrupt(), one_thread():
             yield pool
     finally:
-        pool.cancel()
         if not pool.external:
             pool.executor.shutdown(cancel_futures=True)

@@ -174,8 +174,7 @@ class LevelSampler(PlanSampler):
 class Jobs:
     """The settings with which chances are found: the run with its seed and accuracy, and budget.
 
-    `until` is the deadline of the present calculation; `cut_short` names the results that come from
-    fewer trials than were asked for.
+    `until` is the deadline of the present calculation; `cut_short` says what it left undone.
     """
 
     run: Run
@@ -308,9 +307,7 @@ class Jobs:
             )
             less = max(count, math.ceil(COARSE_SHARE * fine.trials))
             coarse = self._if_in_time(
-                lambda: self._repeated(
-                    plan.coarser(), at, "twice the step", less, particles, hits, count
-                )
+                lambda: self._repeated(plan.coarser(), at, "twice the step", less, particles, hits)
             )
         else:
             levels = None
@@ -319,10 +316,13 @@ class Jobs:
             )
             less = max(pilot.missions, math.ceil(COARSE_SHARE * fine.trials))
             coarse = self._if_in_time(
-                lambda: self._missions(plan.coarser(), "twice the step", less, hits, 1)
+                lambda: self._missions(plan.coarser(), "twice the step", less, hits)
             )
+        name = event.replace("_", " ")
         if fine.trials < asked:
-            self.cut_short.append(event.replace("_", " "))
+            self.cut_short.append(f"the relative error of {name} was {self.rel_error:g}")
+        if coarse is None:
+            self.cut_short.append(f"the bias of {name} was known")
         return Found(
             fine=fine,
             coarse=coarse,
@@ -355,7 +355,8 @@ class Jobs:
         return found, trials
 
     def _if_in_time(self, calculate: Callable[[], Sample]) -> Sample | None:
-        """A sample that the answer can do without; None if it is late."""
+        """A sample that the answer can do without; None if it is late, as a part of it would
+        depend on the time."""
         try:
             return calculate()
         except (NotConverged, Interrupted):

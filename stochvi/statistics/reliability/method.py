@@ -205,7 +205,7 @@ def reliability(
         reasons = zip(unfound, missing.values(), strict=True)
         raise NotConverged("; ".join(f"{name}: {why}" for name, why in reasons), found)
     if jobs.cut_short:
-        where = f"before the relative error of {', '.join(jobs.cut_short)} was {run.accuracy:g}"
+        where = f"before {' and '.join(jobs.cut_short)}"
         raise jobs.deadline.fell_short(where, "raise budget or rel_error", found)
     return found
 
@@ -377,9 +377,11 @@ def _without_energy(
     if jobs.deadline.passed():
         return None
     try:
-        return exceedance(scene, event, limit, mission, jobs)
+        found = exceedance(scene, event, limit, mission, jobs)
     except NotApplicable:
         return None
+    late = "a splitting by energy did not end in its share of the budget"
+    return replace(found, why=f"{found.why}; {late}")
 
 
 def _check(

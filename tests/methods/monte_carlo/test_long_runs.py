@@ -17,7 +17,6 @@ from concurrent.futures import (
     Future,
     ThreadPoolExecutor,
 )
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -221,7 +220,7 @@ def test_another_scene_is_refused_by_the_key_that_differs(kept: Path) -> None:
 def test_another_version_or_processor_is_refused(kept: Path, tmp_path: Path) -> None:
     found = Checkpoint.read(kept)
     other = found.machine.replace("numpy ", "numpy 0.")
-    replace(found, path=tmp_path / "other", machine=other).write()
+    found.model_copy(update={"path": tmp_path / "other", "machine": other}).write()
     with pytest.raises(CheckpointError, match="another version or processor"):
         simulate(oscillator(), resume=tmp_path / "other")
 
