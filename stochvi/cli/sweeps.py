@@ -16,8 +16,8 @@ SIZE, RISK = {"rate", "probability", "exceedance"}, {"mission", "impact_speed", 
 
 OPTIONS = {
     "simulate": {"rel_error", "paths", "duration", "dask", "budget", "threads"},
-    "size": SIZE | RISK | {"rel_error", "budget", "threads"},
-    "reliability": RISK | {"rel_error", "budget", "threads"},
+    "size": SIZE | RISK | {"rel_error", "dask", "budget", "threads"},
+    "reliability": RISK | {"rel_error", "dask", "budget", "threads"},
     "replay": {"threads"},
 }
 """Options of the methods; the others have none."""
