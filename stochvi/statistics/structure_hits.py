@@ -10,17 +10,16 @@ exceeded for the first time.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.gap_response import with_tables
 from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
@@ -28,7 +27,6 @@ from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal
 from stochvi.model.free_motion import free_motion
 from stochvi.model.modal import absolute_accelerations
 from stochvi.model.model import Model, Pair, model_of
-from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import binomial_interval, jackknife_error, upper_limit_unseen
@@ -38,8 +36,9 @@ from stochvi.sampling.sampler import ListSampler
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import MOTIONS, RigidBody
-from stochvi.statistics.bursts import UNFINISHED, Bursts, bursts, chance_of
+from stochvi.statistics.bursts import Bursts, chance_of
 from stochvi.statistics.cluster_paths import WINDOW_RELAXATIONS, WINDOWS
+from stochvi.statistics.impact_counts import clusters_apart
 from stochvi.statistics.pair_crossings import PairCrossings, PairMotion
 from stochvi.statistics.rare_hits import risk_of_windows
 
@@ -72,20 +71,6 @@ class Limit(NamedTuple):
     event: str
     value: float
     outputs: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, kw_only=True)
-class HitCounts:
-    """Hits per second and their mean speed (m/s; None where unknown), together and by pair; and how
-    they were found, "bursts" or "simulation", in so many independent `samples`."""
-
-    rate: Estimate
-    rates: Mapping[str, Estimate]
-    speeds: Mapping[str, Estimate | None]
-    way: str
-    samples: int
-    hits_per_burst: Estimate | None = None
-    steps: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,60 +126,20 @@ def check_forces(model: Model) -> None:
         raise NotApplicable("peak_acceleration", [f"{NEEDS_FORCE} (stops of {', '.join(rigid)})"])
 
 
-def count_hits(scene: Scene, overlap: float, **sampling: Any) -> HitCounts:
-    """Hits per second: by bursts where these are apart, else by simulating everything.
-
-    Parameters
-    ----------
-    overlap
-        Expected first hits in the time for which a burst is followed, see `overlap_of`.
-    sampling
-        The arguments of `bursts` and `simulate` that both have.
-    """
-    found = _apart(scene, overlap, sampling)
-    if found is not None:
-        return HitCounts(
-            rate=of_events(found.hit_rate(), found.paths),
-            rates={name: of_events(found.hit_rate(name), found.paths) for name in found.pairs},
-            speeds={
-                name: found.impact_speed_mean(name) if hits.any() else None
-                for name, hits in zip(found.pairs, found.hits, strict=True)
-            },
-            way="bursts",
-            samples=found.paths,
-            hits_per_burst=found.hits_per_burst(),
-        )
-    response = partial_result(simulate, scene, **sampling)
-    rates, speeds = {}, {}
-    for pair in scene.impact_pairs:
-        rate, speed = (
-            response.impact_pairs[pair.name].get(name)
-            for name in ("collision_rate", "impact_speed_mean")
-        )
-        assert isinstance(rate, Estimate)
-        rates[pair.name] = rate
-        speeds[pair.name] = speed if isinstance(speed, Estimate) else None
-    return HitCounts(
-        rate=_sum([*rates.values()]), rates=rates, speeds=speeds, way="simulation",
-        samples=response.cost.paths, steps=response.cost.steps,
-    )  # fmt: skip
-
-
 def exceedance(
-    scene: Scene, limit: Limit, mission: float, overlap: float, *,
-    far_from: float | None = None, **sampling: Any,
+    scene: Scene, limit: Limit, mission: float, overlap: float, run: Run,
+    far_from: float | None = None,
 ) -> Exceedance:  # fmt: skip
-    """The chance that any hit of the mission exceeds a limit; `overlap` as for `count_hits`, and
+    """The chance that any hit of the mission exceeds a limit; `overlap` as for `count_impacts`, and
     `far_from` a rate of exceedances as for `bursts`."""
-    model = model_of(scene)
 
     def rate(found: Bursts, outputs: tuple[str, ...] = limit.outputs) -> Estimate:
         return found.exceedance_rate(limit.event, limit.value, outputs)
 
-    wider = {"widening": widening_of(model, limit), "far_from": far_from}
-    found = _apart(scene, overlap, {**sampling, **wider}, rate)
+    widening = widening_of(model_of(scene), limit)
+    found = clusters_apart(scene, overlap, run, rate, widening=widening, far_from=far_from)
     if found is None:
-        return windows(scene, limit, mission, **sampling)
+        return windows(scene, limit, mission, **run.options(rel_error=run.rel_error))
     reach = found.window / WINDOW_RELAXATIONS / mission
 
     def chance(outputs: tuple[str, ...]) -> Estimate:
@@ -212,34 +157,6 @@ def exceedance(
 def overlap_of(crossings: PairCrossings, level: int = 0) -> float:
     """Expected first hits in the time for which a burst is followed, at one level."""
     return crossings.first_rate()[level].value * WINDOWS * crossings.horizon
-
-
-def _apart(
-    scene: Scene, overlap: float, sampling: Mapping[str, Any],
-    wanted: Callable[[Bursts], Estimate] = Bursts.hit_rate,
-) -> Bursts | None:  # fmt: skip
-    """The bursts; None where they meet, or where no pause separates them."""
-    if overlap >= UNFINISHED:
-        return None
-    try:
-        found: Bursts = partial_result(bursts, scene, wanted=wanted, **sampling)
-    except NotApplicable:
-        return None
-    return found if found.apart else None
-
-
-def _sum(rates: list[Estimate]) -> Estimate:
-    """Sum of rates of one simulation, whose errors add up at worst."""
-    known = [each for each in rates if each.upper_95 is None]
-    if not known:
-        return replace(rates[0], upper_95=math.fsum(each.upper_95 or 0.0 for each in rates))
-    return replace(
-        known[0],
-        value=math.fsum(each.value for each in known),
-        standard_error=math.fsum(each.standard_error for each in known),
-        # hits on pairs of which an upper limit alone is known are left out
-        bias=math.fsum(each.bias or each.upper_95 or 0.0 for each in rates),
-    )
 
 
 def without_stops(model: Model, limit: Limit, mission: float) -> float:

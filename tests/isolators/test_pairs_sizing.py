@@ -35,6 +35,7 @@ from stochvi.isolators.sizing.tolerance_region import tolerance_table
 from stochvi.model.model import model_of
 from stochvi.model.natural_modes import natural_modes
 from stochvi.results.estimates import Estimate
+from stochvi.sampling.run import Run as SampledRun
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import ImpactPair, scene_from
 from stochvi.statistics.bursts import bursts
@@ -44,6 +45,7 @@ from stochvi.testing import assert_agrees
 from stochvi.views.pairs import pairs_in_words, plot_pairs_risk
 from support.commands import Run, one_document
 from support.pairs import LAW, pair, uncoupled
+from support.runs import run_of
 
 MISSION, TARGET = 1000.0, 0.05
 MOUNT = Scene(
@@ -59,9 +61,9 @@ QUICK = {"probability": TARGET, "mission": MISSION, "rel_error": 0.1, "seed": 1}
 def sized(scene: Scene, *, whole: bool = False, **changed: object) -> PairsSizing:
     """An answer; without the hits at its clearances and without tolerances, which are most of its
     time, unless it is asked for as a whole."""
-    hits = pairs.count_hits if whole else no_hits
+    hits = pairs.count_impacts if whole else no_hits
     table = pairs.tolerance_table if whole else no_tolerances
-    with mock.patch.multiple(pairs, count_hits=hits, tolerance_table=table):
+    with mock.patch.multiple(pairs, count_impacts=hits, tolerance_table=table):
         found = size(scene, **(QUICK | changed))  # type: ignore[arg-type]
     assert isinstance(found, PairsSizing)
     return found
@@ -215,7 +217,7 @@ def test_changed_scenes_of_pairs_are_sized_anew(both: PairsSizing) -> None:
     def three(sizing: PairsSizing) -> list[tuple[str, Scene]]:
         return [each for each in variations(sizing) if each[0] in ("none", "level +3 dB")]
 
-    with mock.patch.multiple(pairs, count_hits=no_hits), mock.patch.object(
+    with mock.patch.multiple(pairs, count_impacts=no_hits), mock.patch.object(
         sensitivity_module, "variations", three
     ):  # fmt: skip
         table = sensitivity(both, rel_error=ROUGH_ERROR, seed=1)
@@ -357,7 +359,8 @@ def test_a_speed_is_kept() -> None:
     asked = {"probability": None, "impact_speed": 3.0, "exceedance": 0.01, "rel_error": 0.1}
     found, there = sized_by_hits(scene, **asked)
     limit = Limit("impact_speed", 3.0)
-    again = exceedance(there, limit, MISSION, 0.0, rel_error=0.05, seed=5).chance
+    with run_of(rel_error=0.05, seed=5) as run:
+        again = exceedance(there, limit, MISSION, 0.0, run).chance
     assert_agrees(replace(again, standard_error=math.hypot(again.standard_error, 0.1 * 0.01)), 0.01)
     assert found.probability.value > 2.0 * 0.01
 
@@ -428,11 +431,11 @@ def test_a_chance_next_to_one_has_an_interval(hazard: float) -> None:
 def test_looks_are_never_rougher_than_a_simulation_allows(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[float] = []
 
-    def counted(*_: object, rel_error: float, **__: object) -> None:
-        asked.append(rel_error)
+    def counted(scene: Scene, overlap: float, run: SampledRun) -> None:
+        asked.append(run.accuracy)
         raise NotApplicable("hits", ["enough was seen"])
 
-    monkeypatch.setattr(pairs, "count_hits", counted)
+    monkeypatch.setattr(pairs, "count_impacts", counted)
     with pytest.raises(NotApplicable, match="enough was seen"):
         size(uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0)), rate=0.2, rel_error=0.6)
     assert asked and max(asked) < 1.0
@@ -449,7 +452,7 @@ def test_hits_that_the_budget_left_unknown_end_with_code_one(
         def none(*_: object, **__: object) -> None:
             raise reason
 
-        monkeypatch.setattr(pairs, "count_hits", none)
+        monkeypatch.setattr(pairs, "count_impacts", none)
         done = stochvi("size", scene, *options)
         assert "not known" in " ".join(done.err.split())
         return done.code, one_document(done.out)["fell_short"]

@@ -373,7 +373,7 @@ def test_warnings_speak_of_the_answer_and_of_three_sigma_alone(
         answer = simulate(scene, paths=256, seed=seed, executor=executor)
         raise NotConverged("the budget ended", answer)
 
-    monkeypatch.setattr("stochvi.isolators.sizing.hits_at_clearance.simulate", ended)
+    monkeypatch.setattr("stochvi.statistics.impact_counts.simulate", ended)
     found = size(truck(HALF), rate=0.3, rel_error=5e-3, budget=600.0, seed=4, threads=1)
     places = [1e3 * place for place in (found.clearance.value, 3.0 * found.sigma)]
     unknown = [text for text in found.warnings if "before the impacts" in text]
@@ -489,10 +489,10 @@ def test_a_chance_is_told_where_hits_are_not_known(monkeypatch: pytest.MonkeyPat
     def pauseless(*_: object, **__: object) -> None:
         raise NotApplicable("bursts", ["stops as near as these are hit without a pause"])
 
-    monkeypatch.setattr("stochvi.isolators.sizing.hits_at_clearance.bursts", pauseless)
+    monkeypatch.setattr("stochvi.statistics.impact_counts.bursts", pauseless)
     simulated = size(scene, probability=0.01, rel_error=0.2, seed=1, budget=5.0)
     assert bursts_only == {"by": "bursts"} != {"by": simulated.simulated["by"].iloc[-1]}
-    monkeypatch.setattr("stochvi.isolators.sizing.hits_at_clearance.simulate", refuse)
+    monkeypatch.setattr("stochvi.statistics.impact_counts.simulate", refuse)
     found = size(scene, probability=0.01, rel_error=0.2, seed=1)
     assert found.clearance == known.clearance
     assert found.three_sigma.hits is None and found.simulated.empty

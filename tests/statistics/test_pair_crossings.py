@@ -31,10 +31,11 @@ from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.statistics.first_crossings import first_crossings
+from stochvi.statistics.impact_counts import count_impacts
 from stochvi.statistics.pair_crossings import PairMotion, pair_crossings
-from stochvi.statistics.structure_hits import count_hits
 from stochvi.testing import assert_agrees
 from support.pairs import LAW, diagonal, pair, uncoupled
+from support.runs import run_of
 
 Matrix = NDArray[np.float64]
 
@@ -70,7 +71,8 @@ def test_pairs_that_are_hit_at_once_share_their_hits() -> None:
     shares = pair_crossings(twins, mission=MISSION, rel_error=0.2).shares(MISSION)[0]
     assert shares.sum() == pytest.approx(1.0)
     assert shares[0] == pytest.approx(shares[2], rel=1e-9)
-    counts = count_hits(at_clearances(twins, [4.0, 4.5, 4.0]), 0.0, rel_error=0.2, seed=2)
+    with run_of(rel_error=0.2, seed=2) as run:
+        counts = count_impacts(at_clearances(twins, [4.0, 4.5, 4.0]), 0.0, run)
     assert counts.way == "bursts"
     assert counts.rates["left"].value == counts.rates["right"].value > 0.0
     # stops that are not equally far are not hit at once: the farther ones are never hit

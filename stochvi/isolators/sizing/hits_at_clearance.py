@@ -8,15 +8,12 @@ from dataclasses import dataclass, field, replace
 
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.risk_curve import RiskCurve
-from stochvi.methods.monte_carlo import simulate
-from stochvi.results.deadline import partial_result
-from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
-from stochvi.results.estimates import Estimate, of_events
+from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.bursts import UNFINISHED, bursts
 from stochvi.statistics.cluster_paths import WINDOWS
+from stochvi.statistics.impact_counts import ImpactCounts, count_impacts
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +54,10 @@ class Hits:
         """The hits at a clearance: simulated unless they are known at least as accurately."""
         wanted = rel_error or self.rel_error
         if clearance not in self.tried or self.tried[clearance].rel_error > wanted:
+            overlap = self.curve.first_rate(clearance) * self.window
             scene = at_clearances(self.scene, clearance)
-            rare = self.curve.first_rate(clearance) * self.window < UNFINISHED
-            by_bursts = self._by_bursts(scene, clearance, wanted) if rare else None
-            found = by_bursts or self._by_simulation(scene, clearance, wanted)
+            counts = count_impacts(scene, overlap, self.part(wanted))
+            found = self._trial(clearance, wanted, counts)
             known = self.tried.get(clearance, found)
             # a finer look that the budget ended may know less than the rough one before it
             rougher = _relative_error(known.hit_rate) < _relative_error(found.hit_rate)
@@ -69,48 +66,22 @@ class Hits:
             )
         return self.tried[clearance]
 
-    def _by_bursts(self, scene: Scene, clearance: float, rel_error: float) -> ClearanceTrial | None:
-        """The hits by bursts; None if bursts do not end or no pause separates them."""
-        try:
-            asked = self.part(rel_error).options(rel_error=rel_error)
-            found = partial_result(bursts, scene, **asked)
-        except NotApplicable:
-            return None
-        if not found.apart:
-            return None
-        return ClearanceTrial(
-            clearance=clearance,
-            rel_error=rel_error,
-            hit_rate=of_events(found.hit_rate(), found.paths),
-            impact_speed_mean=found.impact_speed_mean(),
-            hits_per_burst=found.hits_per_burst().value,
-        )
-
-    def _by_simulation(self, scene: Scene, clearance: float, rel_error: float) -> ClearanceTrial:
+    def _trial(self, clearance: float, rel_error: float, found: ImpactCounts) -> ClearanceTrial:
+        first, hits = self.curve.first_rate(clearance), found.hits_per_burst
+        per_burst = None if hits is None else hits.value
+        if hits is None and first and not found.rate.upper_95:
+            per_burst = found.rate.value / first
         unknown = ""
-        try:
-            response = simulate(scene, **self.part(rel_error).options(rel_error=rel_error))
-        except (NotConverged, Interrupted) as reason:
-            if reason.partial is None:
-                raise
-            response = reason.partial
+        if found.short:
             unknown = (
                 f"the budget ended before the impacts at {1e3 * clearance:.4g} mm were known to a "
                 f"relative error of {rel_error:g}"
             )
-        pair = response.impact_pairs[scene.impact_pairs[0].name]
-        hit_rate, speed = pair["collision_rate"], pair["impact_speed_mean"]
-        assert isinstance(hit_rate, Estimate)
-        first = self.curve.first_rate(clearance)
+        (speed,) = found.speeds.values()
         return ClearanceTrial(
-            clearance=clearance,
-            rel_error=rel_error,
-            hit_rate=hit_rate,
-            impact_speed_mean=speed if isinstance(speed, Estimate) else None,
-            hits_per_burst=hit_rate.value / first if first and not hit_rate.upper_95 else None,
-            response=response,
-            unknown=unknown,
-        )
+            clearance=clearance, rel_error=rel_error, hit_rate=found.rate, impact_speed_mean=speed,
+            hits_per_burst=per_burst, response=found.response, unknown=unknown,
+        )  # fmt: skip
 
 
 def _relative_error(rate: Estimate) -> float:

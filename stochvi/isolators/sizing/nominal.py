@@ -519,8 +519,8 @@ class _Job:
         if not _within(chance, target.exceedance):
             raise self.deadline.fell_short(
                 f"before it was shown that {target.limit} is exceeded at {1e3 * place:.4g} mm with "
-                f"a probability below {spoken_percent(target.exceedance)}: hardly any cluster "
-                "exceeds it",
+                f"a probability below {spoken_percent(target.exceedance)}: "
+                "hardly any cluster exceeds it",
                 "raise budget",
                 answer,
             )

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
@@ -36,6 +36,7 @@ from stochvi.results.estimates import Estimate, provenance
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import MISSED, largest_error
+from stochvi.statistics.impact_counts import ImpactCounts, count_impacts
 from stochvi.statistics.pair_crossings import (
     PairCrossings,
     PairMotion,
@@ -44,9 +45,7 @@ from stochvi.statistics.pair_crossings import (
     same_gaps,
 )
 from stochvi.statistics.structure_hits import (
-    HitCounts,
     Limit,
-    count_hits,
     exceedance,
     overlap_of,
     without_stops,
@@ -229,25 +228,30 @@ class _PairsJob:
         self.stage = low, high, words
         self.run.tell(low, words)
 
-    def _part(self, share: float) -> Run:
+    def _part(self, share: float, **changed: Any) -> Run:
         """The run of a calculation of this stage, in a share of the time that is left."""
-        return self.run.part(*self.stage, self.deadline.share(share))
+        return self.run.part(*self.stage, self.deadline.share(share), **changed)
 
-    def _hits_at(self, stops: Matrix, overlap: float) -> HitCounts | None:
+    def _hits_at(self, stops: Matrix, overlap: float) -> ImpactCounts | None:
         """Hits at the clearances of the answer; None and a note where they are not found."""
         self._stage(0.9, 1.0, "impacts at the clearances found")
         try:
             if self.deadline.passed():
                 raise NotConverged("the budget ended", None)
-            return count_hits(
-                at_clearances(self.scene, stops), overlap,
-                **self._part(1.0).options(rel_error=self.rel_error),
-            )  # fmt: skip
+            found = count_impacts(at_clearances(self.scene, stops), overlap, self._part(1.0))
         except (NotApplicable, NotConverged, Interrupted) as reason:
             note = f"the impacts at these clearances are not known: {reason}"
             self.notes.append(note)
             self.short += [] if isinstance(reason, NotApplicable) else [note]
             return None
+        if found.short:
+            note = (
+                "the budget ended before the impacts at these clearances were known to a relative "
+                f"error of {self.rel_error:g}"
+            )
+            self.notes.append(note)
+            self.short.append(note)
+        return found
 
     def _by_hits(self, risks: Vector, overlaps: Vector) -> tuple[float, float]:
         """The risk of each sized pair at which hits keep the target, and the 95 % half width of its
@@ -307,14 +311,12 @@ class _PairsJob:
     def _expected(self, risk: float, overlap: float, rel_error: float) -> Estimate:
         """Hits, or -ln(1 - P) of an exceedance, of a mission, at one risk per pair."""
         scene = at_clearances(self.scene, self._stops_of_risk(risk))
-        sampling = self._part(SHARE_OF_LOOK).options(rel_error=rel_error)
+        part = self._part(SHARE_OF_LOOK, rel_error=rel_error)
         if self.limit is None:
-            return count_hits(scene, overlap, **sampling).rate * self.mission
+            return count_impacts(scene, overlap, part).rate * self.mission
         assert self.target.exceedance is not None
         rate = -math.log1p(-self.target.exceedance) / self.mission
-        chance = exceedance(
-            scene, self.limit, self.mission, overlap, far_from=rate, **sampling
-        ).chance
+        chance = exceedance(scene, self.limit, self.mission, overlap, part, rate).chance
         left = max(1.0 - chance.value, 1e-12)
         return replace(chance * (1.0 / left), value=-math.log(left))
 
@@ -454,7 +456,7 @@ class _PairsJob:
         return total.risk(self.target.value)
 
     def _pairs(
-        self, answer: Matrix, alone: Vector, shares: Vector, counts: HitCounts | None
+        self, answer: Matrix, alone: Vector, shares: Vector, counts: ImpactCounts | None
     ) -> pd.DataFrame:
         import pandas as pd
 

@@ -184,20 +184,19 @@ class Jobs:
     cut_short: list[str] = field(default_factory=list)
 
     @property
+    def part(self) -> Run:
+        """The run of another calculation for the same answer, in the time that is left."""
+        return self.run.part(deadline=self.deadline.sooner(KEPT))
+
+    @property
     def sampling(self) -> dict[str, Any]:
-        """Arguments of another calculation that samples for the same answer, in the time that is
-        left."""
-        return self.run.options(self.deadline.sooner(KEPT))
+        """The options of that calculation, with the accuracy that is asked for."""
+        return self.part.options(rel_error=self.rel_error)
 
     @property
     def rel_error(self) -> float:
         """The relative error that is asked for."""
         return self.run.accuracy
-
-    @property
-    def sampling_to_rel_error(self) -> dict[str, Any]:
-        """The same arguments with the accuracy that is asked for."""
-        return self.sampling | {"rel_error": self.rel_error}
 
     def chance(self, plan: MissionPlan, event: str, limit: float | None, way: Way | None) -> Chance:
         """The chance of the event in a mission of the plan."""

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
 from stochvi.model.model import model_of
 from stochvi.results.deadline import partial_result
@@ -19,13 +18,13 @@ from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import logarithmic_interval
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.bursts import bursts
 from stochvi.statistics.first_crossings import first_crossings
+from stochvi.statistics.impact_counts import ImpactCounts, count_impacts
 from stochvi.statistics.pair_crossings import own_distances, pair_crossings
 from stochvi.statistics.rare_hits import Windows, rare_hits
 from stochvi.statistics.reliability.answer import Chance, PairRisk
 from stochvi.statistics.reliability.choice import Hits, Jobs
-from stochvi.statistics.structure_hits import Limit, count_hits, overlap_of
+from stochvi.statistics.structure_hits import Limit, overlap_of
 from stochvi.statistics.structure_hits import exceedance as exceedance_of_pairs
 
 Ends = tuple[float | None, float | None]
@@ -54,7 +53,7 @@ def first_hit(
     started = time.process_time()
     crossings = partial_result(
         first_crossings, scene, lower=[below], upper=[above], mission=mission,
-        rel_error=jobs.rel_error, **jobs.sampling,
+        **jobs.sampling,
     )  # fmt: skip
     (estimate,) = crossings.probability(mission)
     if not surely and not 0.0 < estimate.value < SMALL:
@@ -77,8 +76,7 @@ def first_hits_of_pairs(
         kept = [kept[1 + names.index(pair)]]
     crossings = partial_result(
         pair_crossings, scene, lower=np.where(kept, below, np.inf),
-        upper=np.where(kept, above, np.inf), mission=mission, rel_error=jobs.rel_error,
-        **jobs.sampling,
+        upper=np.where(kept, above, np.inf), mission=mission, **jobs.sampling,
     )  # fmt: skip
     estimate, *alone = crossings.probability(mission)
     shares = crossings.shares(mission)[0]
@@ -96,7 +94,7 @@ def harder_hits_of_pairs(
     """The chance that any hit of the mission exceeds a limit and, for an acceleration, the chance
     for every output alone."""
     started = time.process_time()
-    found = exceedance_of_pairs(scene, limit, mission, overlap, **jobs.sampling_to_rel_error)
+    found = exceedance_of_pairs(scene, limit, mission, overlap, jobs.part)
     estimate = found.chance
     lower, upper = logarithmic_interval(
         estimate.value, estimate.standard_error, found.degrees, jobs.confidence
@@ -131,7 +129,7 @@ def hits_of_pairs(
     scene: Scene, mission: float, overlap: float, risks: Mapping[str, PairRisk], jobs: Jobs
 ) -> tuple[Hits, dict[str, PairRisk]]:
     """Expected hits of a mission on all pairs, and the risk of each pair with its own hits."""
-    found = count_hits(scene, overlap, **jobs.sampling_to_rel_error)
+    found = count_impacts(scene, overlap, jobs.part)
     named = [pair.name for pair in scene.impact_pairs]
     known = {
         name: replace(
@@ -142,7 +140,7 @@ def hits_of_pairs(
         for name, risk in risks.items()
         if name in named
     }
-    return _in_mission(found.rate, found.samples, mission, found.steps, jobs), dict(risks) | known
+    return _in_mission(found, mission, jobs), dict(risks) | known
 
 
 SMALLEST = sys.float_info.min
@@ -216,8 +214,7 @@ def exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Jobs
     if name == "peak_acceleration" and rigid:
         raise NotApplicable("peak_acceleration", [NEEDS_FORCE])
     found = rare_hits(
-        scene, name, limit, mission=mission, rel_error=jobs.rel_error, confidence=jobs.confidence,
-        **jobs.sampling,
+        scene, name, limit, mission=mission, confidence=jobs.confidence, **jobs.sampling,
     )  # fmt: skip
     rule = f"Student's, of the logarithm, from a jackknife over {found.repetitions} repetitions"
     if found.chance.value == 0.0:
@@ -254,30 +251,13 @@ def exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Jobs
     )
 
 
-def _rate_of_bursts(scene: Scene, jobs: Jobs) -> tuple[Estimate, int] | None:
-    """Hits per second by bursts, and the number of paths; None where bursts meet, or no pause
-    separates them."""
-    try:
-        found = partial_result(bursts, scene, rel_error=jobs.rel_error, **jobs.sampling)
-    except NotApplicable:
-        return None
-    return (found.hit_rate(), found.paths) if found.apart else None
-
-
 def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
-    """Rate times mission: by bursts where they are apart, else by simulating everything."""
-    by_bursts, steps = _rate_of_bursts(scene, jobs), 0
-    if by_bursts is not None:
-        rate, samples = of_events(*by_bursts), by_bursts[1]
-    else:
-        response = partial_result(simulate, scene, rel_error=jobs.rel_error, **jobs.sampling)
-        simulated = response.impact_pairs[scene.impact_pairs[0].name]["collision_rate"]
-        assert isinstance(simulated, Estimate)
-        rate, samples, steps = simulated, response.cost.paths, response.cost.steps
-    return _in_mission(rate, samples, mission, steps, jobs)
+    """Rate of impacts times mission."""
+    return _in_mission(count_impacts(scene, 0.0, jobs.part), mission, jobs)
 
 
-def _in_mission(rate: Estimate, samples: int, mission: float, steps: int, jobs: Jobs) -> Hits:
-    """Expected hits of a mission from their rate, which so many independent paths gave."""
+def _in_mission(found: ImpactCounts, mission: float, jobs: Jobs) -> Hits:
+    """Expected hits of a mission from their rate."""
+    rate = found.rate
     estimate = replace(rate * mission, how=f"{mission:g} s times the rate: {rate.how}")
-    return Hits(estimate, jobs.interval(estimate, samples), steps)
+    return Hits(estimate, jobs.interval(estimate, found.samples), found.steps)
