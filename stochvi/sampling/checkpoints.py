@@ -286,8 +286,10 @@ def _is_empty(path: Path) -> bool:
 
 
 def _set_aside(path: Path) -> None:
-    """Rename a checkpoint that took long to FILE.earlier, unless the one there took longer, and one
-    that cannot be read to FILE.damaged, with a UserWarning that says so."""
+    """Rename a checkpoint that took long to FILE.earlier, unless the one there took longer.
+
+    One that cannot be read is renamed to FILE.damaged, with a UserWarning that says so.
+    """
     if not path.exists() or _is_empty(path):
         return
     earlier, damaged = (path.with_name(f"{path.name}.{word}") for word in ("earlier", "damaged"))

@@ -20,11 +20,10 @@ from stochvi.statistics.bursts import UNFINISHED, Bursts, bursts
 
 @dataclass(frozen=True, kw_only=True)
 class ImpactCounts:
-    """Impacts per second and their mean speed (m/s; None where unknown), together and by pair; and
-    how they were found, "bursts" or "simulation", in so many independent `samples`.
+    """Impacts per second, together and by pair, and their mean speeds (m/s; None where unknown).
 
-    `response` is that of the simulation, and `short` says that the budget ended before it was as
-    accurate as asked for.
+    `way` is "bursts" or "simulation", and `samples` the number of independent paths. `response` is
+    that of the simulation; it is `short` where the budget ended before it was accurate enough.
     """
 
     rate: Estimate
