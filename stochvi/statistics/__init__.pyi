@@ -1,7 +1,7 @@
 from .bursts import Bursts
 from .first_crossings import FirstCrossings
 from .histories import History
-from .impacts import ImpactStatistics
+from .impacts import Exponent, Histogram, ImpactStatistics, PairStatistics, Rate
 from .lifetimes import Destination, LifeTime, LifeTimes, lifetimes
 from .reliability import Chance, Reliability
 from .spectra import ResponseSpectrum
@@ -10,11 +10,15 @@ __all__ = [
     "Bursts",
     "Chance",
     "Destination",
+    "Exponent",
     "FirstCrossings",
+    "Histogram",
     "History",
     "ImpactStatistics",
     "LifeTime",
     "LifeTimes",
+    "PairStatistics",
+    "Rate",
     "Reliability",
     "ResponseSpectrum",
     "lifetimes",

@@ -21,9 +21,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Exponent:
-    """Exponent 1 - beta of the density of impact speeds near 0, w^(1 - beta): fitted, and by theory
-    (None where no theory holds: stops that give way, noise that is not white, several
-    coordinates)."""
+    """Exponent 1 - beta of the density of impact speeds near 0, w^(1 - beta).
+
+    Parameters
+    ----------
+    fitted
+        From the slow impacts that were counted.
+    theory
+        beta solves R^(beta - 2) = 2 sin((1 + 2 beta) pi / 6), R the restitution; None where that
+        does not hold: compliant stops, noise that is not white, several coordinates.
+
+    See Also
+    --------
+    stochvi.statistics.PairStatistics : The statistics that hold it.
+    """
 
     fitted: Estimate
     theory: float | None
@@ -31,11 +42,12 @@ class Exponent:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PairStatistics:
-    """Impacts of one pair faster than `speed_threshold` (m/s); numbers are None where nothing was
-    hit.
+    """Impacts of one pair; numbers are None where nothing was hit.
 
     Parameters
     ----------
+    speed_threshold
+        The slowest impact that is counted, m/s.
     rates
         Rates of impacts on the "lower" and the "upper" stop, as far as the pair has them, and on
         "both".
@@ -54,6 +66,10 @@ class PairStatistics:
         Rates without stops, 1/s: Rice's of crossings of each stop and of both; that of clumps of
         crossings (Vanmarcke); that of first hits, from simulated first crossings, if they were
         asked for.
+
+    See Also
+    --------
+    stochvi.impacts : The calculation.
     """
 
     speed_threshold: float

@@ -112,7 +112,21 @@ def merged(tallies: list[Tally]) -> Tally:
 
 @dataclass(frozen=True, kw_only=True)
 class Rate:
-    """Impacts per second with a 95 % interval, and its source: "Poisson" or "paths"."""
+    """Impacts per second, and their 95 % interval.
+
+    Parameters
+    ----------
+    estimate
+        The rate, 1/s; the mean time between impacts is one over it.
+    lower, upper
+        Ends of the interval, 1/s.
+    interval
+        Its source: "Poisson" for counts that scatter like Poisson's, else "paths".
+
+    See Also
+    --------
+    stochvi.statistics.PairStatistics : The statistics that hold it.
+    """
 
     estimate: Estimate
     lower: float
@@ -170,7 +184,22 @@ def passes_for_poisson(found: Estimate | None) -> bool:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Histogram:
-    """A density on bins with its standard error; `outside` is the share beyond the bins."""
+    """A density on bins with its standard error.
+
+    Parameters
+    ----------
+    edges
+        Edges of the bins (bins + 1,), m/s for speeds and s for times.
+    density, standard_error
+        Mean density in each bin and its standard error (bins,), per unit of the edges. The density
+        of a bin has no bias but that of the step.
+    outside
+        Share of what lies beyond the bins.
+
+    See Also
+    --------
+    stochvi.statistics.PairStatistics : The statistics that hold it.
+    """
 
     edges: Vector
     density: Vector
