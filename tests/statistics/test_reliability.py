@@ -21,10 +21,14 @@ from stochvi import (
     exact,
     reliability,
 )
+from stochvi.results.deadline import NEVER
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import logarithmic_interval
+from stochvi.sampling.options import DEFAULTS
+from stochvi.sampling.run import Run as SampledRun
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics.bursts import bursts
+from stochvi.statistics.reliability.choice import Jobs
 from stochvi.testing import assert_agrees
 from stochvi.views.files import to_json
 from stochvi.views.statistics_tables import chance_in_words
@@ -324,3 +328,12 @@ def test_stops_that_are_out_of_reach_have_a_chance_that_is_known(gap: float) -> 
     chance = reliability(scene, mission=100.0, threads=1, seed=1).chances["hit"]
     assert chance.estimate.value == pytest.approx(rice, rel=0.05)
     assert chance.upper < 1e-100
+
+
+def test_the_interval_of_expected_impacts_holds_their_bias() -> None:
+    jobs = Jobs(run=SampledRun.of(DEFAULTS), confidence=0.95, deadline=NEVER)
+    known = Estimate(value=24.0, standard_error=0.3, bias=0.0)
+    low, high = jobs.interval(known, 100)
+    wide = jobs.interval(replace(known, bias=19.0), 100)
+    assert wide == pytest.approx((low - 19.0, high + 19.0))
+    assert jobs.interval(replace(known, bias=40.0), 100)[0] == 0.0

@@ -259,12 +259,15 @@ class Jobs:
         return Hits(estimate, self.interval(estimate, fine.trials), found.steps)
 
     def interval(self, estimate: Estimate, samples: int) -> tuple[float, float]:
-        """Confidence interval of expected hits, from 0 where an upper limit alone is known."""
+        """Confidence interval of expected hits with their bias, as far as it is known; from 0 where
+        an upper limit alone is known."""
         if estimate.upper_95 is not None:
             return 0.0, estimate.upper_95
         # the standard error is Student's already where samples are few (`of_events`)
         error = estimate.standard_error / student_factor(samples)
-        return logarithmic_interval(estimate.value, error, samples - 1, self.confidence)
+        low, high = logarithmic_interval(estimate.value, error, samples - 1, self.confidence)
+        bias = estimate.bias or 0.0
+        return max(low - bias, 0.0), high + bias
 
     def _found(self, plan: MissionPlan, event: str, way: Way | None, hits: bool) -> Found:
         """Run the pilot, choose a way, and run the second stage."""
