@@ -37,5 +37,5 @@ def picture(commands: str, file: str, alt: str) -> Image:
 def framed(page: str, title: str) -> HTML:
     """A page of HTML that commands have left, within the page of the manual."""
     text = html.escape(Path(page).read_text(encoding="utf-8"))
-    style = "width: 100%; height: 42em; border: 1px solid #8888"
+    style = "width: 100%; height: 42em; border: 1px solid #8888; box-sizing: border-box"
     return HTML(f'<iframe title="{title}" srcdoc="{text}" style="{style}"></iframe>')
