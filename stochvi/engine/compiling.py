@@ -77,6 +77,21 @@ try:
 except ImportError:  # Windows has no such locks: there every process compiles what it needs
     fcntl = None  # type: ignore[assignment]
 
+USED = {
+    codegen.JITCodeLibrary: ("add_linking_library", "_get_module_for_linking"),
+    CPUDispatcher: ("add_overload", "compile", "get_call_template", "get_overload"),
+    Compiler: ("compile_extra",),
+    CompileResultCacheImpl: ("check_cachable", "locator", "rebuild", "reduce"),
+}
+"""Parts of numba that kernels use beside those that it documents."""
+
+for _kind, _names in USED.items():
+    if _lacking := [name for name in _names if not hasattr(_kind, name)]:
+        raise ImportError(
+            f"numba {numba.__version__} has no {_kind.__name__}.{_lacking[0]}, which kernels use; "
+            "install a version from 0.60 to 0.68"
+        )
+
 PATIENCE = 120.0
 """Longest wait, s, for another process that compiles the same kernel: several times what the
 largest kernel takes. A process that has waited so long compiles the kernel itself, because the
@@ -166,7 +181,8 @@ class LinkedCode(codegen.JITCodeLibrary):  # type: ignore[misc]
     def finalize(self) -> None:
         """Link what the kernel calls."""
         for library in dict.fromkeys(self._linking_libraries):
-            self._reload_init.update(library._reload_init)
+            if hasattr(library, "_reload_init"):  # numba 0.60 has none
+                self._reload_init.update(library._reload_init)
             self._final_module.link_in(library._get_module_for_linking(), preserve=True)
         self._finalized = True
 

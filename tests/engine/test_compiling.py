@@ -564,3 +564,16 @@ def test_numba_alone_keeps_the_old_kernel(load: Load, tmp_path: Path):
     assert called(load().total, 1.0) == (1111.0, 0)
     edit(tmp_path, "pretend/addend.py", "10", "20")
     assert called(load().total, 1.0) == (1111.0, 1)
+
+
+def test_a_numba_that_lacks_what_kernels_use_is_refused_in_a_sentence() -> None:
+    program = (
+        "from numba.core import codegen\n"
+        "del codegen.CPUCodeLibrary._get_module_for_linking\n"
+        "import stochvi.engine.compiling\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.returncode
+    assert (
+        "has no JITCodeLibrary._get_module_for_linking, which kernels use; install" in done.stderr
+    )

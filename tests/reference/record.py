@@ -283,6 +283,11 @@ COLUMNS = (
 )  # fmt: skip
 
 
+def _written(number: float | None) -> str:
+    """A number with all its digits."""
+    return repr(None if number is None else float(number))
+
+
 def record_accurate(target: Path, rel_error: float, budget: float, lock: Path | None) -> None:
     """Simulate the scenes that the file does not hold."""
     known = set()
@@ -305,9 +310,10 @@ def record_accurate(target: Path, rel_error: float, budget: float, lock: Path | 
         if answer is None:
             continue
         rows = [
-            (name, of, quantity, repr(each.value), repr(each.standard_error), repr(each.bias),
-             repr(each.bias_error), answer.cost.paths, f"{answer.cost.wall_time:.1f}")
+            (name, of, quantity, *map(_written, (each.value, each.standard_error, each.bias,
+             each.bias_error)), answer.cost.paths, f"{answer.cost.wall_time:.1f}")
             for (of, quantity), each in answer.estimates().items()
+            if each.upper_95 is None  # what was never seen has no error
         ]  # fmt: skip
         with target.open("a", newline="", encoding="utf-8") as file:
             csv.writer(file, lineterminator="\n").writerows(rows)
