@@ -320,9 +320,11 @@ def ended_by(budget: float | None, patience: float = OVERDUE_SECONDS) -> Iterato
             finally:
                 _watched.blocks -= 1
                 close()
-        except KeyboardInterrupt as reason:
+        except (KeyboardInterrupt, SystemError) as error:
             close()
-            if not fired.is_set():
+            # Python makes a SystemError of what is raised while compiled code returns
+            reason = error.__cause__ if isinstance(error, SystemError) else error
+            if not fired.is_set() or not isinstance(reason, KeyboardInterrupt):
                 raise
             answer = getattr(reason, "partial", None)
             if hasattr(answer, "interrupted") and is_dataclass(answer):

@@ -165,6 +165,25 @@ def test_ctrl_c_ends_what_does_not_look_at_its_deadline() -> None:
         ended(work, None)
 
 
+def test_an_end_that_meets_the_return_of_compiled_code_is_an_end() -> None:
+    """Python raises SystemError then, from what was raised; any other one stays what it is."""
+
+    def returned() -> None:
+        try:
+            spin()
+        except KeyboardInterrupt as reason:
+            raise SystemError("a kernel returned a result with an exception set") from reason
+
+    with pytest.raises(NotConverged, match="before there was an answer"):
+        ended(returned)
+
+    def broken() -> None:
+        raise SystemError("a kernel is broken")
+
+    with pytest.raises(SystemError, match="is broken"):
+        ended(broken)
+
+
 def test_nothing_is_told_of_a_destructor_that_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
     """Python cannot raise an exception there, and prints a traceback of it."""
     told: list[object] = []

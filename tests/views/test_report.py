@@ -48,7 +48,7 @@ from support.sized import TRUCK, scene_between_stops, sizing_of
 
 QUICK = ReviewSettings(
     peaks=PeakSettings(stiffness_ratios=(1000.0,), multiples=(3.0, 4.0), seconds=0.1),
-    budget=3.0,
+    closure_points=9,
     clearances=3,
 )
 
@@ -300,7 +300,8 @@ def test_a_rigid_stop_has_no_table_of_peak_accelerations(folder: Path, tmp_path:
     sizing = sizing_of(scene_between_stops(Restitution(coefficient=0.5)), paths=64)
     write_report(review(sizing), tmp_path)
     missing = {path.name for path in folder.iterdir()} - {path.name for path in tmp_path.iterdir()}
-    assert missing == {"peaks.csv"}
+    # nor are there tolerances, within which the other scene was sized
+    assert missing == {"peaks.csv", "tolerances.csv"}
     document = json.loads((tmp_path / "size.json").read_text("utf-8"))
     assert document["review"]["peaks"] is None
 
