@@ -20,9 +20,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.engine.impact_log import COLUMNS, Log
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.gap_response import GapResponse, with_tables
-from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from stochvi.engine.impact_log import COLUMNS, Log
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.gap_response import with_tables
-from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.free_motion import free_motion

@@ -20,6 +20,7 @@ from stochvi import (
     screen,
     simulate,
 )
+from stochvi.engine.impact_log import NO_LOG, page_of
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.monte_carlo.compliant_white import kernel_stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
@@ -27,7 +28,6 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import (
     IntervalEnds,
     interval_with_contacts,
 )
-from stochvi.methods.monte_carlo.kernels.impact_log import NO_LOG, page_of
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_SUMS,
     EXTREMES,

@@ -8,13 +8,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2, kstest
 
+from stochvi.engine.impact_log import COLUMNS, Log
 from stochvi.mathematics.impact_rates import corner_exponent
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import first_passage, fokker_planck
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog, plan_impacts
 from stochvi.methods.monte_carlo.kernels import flight
-from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate

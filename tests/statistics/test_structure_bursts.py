@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from stochvi import Elastic, ImpactPair, Matrices, NotApplicable, Restitution, Scene, WhiteNoise
+from stochvi.engine.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.gap_response import with_tables
-from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate

@@ -7,17 +7,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
+from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, TIME
 from stochvi.methods.monte_carlo.kernels.contact import DAMPED, HERTZ, PIECES, RIGID, run_contacts
-from stochvi.methods.monte_carlo.kernels.rows import (
-    CONTACT_LOWER,
-    CONTACT_SUMS,
-    CONTACT_UPPER,
-    ENDED,
-    IMPULSE,
-    LOSS,
-    PEAK,
-    TIME,
-)
+from stochvi.methods.monte_carlo.kernels.rows import CONTACT_LOWER, CONTACT_SUMS, CONTACT_UPPER
 from stochvi.methods.monte_carlo.kernels.steps import ContactStop
 from stochvi.methods.monte_carlo.rigid_white import (
     BOUNCE_PER_STEP,

@@ -9,11 +9,11 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.engine.impact_log import COLUMNS, Log
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.history_plans import histories_of
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
-from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.model.model import model_of
 from stochvi.results.deadline import NEVER, Deadline

@@ -10,11 +10,12 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.engine.alone import MOST_SWEEPS
+from stochvi.engine.compiled_laws import Stops, functions_of, stops_of
+from stochvi.engine.impact_log import NO_RECORD, Log
+from stochvi.engine.pushes import MOMENTS, MOST_TERMS, Responses
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.state_space import square_root, step_covariance, transition
-from stochvi.methods.monte_carlo.kernels.impact_log import NO_RECORD, Log
-from stochvi.methods.monte_carlo.kernels.modal_contacts import Contacts
-from stochvi.methods.monte_carlo.kernels.modal_stops import MOST_SWEEPS, Resets
 from stochvi.methods.monte_carlo.kernels.modes import (
     ModalPaths,
     ModalSteps,
@@ -66,6 +67,9 @@ quintics find impacts: their errors are below (omega h)^6 / 46080 of an amplitud
 MOST_MODAL_STEPS = MOST_STEPS / 4.0
 """Largest number of steps of one path: a step takes longer than that of one oscillator."""
 
+CONTACT_PRICE = 4.0
+"""Time of a step where a stop is compliant, in units of that where all are rigid."""
+
 LYING = 16.0
 """Time of a step of a mass that lies on a stop, in units of the time of a step between the
 stops."""
@@ -80,9 +84,6 @@ to the variance of that state."""
 
 SERIES_ERROR = 1e-13
 """Relative error of the Taylor series of the response to an impact."""
-
-MOST_TERMS = 20
-"""Largest number of terms of the Taylor series of the response to an impact."""
 
 MOST_CROSSED = 3
 """Largest number of modes between all of which noise of one is multiplied with motion of another,
@@ -211,11 +212,10 @@ class ModalPlan(SteppedPlan):
     @property
     def block(self) -> int:
         """Number of paths in a block, the unit of work, which takes some seconds at most."""
-        # steps in contact are simulated path by path: at a stop that gives way, and where no kick
-        # lifts a mass off the stop it lies on
-        quick = self.modes.kicked and not self.contacts
-        longest = LONGEST_BLOCK if quick else LONGEST_BLOCK / LYING
-        return block_of(self.steps_per_path, longest)
+        # steps on a stop are simulated path by path where no kick lifts the mass off it
+        price = CONTACT_PRICE if self.contacts else 1.0
+        price = price if self.modes.kicked else LYING
+        return block_of(self.steps_per_path, LONGEST_BLOCK / price)
 
     @property
     def hits_in_a_cluster(self) -> float:
@@ -367,13 +367,15 @@ class ModalPlan(SteppedPlan):
         tables: SmoothResponse | None = None,
     ) -> None:  # fmt: skip
         """Simulate the paths on, and add the counted steps to their sums."""
-        constants = self._kernel_constants, tables, self._contact_constants
-        run_modes(paths, *constants, steps, outputs, stop_flag())
+        structure, fastest = self._kernel_constants, self._fastest_of_contacts
+        single = self._single_pair(structure.stops)
+        laws = functions_of(self._stops[1])
+        run_modes(paths, structure, laws, tables, single, fastest, steps, outputs, stop_flag())
         check_flag()
 
     @property
-    def _contact_constants(self) -> Contacts | None:
-        """Constants of stops that give way for the kernel; None, as all stops are rigid."""
+    def _fastest_of_contacts(self) -> float | None:
+        """Fastest rate of the structure in contacts, rad/s; None, as all stops are rigid."""
         return None
 
     def counts(self, state: Matrix, streams: NDArray[np.uint64], steps: int) -> NDArray[np.float64]:
@@ -548,9 +550,10 @@ class ModalPlan(SteppedPlan):
         curvature = speed @ flow
         # a grazing path may leave the hull of its cubic by its fourth derivative
         margins = (modes.fastest * h) ** 3 / 384.0 * h * np.array([s.speed for s in self.pairs])
-        resets = self._resets(flow, speed, curvature)
-        series, later = resets.states, resets.later
-        impact = np.vstack([later[0, 0], series[0]]) if len(series) == 1 else np.zeros((0, 1))
+        stops, _ = self._stops
+        responses = self._responses(flow, speed, curvature)
+        series, gaps = responses.states, responses.gaps
+        impact = np.vstack([gaps[0, 0], series[0]]) if len(series) == 1 else np.zeros((0, 1))
         passes = Passes(
             states=_table(grown @ kicked),
             states_drawn=_table(drawn),
@@ -570,9 +573,9 @@ class ModalPlan(SteppedPlan):
             step=h,
             modes=n,
             passes=passes,
-            stops=self._stops,
+            stops=stops,
             margins=margins,
-            resets=resets,
+            responses=responses,
             origins=self.law.mean,
             crossed=self._crossed,
         )
@@ -613,40 +616,62 @@ class ModalPlan(SteppedPlan):
         own: Vector = np.sqrt(np.maximum(squares, 0.0))
         return np.where(own > 0.0, own, 1.0)
 
-    @property
-    def _stops(self) -> NDArray[np.float64]:
-        """Position from the rest position (m), restitution and speed threshold (m/s) of every stop:
-        (pairs, 2, 3), lower stop first; the position is infinite where there is no stop."""
-        stops = np.full((len(self.model.pairs), 2, 3), np.inf)
-        stops[:, 0, 0] = -np.inf
-        for j, (pair, scale) in enumerate(zip(self.model.pairs, self.pairs, strict=True)):
+    @cached_property
+    def _places(self) -> Matrix:
+        """Positions of the lower and the upper stop of each pair from the rest position, m (pairs,
+        2), infinite where there is no stop."""
+        places: Matrix = np.full((len(self.model.pairs), 2), np.inf) * np.array([-1.0, 1.0])
+        for j, pair in enumerate(self.model.pairs):
             rest = float(self.modes.gaps[j] @ self.modes.rest)
-            threshold = self._threshold(pair, scale)
             for stop in pair.stops:
-                row = int(stop.side == UPPER)
-                stops[j, row] = stop.position - rest, stop.law.restitution, threshold
-        return stops
+                places[j, int(stop.side == UPPER)] = stop.position - rest
+        return places
 
-    def _resets(self, flow: Matrix, speed: Matrix, curvature: Matrix) -> Resets:
+    @cached_property
+    def _stops(self) -> tuple[Stops, list[Any]]:
+        """All stops for the kernel, per unit of the reduced masses, and a law of each class."""
+        pairs = self.model.pairs
+        laws = {
+            (j, int(stop.side == UPPER)): stop.per_unit_mass(pair.mass).law.compiled()
+            for j, pair in enumerate(pairs)
+            for stop in pair.stops
+        }
+        thresholds = [
+            self._threshold(pair, scale) for pair, scale in zip(pairs, self.pairs, strict=True)
+        ]
+        return stops_of(self._places, np.array(thresholds), laws)
+
+    def _single_pair(self, stops: Stops) -> NDArray[np.float64] | None:
+        """The stops of a single pair as `modal_stops` takes them, if both are rigid; else None."""
+        if len(self.model.pairs) != 1 or self.contacts:
+            return None
+        restitutions, thresholds = stops.numbers[:, :1].T, np.repeat(stops.thresholds, 2)[None]
+        return np.stack([stops.places, restitutions, thresholds], axis=2)
+
+    def _responses(self, flow: Matrix, speed: Matrix, curvature: Matrix) -> Responses:
         """Taylor series of the response to a unit change of each pair's speed."""
-        pairs, n = len(speed), self.modes.size
+        n, size = self.modes.size, self._size_of_flow * self.step
         masses = np.array([pair.mass for pair in self.model.pairs])
         displacement = np.roll(speed, -n, axis=1)
         terms = [speed.T * masses]
-        size = self._size_of_flow * self.step
-        while len(terms) < MOST_TERMS and _term(size, len(terms)) > SERIES_ERROR:
+        while len(terms) < MOST_TERMS and (
+            len(terms) < MOMENTS or _term(size, len(terms)) > SERIES_ERROR
+        ):
             terms.append(flow @ terms[-1] / len(terms))
         series = np.array(terms).transpose(2, 1, 0)  # pairs, states, terms
-        later = np.stack(
+        gaps = np.stack(
             [np.einsum("os,psk->pok", rows, series) for rows in (displacement, speed, curvature)],
             axis=2,
         )
-        at_once = np.ascontiguousarray(later[:, :, 1:, 0])
-        return Resets(
+        outputs = np.zeros((0, n))
+        if self._pulls is not None:
+            outputs = self.model.output_rows @ self.modes.shapes
+        speeds = np.einsum("on,pnk->pok", outputs, series[:, n : 2 * n])
+        # C order for one pair and for several: each order of arrays has a compiled kernel
+        return Responses(
             states=np.ascontiguousarray(series[:, : 2 * n]),
-            at_once=at_once.reshape(pairs, pairs, 2),
-            # C order for one pair and for several: each order of arrays has a compiled kernel
-            later=np.ascontiguousarray(later),
+            gaps=np.ascontiguousarray(gaps),
+            accelerations=np.ascontiguousarray(speeds * np.maximum(np.arange(len(terms)), 1)),
         )
 
     @cached_property
@@ -692,9 +717,9 @@ class ModalPlan(SteppedPlan):
         modes = self.modes
         for _ in range(MOST_SWEEPS):
             largest = 0.0
-            for gap, stops in zip(modes.gaps, self._stops, strict=True):
+            for gap, (lower, upper) in zip(modes.gaps, self._places, strict=True):
                 (y,) = _product(gap[None], state[: modes.size])
-                moved = np.clip(y, stops[0, 0], stops[1, 0]) - y
+                moved = np.clip(y, lower, upper) - y
                 state[: modes.size] += np.outer(gap / np.sum(gap**2), moved)
                 largest = max(largest, float(np.max(np.abs(moved))))
             if len(modes.gaps) < 2 or largest == 0.0:

@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
+from stochvi.engine.law import rate
+from stochvi.engine.sub_steps import CONTACT_ANGLE
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
-from stochvi.methods.monte_carlo.compliant_white import SUMS_OF_A_STOP, kernel_stop
-from stochvi.methods.monte_carlo.kernels.compliant_response import CONTACT_ANGLE, contact_rate
-from stochvi.methods.monte_carlo.kernels.modal_contacts import Contacts
+from stochvi.methods.monte_carlo.compliant_white import SUMS_OF_A_STOP
 from stochvi.methods.monte_carlo.modal import SUMS_OF_PAIR, ModalPlan, basis
 from stochvi.methods.monte_carlo.tabulated import MOST_SUB_STEPS
-from stochvi.model.model import UPPER, Model
+from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
 
@@ -47,35 +47,13 @@ class ModalContactsPlan(ModalPlan):
         return SUMS_OF_CONTACT_PAIR if self.contacts else SUMS_OF_PAIR
 
     @cached_property
-    def _contact_constants(self) -> Contacts | None:
-        """Laws of the stops per unit of the reduced mass, and the structure that they act on."""
+    def _fastest_of_contacts(self) -> float | None:
+        """Fastest rate of the structure in contacts, rad/s; None where all stops are rigid."""
         if not self.contacts:
             return None
-        pairs, modes = self.model.pairs, self.modes
-        found = {
-            (j, int(stop.side == UPPER)): kernel_stop(0.0, stop.per_unit_mass(pair.mass).law)[1:]
-            for j, pair in enumerate(pairs)
-            for stop in pair.stops
-        }
-        longest = max(len(data) for _, data in found.values())
-        kinds = np.zeros((len(pairs), 2), np.int64)
-        laws = np.zeros((len(pairs), 2, longest, 3))
-        laws[:, :, 1:, 0] = np.inf
-        for place, (kind, data) in found.items():
-            kinds[place] = kind
-            laws[(*place, slice(len(data)), slice(data.shape[1]))] = data
-        masses = np.array([pair.mass for pair in pairs])
-        damping = np.zeros((modes.size, 0)) if modes.kicked else modes.damping
-        decay = 0.0 if modes.kicked else float(np.linalg.eigvalsh(modes.damping)[-1])
-        return Contacts(
-            kinds=kinds,
-            data=laws,
-            squares=modes.squares,
-            damping=damping,
-            gaps=modes.gaps,
-            shares=modes.gaps * masses[:, None],
-            fastest=max(modes.fastest, decay),
-        )
+        damping = np.linalg.eigvalsh(self.modes.damping)
+        decay = 0.0 if self.modes.kicked else float(damping[-1])
+        return max(self.modes.fastest, decay)
 
 
 def plan_modal_contacts(
@@ -102,9 +80,9 @@ def check_stiffness(plan: ModalContactsPlan) -> None:
             stays = scale.pressing > 0.0 or stop.law.restitution <= COLLAPSE_RESTITUTION
             if not (isinstance(stop.law, CompliantLaw) and stays):
                 continue
-            _, kind, data = kernel_stop(0.0, stop.law.per_unit_mass(pair.mass))
-            rate = contact_rate(0.0, scale.speed, scale.pressing, (0.0, 0.0), kind, data)
-            needed = plan.step * math.hypot(rate, plan.modes.fastest) / CONTACT_ANGLE
+            law = stop.law.per_unit_mass(pair.mass).compiled()
+            fastest = rate(law, 0.0, scale.speed, scale.pressing)
+            needed = plan.step * math.hypot(fastest, plan.modes.fastest) / CONTACT_ANGLE
             if needed > MOST_SUB_STEPS:
                 unmet.append(
                     f"a mass that stays on the {stop.name} stop of {pair.name}, which is this "

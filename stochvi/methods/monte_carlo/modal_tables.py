@@ -19,9 +19,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import ifft, irfft, next_fast_len, rfft
 
+from stochvi.engine.impact_log import NO_RECORD, Log
 from stochvi.mathematics.arrays import Matrix, Vector, Waves
-from stochvi.mathematics.frequency_response import beyond, bin_amplitudes, covariance, eigenvalues
-from stochvi.methods.monte_carlo.kernels.impact_log import NO_RECORD, Log
+from stochvi.mathematics.frequency_response import (
+    beyond,
+    bin_amplitudes,
+    covariance,
+    eigenvalues,
+)
 from stochvi.methods.monte_carlo.kernels.modes import (
     Largest,
     Outputs,

@@ -16,8 +16,8 @@ from typing import Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.engine.impact_log import Log
 from stochvi.mathematics.arrays import Vector
-from stochvi.methods.monte_carlo.kernels.impact_log import Log
 from stochvi.methods.monte_carlo.path_statistics import Layout
 from stochvi.model.model import Model
 from stochvi.sampling.stop_flag import check_flag

@@ -12,10 +12,10 @@ import scipy
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from stochvi.engine.impact_log import NO_LOG, NO_RECORD, Log
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, gaussian_stop
 from stochvi.mathematics.truncated_normal import TruncatedNormal
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE, run_white
-from stochvi.methods.monte_carlo.kernels.impact_log import NO_LOG, NO_RECORD, Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import (
     normal_pairs,
     normal_rows,

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import ifft, irfft, next_fast_len, rfft
 
+from stochvi.engine.impact_log import NO_LOG, NO_RECORD, Log
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.mathematics.sampled_passages import moments_of_rises
@@ -35,7 +36,6 @@ from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.mathematics.units import density_from_intensity, intensity_from_density
 from stochvi.methods.monte_carlo.compliant_white import CONTACT_ROWS, kernel_stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import CONTACT_ANGLE, contact_rate
-from stochvi.methods.monte_carlo.kernels.impact_log import NO_LOG, NO_RECORD, Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.kernels.response_domain import (
     add_free_motion,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from typing import ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -73,6 +73,11 @@ class ImpactLaw(Checked):
         """The law of the stop and of a spring in series with it, of a compliance in m/N; the law
         itself where the spring is left out."""
         return self
+
+    def compiled(self) -> Any | None:
+        """The law as compiled kernels know it, a class of `engine.laws` with its numbers, for a law
+        for forces per unit mass; None if there is none."""
+        return None
 
     def form(self) -> Form | None:
         """The form for simulations, for a law for forces per unit mass; None if there is none."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -230,6 +230,11 @@ class ForceTable(CompliantLaw):
         tail = f" (source: {self.source})" if self.source else ""
         deepest, most = f"{1e3 * self.deflection[-1]:#.4g}".rstrip("."), self.force[-1]
         return f"force over deflection, {most:.4g} N at {deepest} mm{tail}"
+
+    def compiled(self) -> NamedTuple:
+        from stochvi.engine.laws.force_table import ForceTable as Compiled
+
+        return Compiled.of(self.pieces.T)
 
     def form(self) -> Form:
         return Form("pieces", np.ascontiguousarray(self.pieces.T))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,6 +74,11 @@ class Hertz(CompliantLaw):
 
     def phrase(self) -> str:
         return f"{self.word}, coefficient {self.coefficient:.4g} N/m^1.5"
+
+    def compiled(self) -> NamedTuple:
+        from stochvi.engine.laws.hertz import Hertz as Compiled
+
+        return Compiled(self.coefficient)
 
     def form(self) -> Form:
         return Form("hertz", np.array([[self.coefficient]]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,6 +59,11 @@ class Restitution(RigidLaw):
 
     def phrase(self) -> str:
         return f"rigid, restitution {self.coefficient:g}: speeds of impact but no peak acceleration"
+
+    def compiled(self) -> NamedTuple:
+        from stochvi.engine.laws.restitution import Restitution as Compiled
+
+        return Compiled(self.coefficient)
 
     def form(self) -> Form:
         return Form("rigid", np.array([[self.coefficient]]))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -96,6 +96,11 @@ class Elastic(LinearLaw):
     def phrase(self) -> str:
         return f"{self.word}, stiffness {self.stiffness:.4g} N/m"
 
+    def compiled(self) -> NamedTuple:
+        from stochvi.engine.laws.viscoelastic import Viscoelastic as Compiled
+
+        return Compiled(self.stiffness, 0.0)
+
     def form(self) -> Form:
         return Form("pieces", np.array([[0.0, 0.0, self.stiffness]]))
 
@@ -173,6 +178,11 @@ class Viscoelastic(LinearLaw):
     def phrase(self) -> str:
         numbers = f"stiffness {self.stiffness:.4g} N/m, damping ratio {self.damping_ratio:.4g}"
         return f"{self.word}, {numbers}"
+
+    def compiled(self) -> NamedTuple:
+        from stochvi.engine.laws.viscoelastic import Viscoelastic as Compiled
+
+        return Compiled(self.stiffness, self.damping(1.0))
 
     def form(self) -> Form:
         if self.conservative:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from stochvi import check, simulate
+from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, TIME
 from stochvi.methods.closed_form import displacement_density, exact
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo.compliant_white import (
@@ -27,14 +28,9 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_SUMS,
     CONTACT_UPPER,
-    ENDED,
     F1_UPPER,
-    IMPULSE,
-    LOSS,
     N_LOWER,
     N_UPPER,
-    PEAK,
-    TIME,
 )
 from stochvi.methods.monte_carlo.rigid_white import WhitePlan, plan_white
 from stochvi.model.balances import residuals

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from stochvi import NotApplicable, Response, Scene, SceneError, exact, simulate
+from stochvi.engine.impact_log import NO_LOG, NO_RECORD
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.flight import run_white
-from stochvi.methods.monte_carlo.kernels.impact_log import NO_LOG, NO_RECORD
 from stochvi.methods.monte_carlo.kernels.rows import SUMS
 from stochvi.methods.monte_carlo.kernels.steps import Counting, Kick, Paths
 from stochvi.methods.monte_carlo.modal import ModalPlan

@@ -22,11 +22,12 @@ from stochvi import (
     exact,
     simulate,
 )
+from stochvi.engine.alone import put_on_stop
+from stochvi.engine.impact_log import COLUMNS, Log
+from stochvi.engine.pushes import Responses
+from stochvi.engine.roots import first_root
 from stochvi.mathematics.state_space import stationary_covariance, step_covariance
 from stochvi.methods.monte_carlo import record_path
-from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
-from stochvi.methods.monte_carlo.kernels.modal_contacts import PathEnd
-from stochvi.methods.monte_carlo.kernels.modal_stops import Resets, first_root, put_on_stop
 from stochvi.methods.monte_carlo.modal import plan_modal
 from stochvi.methods.monte_carlo.path_statistics import PathStatistics
 from stochvi.methods.monte_carlo.quantities import of_coordinate, of_pair
@@ -398,15 +399,17 @@ def test_a_gap_put_on_its_stop_lies_there_at_rest(side: float) -> None:
     jumps = rows / np.sum(rows**2, axis=1, keepdims=True)  # of modal velocities, by a unit speed
     series = np.zeros((2, 6, 2))
     series[:, 3:, 0], series[:, 3:, 1] = jumps, -jumps @ (root @ root.T)
-    at_once = np.einsum("on,pnk->pok", rows, series[:, 3:])
+    speeds = np.einsum("on,pnk->pok", rows, series[:, 3:])
+    of_gaps = np.zeros((2, 2, 3, 2))
+    of_gaps[:, :, 1], of_gaps[:, :, 2, 0] = speeds, speeds[:, :, 1]
+    responses = Responses(series, of_gaps, np.zeros((2, 0, 2)))
     state, gaps = random.normal(size=(6, 1)), np.zeros((2, 6))
     gaps[:, 3], gaps[:, 4] = rows @ state[:3, 0], rows @ state[3:, 0]
     for pair in range(2):
         state[3:, 0] += jumps[pair] * (2.0 * side - gaps[pair, 4])  # outwards, at 2 m/s
         gaps[:, 4] = rows @ state[3:, 0]
         stop = gaps[pair, 3] - 0.3 * side
-        end, resets = PathEnd(state, 0, gaps), Resets(series, at_once, np.zeros((2, 2, 3, 2)))
-        put_on_stop.py_func(end, pair, stop, side, resets)
+        put_on_stop.py_func(pair, stop, side, gaps, state[:, 0], responses)
         assert gaps[pair, 3] == pytest.approx(stop, abs=1e-12)
         assert gaps[pair, 4] == pytest.approx(0.0, abs=1e-12)
         assert rows @ state[:3, 0] == pytest.approx(gaps[:, 3], abs=1e-12)

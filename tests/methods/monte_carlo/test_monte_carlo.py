@@ -21,9 +21,9 @@ from stochvi import (
     exact,
     simulate,
 )
+from stochvi.engine.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo import record_path, simulation
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.path_statistics import PathStatistics
 from stochvi.methods.monte_carlo.quantities import of_pair, speed_mean

@@ -8,10 +8,10 @@ import pytest
 from scipy.stats import norm
 
 from stochvi import ImpactPair, Isolator, Restitution, Scene, TabulatedNoise, screen
+from stochvi.engine.impact_log import COLUMNS, Log
+from stochvi.engine.roots import first_upward_root
 from stochvi.mathematics.spectra import response_moments, squared_gain
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.kernels.between_samples import first_upward_root
-from stochvi.methods.monte_carlo.kernels.impact_log import COLUMNS, Log
 from stochvi.methods.monte_carlo.kernels.rows import (
     F1_LOWER,
     F1_UPPER,

@@ -10,6 +10,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from stochvi import Estimate, NotApplicable, Restitution, Scene, TabulatedNoise, exact, simulate
+from stochvi.engine.impact_log import NO_LOG, page_of
+from stochvi.engine.sums import ENDED, IMPULSE, PEAK, TIME
 from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.compliant_white import CONTACT_ROWS, kernel_stop
@@ -25,20 +27,15 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import (
     sub_step,
 )
 from stochvi.methods.monte_carlo.kernels.contact import PIECES
-from stochvi.methods.monte_carlo.kernels.impact_log import NO_LOG, page_of
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_SUMS,
     CONTACT_UPPER,
-    ENDED,
     EXTREMES,
     F1_LOWER,
     F1_UPPER,
-    IMPULSE,
     N_LOWER,
     N_UPPER,
-    PEAK,
-    TIME,
     VV,
     XX,
     X,

@@ -24,25 +24,22 @@ cubic, z - stop = q_0 + q_1 t + q_2 t^2 + q_3 t^3; r = d'. Forces and their sums
 import math
 from typing import NamedTuple
 
+from stochvi.engine.bounces import MOST_BOUNCES, RESTING
 from stochvi.engine.compiling import kernel
-from stochvi.methods.monte_carlo.kernels.between_samples import decay, time_to_stop
-from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
+from stochvi.engine.impact_log import log_impact
+from stochvi.engine.roots import time_to_stop
+from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, TIME
+from stochvi.methods.monte_carlo.kernels.between_samples import decay
 from stochvi.methods.monte_carlo.kernels.contact import DAMPED, HERTZ, RIGID
-from stochvi.methods.monte_carlo.kernels.impact_log import log_impact
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_UPPER,
-    ENDED,
     FASTEST,
     FORCE_SQUARE,
-    IMPULSE,
-    LOSS,
     N_LOWER,
     N_UPPER,
-    PEAK,
     POSITION_FORCE,
     SHARPEST,
-    TIME,
 )
 from stochvi.methods.monte_carlo.kernels.steps import ContactStop
 

@@ -25,23 +25,19 @@ import math
 
 import numpy as np
 
+from stochvi.engine.bounces import RESTING
 from stochvi.engine.compiling import kernel
+from stochvi.engine.impact_log import log_impact, page_of
+from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, TIME
 from stochvi.methods.monte_carlo.kernels.between_samples import decay
-from stochvi.methods.monte_carlo.kernels.bounces import RESTING
 from stochvi.methods.monte_carlo.kernels.flight import add_moments, add_noise, normals_of_step
-from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_of
 from stochvi.methods.monte_carlo.kernels.lanes import LANES, aligned_rows, row_of
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_SUMS,
     CONTACT_UPPER,
-    ENDED,
-    IMPULSE,
-    LOSS,
     N_LOWER,
     N_UPPER,
-    PEAK,
-    TIME,
     VV,
     XX,
     X,

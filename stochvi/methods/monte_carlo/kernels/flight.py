@@ -21,9 +21,9 @@ import math
 
 import numpy as np
 
+from stochvi.engine.bounces import MOST_BOUNCES, RESTING
 from stochvi.engine.compiling import kernel
-from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
-from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_after, page_of
+from stochvi.engine.impact_log import log_impact, page_after, page_of
 from stochvi.methods.monte_carlo.kernels.lanes import LANES, aligned_rows, row_of
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pair, normal_pairs
 from stochvi.methods.monte_carlo.kernels.rows import (

@@ -4,7 +4,7 @@ A matrix is a table (starts, columns, weights) of its nonzero elements, row afte
 """
 
 from stochvi.engine.compiling import kernel
-from stochvi.methods.monte_carlo.kernels.fused import fma
+from stochvi.engine.fused import fma
 
 
 @kernel

@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from stochvi.engine.compiling import kernel
+from stochvi.engine.sums import ENDED, PEAK
 from stochvi.methods.monte_carlo.kernels.contact import flow_with_contacts, step_clear_paths
 from stochvi.methods.monte_carlo.kernels.lanes import LANES
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
@@ -21,10 +22,8 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_SUMS,
     CONTACT_UPPER,
-    ENDED,
     N_LOWER,
     N_UPPER,
-    PEAK,
 )
 
 OVER, AT_LEVEL, HAPPENED = range(3)

@@ -8,13 +8,13 @@ signals that drive the structure. One step is
     impact v_y <- -R v_y                  within the flow; y = phi . q is the gap of a pair
 
 Without white noise the damping is part of A, and there is no kick. Kick and flow are one matrix
-pass, row by row over the lanes of a block. Impacts are searched (`modal_stops`) in the lanes where
-the hull of the cubic through the end values of a gap reaches a stop. Two parts are absent from the
+pass, row by row over the lanes of a block. Impacts are searched (`engine`) in the lanes where the
+hull of the cubic through the end values of a gap reaches a stop. Two parts are absent from the
 compiled code unless the scene has them:
 
     tables     total motion = state + Y, Y(t) the response to the tables without stops, smooth
                and given by its samples; the state holds the response to impacts, kicks and signals
-    contacts   stops that give way: steps with contacts are made path by path (`modal_contacts`)
+    contacts   compliant stops
 
 Between two samples Y is the cubic through values and slopes. Kicks do not change Y.
 
@@ -28,27 +28,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.engine.alone import finish_alone, make_workspace
+from stochvi.engine.compiled_laws import Stops
 from stochvi.engine.compiling import kernel
-from stochvi.methods.monte_carlo.kernels.compliant_response import stop_force
-from stochvi.methods.monte_carlo.kernels.contact import RIGID
-from stochvi.methods.monte_carlo.kernels.fused import fma
-from stochvi.methods.monte_carlo.kernels.impact_log import NO_RECORD, Log, page_of
+from stochvi.engine.contacts import Followed, Tally
+from stochvi.engine.fused import fma
+from stochvi.engine.impact_log import NO_RECORD, Log, page_of
+from stochvi.engine.lanes import LANES as LANES_TOGETHER
+from stochvi.engine.lanes import memory_of
+from stochvi.engine.law_calls import force_of
+from stochvi.engine.pushes import Responses
+from stochvi.engine.sums import ROWS_OF_CONTACT_PAIR, ROWS_OF_PAIR
+from stochvi.engine.together import Scene, Single, finish_together, rows_needed
 from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass
-from stochvi.methods.monte_carlo.kernels.modal_contacts import (
-    Accelerations,
-    PathEnd,
-    Tally,
-    make_workspace,
-)
 from stochvi.methods.monte_carlo.kernels.modal_stops import (
-    LaneArrays,
-    Resets,
     SinglePair,
+    lane_arrays,
     single_impacts,
-    step_with_stops,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
-from stochvi.methods.monte_carlo.kernels.rows import ROWS_OF_CONTACT_PAIR, ROWS_OF_PAIR
 
 Table = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
 
@@ -93,15 +91,14 @@ class Passes(NamedTuple):
 
 
 class ModalSteps(NamedTuple):
-    """A structure and its rigid stops, in steps of one length.
+    """A structure and its stops, in steps of one length.
 
     Parameters
     ----------
     step : s.
     modes : number of modes.
-    passes, resets : see these classes.
-    stops : (pairs, 2, 3), position from the rest position (infinite for none), restitution, and the
-        speed in m/s from which an impact is counted, of the lower and the upper stop of each pair.
+    passes, stops, responses : see these classes.
+        Stops are placed from the rest position.
     margins : (pairs,), m, by which the hulls of cubics are widened.
     origins : (modes,), from where moments of q are taken.
     crossed : (crossings, 2), pairs of modes (k, j) of which the noise of j is multiplied with the
@@ -111,9 +108,9 @@ class ModalSteps(NamedTuple):
     step: float
     modes: int
     passes: Passes
-    stops: NDArray[np.float64]
+    stops: Stops
     margins: NDArray[np.float64]
-    resets: Resets
+    responses: Responses
     origins: NDArray[np.float64]
     crossed: NDArray[np.int64]
 
@@ -338,16 +335,16 @@ def add_noise(local, first, modes, state, kicks, crossed):
 
 
 @kernel
-def add_passages(local, first, stops, before, after):
+def add_passages(local, first, places, before, after):
     """Add up the passages of gaps beyond their stops between two samples (pairs, lanes).
 
     For the lower and the upper stop of each pair these are three rows from `first` on: the number
     of passages, the sum of the rises over them, and the sum of the squares of these.
     """
-    for j in range(stops.shape[0]):
+    for j in range(places.shape[0]):
         for which in range(2):
             side, row = 2.0 * which - 1.0, first + 6 * j + 3 * which
-            level = side * stops[j, which, 0]
+            level = side * places[j, which]
             for i in range(local.shape[1]):
                 y0, y1 = side * before[j, i], side * after[j, i]
                 passed = (y0 < level) & (y1 >= level)
@@ -369,21 +366,22 @@ def add_pulls(local, first, pulled):
 
 
 @kernel
-def add_contact_pulls(pulled, y, v, stops, contacts):
-    """Add the modal forces of the stops that give way, at gaps y and rates v (pairs, lanes)."""
+def add_contact_pulls(pulled, y, v, stops, laws, responses):
+    """Add the modal forces of the compliant stops, at gaps y and rates v (pairs, lanes)."""
+    modes = pulled.shape[0]
     for j in range(y.shape[0]):
         for which in range(2):
-            if contacts.kinds[j, which] == RIGID:
+            kind, row = stops.kinds[j, which], 2 * j + which
+            if stops.rigid[j, which]:
                 continue
             side = 2.0 * which - 1.0
             for i in range(y.shape[1]):
-                inwards = side * (y[j, i] - stops[j, which, 0])
+                inwards = side * (y[j, i] - stops.places[j, which])
                 if inwards > 0.0:
-                    force, _, _ = stop_force(
-                        inwards, side * v[j, i], contacts.kinds[j, which], contacts.data[j, which]
-                    )
-                    for k in range(pulled.shape[0]):
-                        pulled[k, i] += side * force * contacts.shares[j, k]
+                    force = force_of(laws, kind, stops.numbers, row, inwards, side * v[j, i])
+                    force = side * max(force, 0.0)
+                    for k in range(modes):
+                        pulled[k, i] += force * responses.states[j, modes + k, 0]
 
 
 @kernel
@@ -395,30 +393,36 @@ def number_of(largest):
 
 
 @kernel
-def accelerations_of(largest, path, counted, spare, ends, before, after, lane):
+def followed_of(largest, path, counted, spare, ends, before, after, lane):
     """The part of `largest` for one path in one step; `spare` gets those that are not counted.
 
-    `before` and `after` (modes, lanes) are the modal forces at the ends of the step, of which those
-    of the lane are copied to `ends` (2, modes).
+    `before` and `after` (modes, lanes) are the modal forces at the ends of the step, from which the
+    accelerations `ends` (2, outputs) are made.
     """
     if largest is None:
         return None
-    for k in range(ends.shape[1]):
-        ends[0, k], ends[1, k] = before[k, lane], after[k, lane]
+    for output in range(ends.shape[1]):
+        ends[0, output] = ends[1, output] = 0.0
+        for k in range(before.shape[0]):
+            ends[0, output] += largest.rows[output, k] * before[k, lane]
+            ends[1, output] += largest.rows[output, k] * after[k, lane]
     own = largest.table[path] if counted else spare
-    return Accelerations(largest.rows, ends[0], ends[1], own)
+    return Followed(ends, own)
 
 
 @kernel
-def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
+def run_modes(paths, structure, laws, tables, single, fastest, steps, outputs, flag):
     """Advance every path, and add up the counted steps.
 
     Parameters
     ----------
     paths : `ModalPaths`.
     structure : `ModalSteps`.
+    laws : `functions_of` the laws of the stops.
     tables : None, or `SmoothResponse`.
-    contacts : None, or `modal_contacts.Contacts`.
+    single : None, or (1, 2, 3), position, restitution and speed threshold of the lower and the
+        upper stop of a single pair whose stops are rigid.
+    fastest : None where all stops are rigid, else the fastest rate of the structure, rad/s.
     steps : `Steps`.
     outputs : `Outputs`.
     flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
@@ -428,13 +432,14 @@ def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
     first, last, stride = steps
     record, log, largest = outputs
     step, modes, passes = structure.step, structure.modes, structure.passes
-    stops, margins, resets = structure.stops, structure.margins, structure.resets
+    stops, responses = structure.stops, structure.responses
+    margins = structure.margins
     origins, normals = structure.origins, passes.normals
     states, count_of_paths = state.shape
     width = min(LANES, count_of_paths)
-    pairs = stops.shape[0]
+    pairs = stops.places.shape[0]
     moments = modes + modes * (modes + 1)
-    rows = ROWS_OF_PAIR if contacts is None else ROWS_OF_CONTACT_PAIR
+    rows = ROWS_OF_PAIR if fastest is None else ROWS_OF_CONTACT_PAIR
     third = step / 3.0
     recording = record.shape[0] > 0
     old, new = np.zeros((states, width)), np.zeros((states, width))
@@ -451,19 +456,17 @@ def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
     crossings = structure.crossed.shape[0] if kicked.shape[0] > 0 else 0
     first_free = first_noise + 3 * crossings
     rest = np.zeros(modes)
-    local = np.zeros((sums.shape[0], width))
+    local, unused = np.zeros((sums.shape[0], width)), np.zeros((sums.shape[0], width))
     pulled, pushing = np.zeros((modes, width)), np.zeros((pairs, width))
     pull_0, pull_1 = np.zeros((modes, width)), np.zeros((modes, width))
-    ends, spare = np.zeros((2, modes)), np.zeros(number_of(largest))
+    spare = np.zeros(number_of(largest))
+    ends = np.zeros((2, spare.shape[0]))
     following = spare.shape[0] > 0
-    hits, gaps, work = np.zeros((pairs, rows)), np.zeros((pairs, 6)), make_workspace(pairs, modes)
+    hits, gaps, change = np.zeros((pairs, rows)), np.zeros((pairs, 6)), np.zeros(2 * modes)
+    work = make_workspace(pairs, responses.states.shape[2])
     peaks = np.zeros((width, pairs, 2))
-    c = np.zeros((10, width))
-    arrays = LaneArrays(
-        c[0], c[1], c[2], c[3], c[4], c[5], c[6], c[7], c[8], c[9],
-        np.zeros((resets.states.shape[2], width)), np.zeros((2 * modes + 3, width)),
-    )  # fmt: skip
-    single = SinglePair(step, stops, passes.impact, moments)
+    arrays = lane_arrays(width, responses.states.shape[2], 2 * modes + 3)
+    one, memory = Single(gaps, hits, change, work), memory_of(rows_needed(pairs))
     words0, words1 = np.zeros(width, np.uint64), np.zeros(width, np.uint64)
     smooth, total = np.zeros((2 * modes, width)), np.zeros((2 * modes, width))
     s0, s1 = np.zeros((pairs, width)), np.zeros((pairs, width))
@@ -523,7 +526,7 @@ def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
                     add_to(v1, r1)
                 marks[:] = 0.0
                 for j in range(pairs):
-                    lower, upper = stops[j, 0, 0] + margins[j], stops[j, 1, 0] - margins[j]
+                    lower, upper = stops.places[j, 0] + margins[j], stops.places[j, 1] - margins[j]
                     mark_near_stops(y0, v0, y1, v1, j, third, lower, upper, marks)
                 count = gather_marked(marks, lanes, index)
                 if following:
@@ -534,11 +537,25 @@ def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
                     matrix_pass(a1, 0.0, new, passes.bends, width)
                     if tables is not None:
                         add_curvatures(a0, a1, s0, r0, s1, r1, step)
-                if contacts is None:  # noqa: SIM102 - a test of its own is left out when compiled
-                    if (pairs == 1) & (count > 0) & (not recording):
+                if fastest is not None:  # noqa: SIM102 - left out when compiled
+                    if log is None:  # noqa: SIM102 - left out when compiled
+                        if not (recording | following):
+                            scene = Scene(
+                                step, stops, laws, responses, memory, new,
+                                local if counted else unused, moments, rows, peaks,
+                            )  # fmt: skip
+                            for k in range(0, count, LANES_TOGETHER):
+                                marked = index[k : min(k + LANES_TOGETHER, count)]
+                                finish_together(
+                                    marked, (y0, v0, a0, y1, v1, a1), scene, fastest, one
+                                )
+                            count = 0
+                if single is not None:  # noqa: SIM102
+                    if (count > 0) & (not recording):
+                        pair = SinglePair(step, single, passes.impact, moments)
                         count = single_impacts(
-                            single, (y0, v0, a0, y1, v1, a1), new, index, count, local, arrays,
-                            log, start, number,
+                            pair, (y0, v0, a0, y1, v1, a1), new, index, count, local, arrays, log,
+                            start, number,
                         )  # fmt: skip
                 for k in range(count):
                     i = index[k]
@@ -546,14 +563,15 @@ def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
                         gaps[j, 0], gaps[j, 1], gaps[j, 2] = y0[j, i], v0[j, i], a0[j, i]
                         gaps[j, 3], gaps[j, 4], gaps[j, 5] = y1[j, i], v1[j, i], a1[j, i]
                     hits[:] = 0.0
-                    own = accelerations_of(
-                        largest, start + i, counted, spare, ends, pull_0, pull_1, i
-                    )
+                    own = followed_of(largest, start + i, counted, spare, ends, pull_0, pull_1, i)
                     page = page_of(log, start + i, number, step)
-                    step_with_stops(
-                        PathEnd(new, i, gaps), step, stops, resets, contacts, own, work,
+                    change[:] = 0.0
+                    finish_alone(
+                        step, step, gaps, change, fastest, stops, laws, responses, own, work,
                         Tally(peaks[i], hits), page,
                     )  # fmt: skip
+                    for row in range(2 * modes):
+                        new[row, i] += change[row]
                     for j in range(pairs):
                         y1[j, i] = gaps[j, 3]
                         if counted:
@@ -563,7 +581,7 @@ def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
                                 record[number, start + i, 2 * modes + j] = hits[j, 4] - hits[j, 1]
                 if tables is not None:  # noqa: SIM102 - left out when compiled
                     if counted & controlled:
-                        add_passages(local, first_free + moments, stops, s0, s1)
+                        add_passages(local, first_free + moments, stops.places, s0, s1)
                 y0, y1 = y1, y0
                 s0, s1 = s1, s0
                 r0, r1 = r1, r0
@@ -589,12 +607,12 @@ def run_modes(paths, structure, tables, contacts, steps, outputs, flag):
                             matrix_pass(pulled, 0.0, old, passes.pulls, width)
                         else:
                             matrix_pass(pulled, 0.0, total, passes.pulls, width)
-                        if contacts is not None:  # noqa: SIM102 - left out when compiled
+                        if fastest is not None:  # noqa: SIM102 - left out when compiled
                             if pairs > 0:
                                 matrix_pass(pushing, 0.0, old, passes.speeds, width)
                                 if tables is not None:
                                     add_to(pushing, r0)
-                                add_contact_pulls(pulled, y0, pushing, stops, contacts)
+                                add_contact_pulls(pulled, y0, pushing, stops, laws, responses)
                         add_pulls(local, first_pull, pulled)
                 if recording:
                     for i in range(lanes):

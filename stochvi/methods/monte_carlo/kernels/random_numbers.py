@@ -15,7 +15,7 @@ import math
 import numpy as np
 
 from stochvi.engine.compiling import kernel
-from stochvi.methods.monte_carlo.kernels.fused import fma
+from stochvi.engine.fused import fma
 
 GOLDEN = np.uint64(0x9E3779B97F4A7C15)
 MIX_1 = np.uint64(0xBF58476D1CE4E5B9)

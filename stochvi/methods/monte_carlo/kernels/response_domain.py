@@ -19,16 +19,17 @@ Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in 
 
 import numpy as np
 
+from stochvi.engine.bounces import MOST_BOUNCES, RESTING
 from stochvi.engine.compiling import kernel
-from stochvi.methods.monte_carlo.kernels.between_samples import decay, time_to_stop
-from stochvi.methods.monte_carlo.kernels.bounces import MOST_BOUNCES, RESTING
+from stochvi.engine.impact_log import log_impact, page_of
+from stochvi.engine.roots import time_to_stop
+from stochvi.methods.monte_carlo.kernels.between_samples import decay
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
     TALLY,
     IntervalEnds,
     interval_with_contacts,
 )
 from stochvi.methods.monte_carlo.kernels.flight import add_impacts, add_moments
-from stochvi.methods.monte_carlo.kernels.impact_log import log_impact, page_of
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 from stochvi.methods.monte_carlo.kernels.rows import (
     EXTREMES,

@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.engine.sums import LOSS, ROWS_OF_STOP
+
 Vector = NDArray[np.float64]
 
 X, XX, VV, N_LOWER, F1_LOWER, F2_LOWER, N_UPPER, F1_UPPER, F2_UPPER = range(9)
@@ -18,23 +20,11 @@ SUMS = 9
 """Rows of one oscillator with rigid stops: x, x^2, v^2, and for each stop its impacts (N), their
 speeds (F1, m/s) and the squares of their speeds (F2, m^2/s^2)."""
 
-IMPULSE, LOSS, PEAK, TIME, ENDED = range(5)
-ROWS_OF_STOP = 5
-"""Rows of the contacts with one stop that gives way: impulse, dissipated energy, sum of the peak
-forces of ended contacts, duration, and number of ended contacts."""
-
 CONTACT_LOWER = SUMS
 CONTACT_UPPER = SUMS + ROWS_OF_STOP
 CONTACT_SUMS = SUMS + 2 * ROWS_OF_STOP
 """Rows of one oscillator with stops that give way: those of rigid stops, then those of the contacts
 with the lower stop, and with the upper stop."""
-
-ROWS_OF_PAIR = 6
-"""Rows of the impacts of a pair: N, F1 and F2 at the lower stop, then at the upper stop."""
-
-ROWS_OF_CONTACT_PAIR = ROWS_OF_PAIR + 2 * ROWS_OF_STOP
-"""Rows of a pair with stops that give way: those of impacts, then those of the contacts with the
-lower stop, and with the upper stop."""
 
 FASTEST, SHARPEST, FORCE_SQUARE, POSITION_FORCE = range(4)
 EXTREMES = 4

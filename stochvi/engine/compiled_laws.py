@@ -1,0 +1,101 @@
+"""The laws of the stops of a structure, in a table of numbers and one of compiled functions."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.core import config
+from numpy.typing import NDArray
+
+from stochvi.engine.law import is_lossy, is_rigid, is_smooth
+from stochvi.engine.law_calls import OF_LANES, OF_STOP, functions_of_class
+
+
+class Stops(NamedTuple):
+    """The stops of all pairs, with forces per unit of the reduced mass of each pair.
+
+    Parameters
+    ----------
+    places : (pairs, 2), m, positions of the lower and the upper stop, infinite for none.
+    kinds : (pairs, 2), number of the class of each law.
+    rigid, lossy, smooth : (pairs, 2), traits of each law; a place without a stop counts as rigid.
+    numbers : (2 pairs, width), numbers of the law of each stop.
+    order, ranks : (2 pairs,), the stops, 2 j + 1 for the upper one of the pair j, sorted by the
+        classes of their laws; and the place of each in that order.
+    thresholds : (pairs,), m/s, speed of the slowest impact that is counted.
+    """
+
+    places: NDArray[np.float64]
+    kinds: NDArray[np.int64]
+    rigid: NDArray[np.bool_]
+    lossy: NDArray[np.bool_]
+    smooth: NDArray[np.bool_]
+    numbers: NDArray[np.float64]
+    order: NDArray[np.int64]
+    ranks: NDArray[np.int64]
+    thresholds: NDArray[np.float64]
+
+
+_COMPILED: dict[type, tuple[Any, Any]] = {}
+"""Functions of one stop and of many lanes by the class of their laws. Their machine code must live
+as long as this process."""
+
+
+def functions_of(laws: list[Any]) -> NDArray[Any]:
+    """Addresses of the functions of classes of laws, (classes, 2): for one stop, and for lanes.
+
+    They hold for this process only. Without compilation they are the functions.
+    """
+    table = np.empty((len(laws), 2), object if config.DISABLE_JIT else np.int64)
+    for row, law in zip(table, laws, strict=True):
+        kind = type(law)
+        if kind not in _COMPILED:
+            # the numbers of this law must not become part of the code
+            blank = (np.zeros((1,) * np.ndim(each)) if np.ndim(each) else 0.0 for each in law)
+            _COMPILED[kind] = functions_of_class(kind(*blank))  # type: ignore[no-untyped-call]
+        of_stop, of_lanes = _COMPILED[kind]
+        if config.DISABLE_JIT:
+            row[:] = of_stop, of_lanes
+        else:
+            row[0] = _address(of_stop, OF_STOP)
+            row[1] = 0 if is_rigid(law) else _address(of_lanes, OF_LANES)
+    return table
+
+
+def _address(function: Any, signature: Any) -> int:
+    function.compile(signature)
+    compiled = function.overloads[signature.args]
+    address: int = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name)
+    return address
+
+
+def row_of_numbers(law: Any) -> NDArray[np.float64]:
+    """The numbers of a law, as `read` finds them in a table."""
+    return np.concatenate([np.ravel(np.asarray(each, float)) for each in law])
+
+
+def stops_of(
+    places: NDArray[np.float64], thresholds: NDArray[np.float64], laws: dict[tuple[int, int], Any]
+) -> tuple[Stops, list[Any]]:
+    """The stops of all pairs, and a law of each class, for `functions_of`.
+
+    `laws` holds the law of each stop by its pair and 0 for the lower, 1 for the upper stop.
+    """
+    example = {type(law): law for law in laws.values()}
+    classes = sorted(example, key=lambda kind: kind.__qualname__)
+    rows = {2 * pair + upper: row_of_numbers(law) for (pair, upper), law in laws.items()}
+    width = max((len(row) for row in rows.values()), default=1)
+    numbers = np.zeros((2 * len(places), width))
+    kinds = np.zeros(places.shape, np.int64)
+    rigid, lossy, smooth = np.ones(places.shape, bool), *np.zeros((2, *places.shape), bool)
+    for (pair, upper), law in laws.items():
+        at, row = (pair, upper), rows[2 * pair + upper]
+        numbers[2 * pair + upper, : len(row)] = row
+        kinds[at] = classes.index(type(law))
+        rigid[at], lossy[at], smooth[at] = is_rigid(law), is_lossy(law), is_smooth(law)
+    order = np.argsort(kinds.ravel(), kind="stable")
+    stops = Stops(
+        places, kinds, rigid, lossy, smooth, numbers, order, np.argsort(order), thresholds
+    )
+    return stops, [example[kind] for kind in classes]

@@ -1,0 +1,510 @@
+"""Contacts of one path with any number of compliant stops at the same time.
+
+Without the forces of these stops each gap is a quintic z(t) over what is left of the step. With
+them it is z plus the response to their pushes (`pushes`), so that the motion obeys
+
+    y_j'' = z_j'' + sum_i (G_ij f_i + sum_k c''_ijk S_ik),    f = -F(y, y') on an upper stop
+
+G_ij is the immediate response of gap j to a push on pair i; the other sum is the response to all
+pushes so far. The number of modes does not enter. The equations are integrated by the method of
+Nyström, of order 4. A sub-step is a fixed part of the shortest time scale of all contacts together.
+It ends at every event: a touch, an impact on a rigid stop, and where a stop ceases or begins to
+push. A contact may last longer than the step.
+
+A stop is seen as an upper one: y is its deflection, v the rate of that.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.engine.bounces import MOST_BOUNCES, RESTING
+from stochvi.engine.compiling import kernel
+from stochvi.engine.impact_log import log_impact
+from stochvi.engine.law_calls import force_of, margin_of, rate_of, rebound_of
+from stochvi.engine.pushes import MOMENTS, next_moments
+from stochvi.engine.roots import time_to_stop
+from stochvi.engine.sub_steps import CONTACT_ANGLE, FIRST_SHARE
+from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, ROWS_OF_PAIR, ROWS_OF_STOP, TIME
+
+MOST_NEWTON = 40
+"""Largest number of Newton steps to the time of an event; each repeats a sub-step."""
+
+EVENT_ERROR = 1e-12
+"""Error of the time of an event, as a share of a sub-step."""
+
+SHORTEST_SUB_STEP = 1e-12
+"""Smallest share of a sub-step that is made up to an event, so that its length is never zero."""
+
+APART, PUSHES, WITHDRAWN = range(3)
+"""States of a compliant stop: not in contact, pushing, and following the mass without a
+force."""
+
+Y, V, Y_END, V_END = range(4)
+"""Rows of `Contacts.gaps`: value and slope of every gap at both ends of a sub-step."""
+
+
+class Contacts(NamedTuple):
+    """Arrays for the contacts of one path.
+
+    Parameters
+    ----------
+    inside : (pairs, 2), state of each stop.
+    resting : (pairs, 2), 1 for a rigid stop on which the mass rests until the end of the step.
+    quintics : (pairs, 6), coefficients of z by powers of time.
+    moments, moments_end : (pairs, MOMENTS), moments of the pushes at both ends of a sub-step, whose
+        forces are positive along the gap.
+    pushed : (pairs,), 1 for a pair that has been pushed in the step.
+    gaps : (4, pairs), with the rows named above.
+    accelerations : (4, pairs), those of the gaps in the four stages of a sub-step.
+    forces, rates : (4, pairs, 2), forces of the stops along the gap, and rates of their
+        deflections, in the four stages.
+    """
+
+    inside: NDArray[np.int64]
+    resting: NDArray[np.int64]
+    quintics: NDArray[np.float64]
+    moments: NDArray[np.float64]
+    moments_end: NDArray[np.float64]
+    pushed: NDArray[np.int64]
+    gaps: NDArray[np.float64]
+    accelerations: NDArray[np.float64]
+    forces: NDArray[np.float64]
+    rates: NDArray[np.float64]
+
+
+class Tally(NamedTuple):
+    """What the impacts and contacts of one path add up to.
+
+    Parameters
+    ----------
+    peaks : (pairs, 2), the largest forces so far of contacts that last from step to step.
+    sums : (pairs, rows), added to.
+    """
+
+    peaks: NDArray[np.float64]
+    sums: NDArray[np.float64]
+
+
+class Followed(NamedTuple):
+    """Largest absolute accelerations of a path in contacts.
+
+    Parameters
+    ----------
+    ends : (2, outputs), accelerations at both ends of what is left of the step, without the stops.
+    largest : (outputs,), updated.
+    """
+
+    ends: NDArray[np.float64]
+    largest: NDArray[np.float64]
+
+
+@kernel
+def make_contacts(pairs):
+    """Arrays for that number of pairs."""
+    return Contacts(
+        np.zeros((pairs, 2), np.int64), np.zeros((pairs, 2), np.int64), np.zeros((pairs, 6)),
+        np.zeros((pairs, MOMENTS)), np.zeros((pairs, MOMENTS)), np.zeros(pairs, np.int64),
+        np.zeros((4, pairs)), np.zeros((4, pairs)), np.zeros((4, pairs, 2)),
+        np.zeros((4, pairs, 2)),
+    )  # fmt: skip
+
+
+@kernel
+def quintic_coefficients(gaps, j, span, q):
+    """Write the coefficients by powers of time of the quintic of gap j into q[j]."""
+    g0, v0, a0 = gaps[j, 0], gaps[j, 1], gaps[j, 2]
+    rise = gaps[j, 3] - g0 - v0 * span - 0.5 * a0 * span * span
+    slope = (gaps[j, 4] - v0 - a0 * span) * span
+    bend = (gaps[j, 5] - a0) * span * span
+    cube = span * span * span
+    q[j, 0], q[j, 1], q[j, 2] = g0, v0, 0.5 * a0
+    q[j, 3] = (10.0 * rise - 4.0 * slope + 0.5 * bend) / cube
+    q[j, 4] = (-15.0 * rise + 7.0 * slope - bend) / (cube * span)
+    q[j, 5] = (6.0 * rise - 3.0 * slope + 0.5 * bend) / (cube * span * span)
+
+
+@kernel
+def memory(series, s, pushed, j, what, ahead):
+    """Part `what` of the response of gap j to all pushes so far, `ahead` s after their moments."""
+    total = 0.0
+    for i in range(s.shape[0]):
+        if pushed[i] != 0:
+            s0, s1, s2, s3, s4, s5 = next_moments(
+                s[i, 0], s[i, 1], s[i, 2], s[i, 3], s[i, 4], s[i, 5], ahead, 0.0, 0.0, 0.0
+            )
+            total += series[i, j, what, 0] * s0 + series[i, j, what, 1] * s1
+            total += series[i, j, what, 2] * s2 + series[i, j, what, 3] * s3
+            total += series[i, j, what, 4] * s4 + series[i, j, what, 5] * s5
+    return total
+
+
+@kernel
+def gap_at(q, j, t):
+    """Value, slope and curvature at t of the quintic of gap j."""
+    return (
+        q[j, 0] + t * (q[j, 1] + t * (q[j, 2] + t * (q[j, 3] + t * (q[j, 4] + t * q[j, 5])))),
+        q[j, 1]
+        + t * (2.0 * q[j, 2] + t * (3.0 * q[j, 3] + t * (4.0 * q[j, 4] + t * 5.0 * q[j, 5]))),
+        2.0 * q[j, 2] + t * (6.0 * q[j, 3] + t * (12.0 * q[j, 4] + t * 20.0 * q[j, 5])),
+    )
+
+
+@kernel
+def push_at(number, t, h, contacts, stops, laws, series):
+    """Forces and accelerations in the stage `number`, 0 to 3, of a sub-step that began at t, h s
+    after that."""
+    inside, q, s, pushed = contacts.inside, contacts.quintics, contacts.moments, contacts.pushed
+    gaps, a, forces, rates = (
+        contacts.gaps, contacts.accelerations, contacts.forces, contacts.rates,
+    )  # fmt: skip
+    before = max(number - 1, 0)
+    of_place = 2 if number == 3 else 0
+    for j in range(q.shape[0]):
+        if inside[j, 0] + inside[j, 1] == 0:
+            # the pair may have been in contact before
+            forces[number, j, 0] = forces[number, j, 1] = 0.0
+            continue
+        place = gaps[Y, j] + h * (gaps[V, j] + 0.5 * h * a[of_place, j])
+        speed = gaps[V, j] + h * a[before, j]
+        for which in range(2):
+            force = 0.0
+            if inside[j, which] != APART:
+                side = 2.0 * which - 1.0
+                deflection = side * (place - stops.places[j, which])
+                rates[number, j, which] = side * speed
+                if inside[j, which] == PUSHES:
+                    force = -side * max(
+                        force_of(
+                            laws, stops.kinds[j, which], stops.numbers, 2 * j + which, deflection,
+                            side * speed,
+                        ),
+                        0.0,
+                    )  # fmt: skip
+            forces[number, j, which] = force
+    for j in range(q.shape[0]):
+        if inside[j, 0] + inside[j, 1] == 0:
+            continue
+        _, _, total = gap_at(q, j, t + h)
+        total += memory(series, s, pushed, j, 2, h)
+        for i in range(q.shape[0]):
+            if pushed[i] != 0:
+                acting = forces[before, i, 0] + forces[before, i, 1]
+                total += series[i, j, 1, 0] * (forces[number, i, 0] + forces[number, i, 1])
+                total += h * (series[i, j, 2, 0] + 0.5 * h * series[i, j, 2, 1]) * acting
+        a[number, j] = total
+
+
+@kernel
+def sub_step(t, h, contacts, stops, laws, series):
+    """All gaps and the moments of all pushes after a sub-step of h s from t."""
+    for number in range(4):
+        push_at(number, t, 0.5 * ((number + 1) // 2) * h, contacts, stops, laws, series)
+    forces, s, end = contacts.forces, contacts.moments, contacts.moments_end
+    for i in range(s.shape[0]):
+        if contacts.pushed[i] != 0:
+            first = forces[0, i, 0] + forces[0, i, 1]
+            middle = 0.5 * (forces[1, i, 0] + forces[1, i, 1] + forces[2, i, 0] + forces[2, i, 1])
+            last = forces[3, i, 0] + forces[3, i, 1]
+            (end[i, 0], end[i, 1], end[i, 2], end[i, 3], end[i, 4], end[i, 5]) = next_moments(
+                s[i, 0], s[i, 1], s[i, 2], s[i, 3], s[i, 4], s[i, 5], h, first, middle, last
+            )
+    gaps = contacts.gaps
+    for j in range(s.shape[0]):
+        z, slope, _ = gap_at(contacts.quintics, j, t + h)
+        gaps[Y_END, j] = z + memory(series, end, contacts.pushed, j, 0, 0.0)
+        gaps[V_END, j] = slope + memory(series, end, contacts.pushed, j, 1, 0.0)
+
+
+@kernel
+def at_stop(j, which, y, v, stage, contacts, stops, laws):
+    """Deflection of a stop with its rate, and margin with its rate.
+
+    They are taken from rows y and v of the gaps, and from the accelerations of a stage.
+    """
+    side = 2.0 * which - 1.0
+    deflection = side * (contacts.gaps[y, j] - stops.places[j, which])
+    speed, bend = side * contacts.gaps[v, j], side * contacts.accelerations[stage, j]
+    kind, row = stops.kinds[j, which], 2 * j + which
+    return (
+        deflection, speed,
+        margin_of(laws, kind, stops.numbers, row, deflection, speed),
+        margin_of(laws, kind, stops.numbers, row, speed, bend),
+    )  # fmt: skip
+
+
+@kernel
+def share_to_event(j, which, h, contacts, stops, laws):
+    """Share of a sub-step until the state of a stop changes, 2 if it does not."""
+    state = contacts.inside[j, which]
+    y0, v0, m0, p0 = at_stop(j, which, Y, V, 0, contacts, stops, laws)
+    y1, v1, m1, p1 = at_stop(j, which, Y_END, V_END, 3, contacts, stops, laws)
+    # where a state has just begun, the number that ended the one before is 0 up to rounding
+    if state == APART:
+        share, _ = time_to_stop(min(y0, 0.0), v0, y1, v1, h, 0.0)
+    elif state == PUSHES:
+        share, _ = time_to_stop(min(-m0, 0.0), -p0, -m1, -p1, h, 0.0)
+    else:
+        share, _ = time_to_stop(min(-y0, 0.0), -v0, -y1, -v1, h, 0.0)
+        again, _ = time_to_stop(min(m0, 0.0), p0, m1, p1, h, 0.0)
+        share = min(share, again)
+    return share
+
+
+@kernel
+def time_to_event(j, which, contacts, stops, laws):
+    """Time from the end of a sub-step until the state of a stop changes, by a Newton step; negative
+    where it changes before, nan where it does not come nearer."""
+    y, v, margin, rise = at_stop(j, which, Y_END, V_END, 3, contacts, stops, laws)
+    state = contacts.inside[j, which]
+    left, fall = margin, -rise
+    if state == APART:
+        left, fall = -y, v
+    elif state == WITHDRAWN:
+        left, fall = (y, -v) if y < -margin else (-margin, rise)
+    return left / fall if fall > 0.0 else math.nan
+
+
+@kernel
+def first_event(h, contacts, stops, laws):
+    """Share of a sub-step until the first event, 2 for none, and the stop: its pair and side."""
+    first, pair, upper = 2.0, -1, 0
+    for j in range(stops.places.shape[0]):
+        for which in range(2):
+            if math.isfinite(stops.places[j, which]) and contacts.resting[j, which] == 0:
+                share = share_to_event(j, which, h, contacts, stops, laws)
+                if share < first:
+                    first, pair, upper = share, j, which
+    return first, pair, upper
+
+
+@kernel
+def longest_sub_step(gaps, fastest, contacts, stops, laws):
+    """Longest sub-step, s: a fixed part of the shortest time scale.
+
+    The square of the largest rate is at most the sum of the squares of all rates.
+    """
+    square = fastest * fastest
+    for j in range(gaps.shape[0]):
+        for which in range(2):
+            if contacts.inside[j, which] != APART:
+                side = 2.0 * which - 1.0
+                push = max(max(side * gaps[j, 2], side * gaps[j, 5]), 0.0)
+                y = side * (contacts.gaps[Y, j] - stops.places[j, which])
+                rate = rate_of(
+                    laws, stops.kinds[j, which], stops.numbers, 2 * j + which, y,
+                    side * contacts.gaps[V, j], push,
+                )  # fmt: skip
+                square += rate * rate
+    return CONTACT_ANGLE / math.sqrt(square)
+
+
+@kernel
+def shorter_at_touch(h, contacts, stops, laws):
+    """Length of a sub-step that is at most h, s, shorter near the touch of a stop whose force is
+    not smooth there."""
+    shortest = FIRST_SHARE * h
+    for j in range(contacts.inside.shape[0]):
+        for which in range(2):
+            if contacts.inside[j, which] == APART:
+                continue
+            smooth = stops.smooth[j, which]
+            side = 2.0 * which - 1.0
+            y = side * (contacts.gaps[Y, j] - stops.places[j, which])
+            v = side * contacts.gaps[V, j]
+            if v != 0.0 and not smooth:
+                h = min(h, max(shortest, y / v if v > 0.0 else -0.5 * y / v))
+    return h
+
+
+@kernel
+def parabola_maximum(f0, middle, f1):
+    """Largest value of the parabola through values at 0, 1/2 and 1."""
+    slope, bend = 4.0 * middle - 3.0 * f0 - f1, 2.0 * (f0 + f1) - 4.0 * middle
+    highest = max(f0, f1)
+    if bend < 0.0 and 0.0 < slope < -2.0 * bend:
+        highest = max(highest, f0 - 0.25 * slope * slope / bend)
+    return highest
+
+
+@kernel
+def add_contacts(h, contacts, stops, laws, tally):
+    """Add impulse, dissipated energy, duration and peak force of a sub-step of all contacts."""
+    gaps, a, f, v = contacts.gaps, contacts.accelerations, contacts.forces, contacts.rates
+    peaks, sums = tally
+    for j in range(stops.places.shape[0]):
+        for which in range(2):
+            if contacts.inside[j, which] != PUSHES:
+                continue
+            side, kind, row = 2.0 * which - 1.0, stops.kinds[j, which], 2 * j + which
+            lossy = stops.lossy[j, which]
+            y0, y1 = gaps[Y, j], gaps[Y_END, j]
+            v0, v1 = gaps[V, j], gaps[V_END, j]
+            first = -side * f[0, j, which]
+            last = max(
+                force_of(laws, kind, stops.numbers, row, side * (y1 - stops.places[j, which]),
+                         side * v1), 0.0,
+            )  # fmt: skip
+            middle = force_of(
+                laws, kind, stops.numbers, row,
+                side * (0.5 * (y0 + y1) + 0.125 * h * (v0 - v1) - stops.places[j, which]),
+                side * (0.5 * (v0 + v1) + 0.125 * h * (a[0, j] - a[3, j])),
+            )  # fmt: skip
+            peaks[j, which] = max(peaks[j, which], parabola_maximum(first, middle, last))
+            target = ROWS_OF_PAIR + ROWS_OF_STOP * which
+            total = f[0, j, which] + 2.0 * (f[1, j, which] + f[2, j, which]) + f[3, j, which]
+            sums[j, target + IMPULSE] -= side * h / 6.0 * total
+            sums[j, target + TIME] += h
+            if lossy:
+                work = f[0, j, which] * v[0, j, which] + f[3, j, which] * v[3, j, which]
+                work += 2.0 * f[1, j, which] * v[1, j, which]
+                work += 2.0 * f[2, j, which] * v[2, j, which]
+                sums[j, target + LOSS] -= side * h / 6.0 * work
+
+
+@kernel
+def follow(followed, share, contacts, responses):
+    """Raise the largest accelerations to those at the start of a sub-step, at a share of what is
+    left of the step."""
+    ends, largest = followed
+    series, s = responses.accelerations, contacts.moments
+    for output in range(largest.shape[0]):
+        total = ends[0, output] + share * (ends[1, output] - ends[0, output])
+        for i in range(s.shape[0]):
+            if contacts.pushed[i] != 0:
+                force = contacts.forces[0, i, 0] + contacts.forces[0, i, 1]
+                total -= series[i, output, 0] * force
+                for m in range(min(MOMENTS, series.shape[2] - 1)):
+                    total -= series[i, output, m + 1] * s[i, m]
+        largest[output] = max(largest[output], abs(total))
+
+
+@kernel
+def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, tally, page):
+    """Change the state of a stop, or apply an impact on a rigid one, t s after the contacts began.
+
+    They began `start` s after the step.
+    """
+    peaks, sums = tally
+    gaps, inside = contacts.gaps, contacts.inside
+    side, kind, row = 2.0 * upper - 1.0, stops.kinds[pair, upper], 2 * pair + upper
+    stop = stops.places[pair, upper]
+    deflection, speed, margin, _ = at_stop(pair, upper, Y, V, 3, contacts, stops, laws)
+    if inside[pair, upper] != APART:
+        if inside[pair, upper] == WITHDRAWN and deflection > -margin:
+            inside[pair, upper] = PUSHES
+            return
+        lossy = stops.lossy[pair, upper]
+        if inside[pair, upper] == PUSHES and lossy and speed < 0.0:
+            # the stop pulls from here on, and follows the mass without a force
+            inside[pair, upper] = WITHDRAWN
+            if deflection > 0.0:
+                return
+        target = ROWS_OF_PAIR + ROWS_OF_STOP * upper
+        sums[pair, target + PEAK] += peaks[pair, upper]
+        sums[pair, target + ENDED] += 1.0
+        peaks[pair, upper] = 0.0
+        inside[pair, upper] = APART
+        gaps[Y, pair] = stop
+        return
+    gaps[Y, pair], w = stop, max(speed, 0.0)
+    counted = w >= stops.thresholds[pair]
+    sums[pair, 3 * upper] += 1.0 if counted else 0.0
+    sums[pair, 3 * upper + 1] += w
+    sums[pair, 3 * upper + 2] += w * w
+    if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
+        if page.open and counted:
+            log_impact(page, pair, start + t, side * w)
+    contacts.pushed[pair] = 1
+    rigid = stops.rigid[pair, upper]
+    if not rigid:
+        inside[pair, upper] = PUSHES
+        return
+    rebound = rebound_of(laws, kind, stops.numbers, row, w)
+    change = -side * (w + rebound)
+    contacts.moments[pair, 0] += change
+    for j in range(gaps.shape[1]):
+        gaps[V, j] += change * responses.gaps[pair, j, 1, 0]
+    gaps[V, pair] = -side * rebound
+    _, _, bend = gap_at(contacts.quintics, pair, t)
+    pressing = side * (bend + memory(
+        responses.gaps, contacts.moments, contacts.pushed, pair, 2, 0.0
+    ))  # fmt: skip
+    if pressing > 0.0 and rebound <= RESTING * pressing * step:
+        contacts.resting[pair, upper] = 1
+
+
+@kernel
+def integrate_contacts(
+    gaps, span, start, step, fastest, contacts, stops, laws, responses, followed, tally, page
+):  # fmt: skip
+    """Contacts until all have ended or the span is over; returns the time that this took, s.
+
+    On return `contacts` holds the moments of all pushes, and the values and slopes of all gaps.
+
+    Parameters
+    ----------
+    gaps : (pairs, 6), values, slopes and curvatures at both ends of the span, without the forces.
+    span, start, step : s, what is left of the step, the time since it began, and its length.
+    fastest : rad/s, the fastest rate of the structure.
+    followed : None, or `Followed`.
+    tally : `Tally`.
+    page : None, or part of a log.
+    """
+    inside, s, series = contacts.inside, contacts.moments, responses.gaps
+    pairs = gaps.shape[0]
+    for j in range(pairs):
+        quintic_coefficients(gaps, j, span, contacts.quintics)
+        contacts.gaps[Y, j], contacts.gaps[V, j] = gaps[j, 0], gaps[j, 1]
+        contacts.pushed[j] = 1 if inside[j, 0] + inside[j, 1] > 0 else 0
+        for k in range(MOMENTS):
+            s[j, k] = 0.0
+    t, events = 0.0, 0
+    longest = longest_sub_step(gaps, fastest, contacts, stops, laws)
+    while t < span:
+        h = min(shorter_at_touch(longest, contacts, stops, laws), span - t)
+        ends = h == span - t
+        sub_step(t, h, contacts, stops, laws, series)
+        if followed is not None:
+            follow(followed, t / span, contacts, responses)
+        share, pair, upper = first_event(h, contacts, stops, laws)
+        if share <= 1.0:
+            whole = h
+            h = max(share, SHORTEST_SUB_STEP) * whole
+            for _ in range(MOST_NEWTON):
+                sub_step(t, h, contacts, stops, laws, series)
+                left = time_to_event(pair, upper, contacts, stops, laws)
+                later = 0.5 * h if math.isnan(left) else min(max(h + left, 0.5 * h), whole)
+                if abs(later - h) <= EVENT_ERROR * whole:
+                    break
+                h = later
+            ends = False
+        add_contacts(h, contacts, stops, laws, tally)
+        t = span if ends else t + h
+        for j in range(pairs):
+            contacts.gaps[Y, j] = contacts.gaps[Y_END, j]
+            contacts.gaps[V, j] = contacts.gaps[V_END, j]
+            if contacts.pushed[j] != 0:
+                for k in range(MOMENTS):
+                    s[j, k] = contacts.moments_end[j, k]
+        if share > 1.0:
+            continue
+        apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, tally, page)
+        events += 1
+        rigid = stops.rigid[pair, upper]
+        if events >= MOST_BOUNCES and rigid:
+            contacts.resting[pair, upper] = 1
+        lasting = 0
+        for j in range(pairs):
+            lasting += inside[j, 0] + inside[j, 1]
+        if lasting == 0:
+            break
+        longest = longest_sub_step(gaps, fastest, contacts, stops, laws)
+    if followed is not None:
+        push_at(0, min(t, span), 0.0, contacts, stops, laws, series)
+        follow(followed, min(t, span) / span, contacts, responses)
+    return min(t, span)

@@ -1,0 +1,133 @@
+"""How kernels call the laws of stops.
+
+The functions of a class of laws are compiled apart from the kernels that call them, which know them
+by their addresses (`compiled_laws`). A kernel is therefore compiled once for all laws. The
+sub-steps of many lanes are one call, so that the price of a call does not count.
+"""
+
+from __future__ import annotations
+
+from numba.core import cgutils, types
+from numba.extending import intrinsic, overload
+
+from stochvi.engine.compiling import kernel
+from stochvi.engine.law import force, margin, rate, read, rebound
+from stochvi.engine.sub_steps import press
+
+FORCE, MARGIN, RATE, REBOUND = range(4)
+"""What is asked of the law of one stop."""
+
+OF_STOP = types.float64(
+    types.intp, types.float64[:, ::1], types.intp, types.float64, types.float64, types.float64
+)
+"""Signature of the function of one stop: what is asked, table and row of numbers, three numbers."""
+
+OF_LANES = types.intp(
+    types.float64[::1], types.intp, types.intp, types.float64[:, ::1], types.float64
+)
+"""Signature of the function of many lanes, `press`."""
+
+
+def call_of_stop(function, arguments):
+    """Call the function of one stop; a kernel knows it by its address."""
+    return function(*arguments)
+
+
+def call_of_lanes(function, arguments):
+    """Call the function of many lanes; a kernel knows it by its address."""
+    return function(*arguments)
+
+
+def _call(context, builder, signature, address, arguments, given):
+    values = [
+        context.cast(builder, builder.extract_value(arguments, k), given[k], wanted)
+        for k, wanted in enumerate(signature.args)
+    ]
+    kinds = [context.get_value_type(each) for each in signature.args]
+    kind = cgutils.ir.FunctionType(context.get_value_type(signature.return_type), kinds)
+    return builder.call(builder.inttoptr(address, kind.as_pointer()), values)
+
+
+@intrinsic
+def _call_of_stop(typing, address, arguments):
+    def codegen(context, builder, signature, values):
+        return _call(context, builder, OF_STOP, values[0], values[1], arguments)
+
+    return OF_STOP.return_type(types.intp, arguments), codegen
+
+
+@intrinsic
+def _call_of_lanes(typing, address, arguments):
+    def codegen(context, builder, signature, values):
+        return _call(context, builder, OF_LANES, values[0], values[1], arguments)
+
+    return OF_LANES.return_type(types.intp, arguments), codegen
+
+
+@overload(call_of_stop)
+def _choose_of_stop(function, arguments):
+    return lambda function, arguments: _call_of_stop(function, arguments)
+
+
+@overload(call_of_lanes)
+def _choose_of_lanes(function, arguments):
+    return lambda function, arguments: _call_of_lanes(function, arguments)
+
+
+call_of_stop.made_of = {object: (_choose_of_stop,)}  # type: ignore[attr-defined]
+call_of_lanes.made_of = {object: (_choose_of_lanes,)}  # type: ignore[attr-defined]
+
+
+@kernel
+def rebound_of(laws, kind, numbers, row, w):
+    """`rebound` of a stop with a law of the class `kind`, whose numbers are a row of a table."""
+    return call_of_stop(laws[kind, 0], (REBOUND, numbers, row, 0.0, w, 0.0))
+
+
+@kernel
+def force_of(laws, kind, numbers, row, y, v):
+    """`force` of a stop with a law of the class `kind`, whose numbers are a row of a table."""
+    return call_of_stop(laws[kind, 0], (FORCE, numbers, row, y, v, 0.0))
+
+
+@kernel
+def margin_of(laws, kind, numbers, row, y, v):
+    """`margin` of a stop with a law of the class `kind`, whose numbers are a row of a table."""
+    return call_of_stop(laws[kind, 0], (MARGIN, numbers, row, y, v, 0.0))
+
+
+@kernel
+def rate_of(laws, kind, numbers, row, y, v, push):
+    """`rate` of a stop with a law of the class `kind`, whose numbers are a row of a table."""
+    return call_of_stop(laws[kind, 0], (RATE, numbers, row, y, v, push))
+
+
+@kernel
+def press_all(laws, kind, memory, low, high, numbers, fastest):
+    """`press` of the lanes on stops with laws of the class `kind`."""
+    call_of_lanes(laws[kind, 1], (memory, low, high, numbers, fastest))
+
+
+def functions_of_class(law):
+    """The functions of the class of a law, of one stop and of many lanes.
+
+    The numbers of that law do not matter.
+    """
+
+    @kernel
+    def of_stop(what, numbers, row, y, v, push):
+        own = read(law, numbers, row)
+        if what == FORCE:
+            return force(own, y, v)
+        if what == MARGIN:
+            return margin(own, y, v)
+        if what == RATE:
+            return rate(own, y, v, push)
+        return rebound(own, v)
+
+    @kernel
+    def of_lanes(memory, low, high, numbers, fastest):
+        press(law, memory, low, high, numbers, fastest)
+        return 0
+
+    return of_stop, of_lanes

@@ -1,0 +1,63 @@
+"""A force that is linear between the points of a table."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stochvi.engine.law import MOST_NUMBERS, force, rate, read, read_lane
+
+KINK = 2.0
+"""How much shorter sub-steps are than for a straight line, since kinks lower their order to 3."""
+
+
+class ForceTable(NamedTuple):
+    """F = f_k + s_k (y - y_k) in the piece k.
+
+    Parameters
+    ----------
+    numbers : (rows, width). A row begins with the number of pieces; then y_k, f_k and s_k follow
+        for each piece, in m, m/s^2 and 1/s^2.
+    row : the row of this table.
+    """
+
+    numbers: NDArray[np.float64]
+    row: Any = 0
+
+    @classmethod
+    def of(cls, pieces: ArrayLike) -> Self:
+        """The law of pieces (pieces, 3)."""
+        found = np.asarray(pieces, float)
+        return cls(np.concatenate([[len(found)], found.ravel()])[None])
+
+
+@force.of(ForceTable)
+def _(law, y, v):
+    numbers, row = law
+    piece = int(numbers[row, 0]) - 1
+    while piece > 0 and y < numbers[row, 1 + 3 * piece]:
+        piece -= 1
+    k = 1 + 3 * piece
+    return numbers[row, k + 1] + numbers[row, k + 2] * (y - numbers[row, k])
+
+
+@rate.of(ForceTable)
+def _(law, y, v, push):
+    numbers, row = law
+    steepest = 0.0
+    for piece in range(int(numbers[row, 0])):
+        steepest = max(steepest, numbers[row, 3 + 3 * piece])
+    return KINK * math.sqrt(steepest)
+
+
+@read.of(ForceTable)
+def _(law, numbers, row):
+    return ForceTable(numbers, row)
+
+
+@read_lane.of(ForceTable)
+def _(law, lanes, lane, numbers):
+    return ForceTable(numbers, int(lanes[lane, MOST_NUMBERS]))
