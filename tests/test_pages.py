@@ -222,7 +222,7 @@ def test_numbers_of_the_first_screen_are_those_of_the_studies() -> None:
     assert f"{sigmas.min():.1f} to {sigmas.max():.1f} sigma" in text.replace("\n", " ")
     below = rule[rule["miles_over_rms"].isna()]
     ratio = below["hits_per_hour"] / below["hits_by_rice_per_hour"]
-    assert f"{ratio.min():.0f} to {ratio.max():.0f} times more" in text
+    assert f"{ratio.min():.0f} to {ratio.max():.0f} times Rice's count" in text
     records = pd.read_csv(CHECKOUT / "studies" / "17_records_of_the_field" / "result.csv")
     worst = records[records["kind"] == "two potholes, 9 g"].iloc[0]
     assert f"{worst['gaussian_mm']:.1f} mm" in text and f"{worst['needed_mm']:.1f} mm" in text
