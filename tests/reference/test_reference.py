@@ -20,6 +20,7 @@ HERE = Path(__file__).parent
 
 PUSHES = "what impacts and contacts change is added up in another order, and paths amplify rounding"
 CONTACTS = "contacts of several coordinates are integrated in the gaps, not in the modes"
+INTERVALS = "the interval of expected impacts holds their bias"
 
 OTHER_DIGITS = {
     "simulate modal, paths": PUSHES,
@@ -32,7 +33,10 @@ OTHER_DIGITS = {
     "impacts, rel_error": PUSHES,
     "bursts of a structure": PUSHES,
     "reliability of pairs": PUSHES,
+    "life times": PUSHES,
     "simulate modal contacts, paths": CONTACTS,
+    "reliability crude and splitting": INTERVALS,
+    "reliability by crossings": INTERVALS,
 }
 """Cases whose digits changed since, with the reason."""
 
