@@ -104,8 +104,7 @@ def sensitivity(sizing: Sizing | PairsSizing, **options: Unpack[AccuracyOptions]
 
     Examples
     --------
-    >>> from stochvi.sampling.options import DEFAULTS
-    >>> from stochvi.sampling.run import Run
+    >>> from stochvi.isolators.sizing.method import size
     >>> from stochvi.scenes.excitations import WhiteNoise
     >>> from stochvi.scenes.structures import Isolator
     >>> scene = Scene(
@@ -449,7 +448,7 @@ def slow_bursts(curve: RiskCurve, clearance: float, kurtosis: float, mission: fl
     ... )
     >>> from stochvi.isolators.sizing.answer import Target
     >>> target = Target(name="probability", value=0.01, unit="1")
-    >>> curve = risk_curve(scene, target, 3600.0, Run.of(DEFAULTS))
+    >>> curve = risk_curve(scene, target, 3600.0, Run.of({**DEFAULTS, "rel_error": 0.1}))
     >>> level = 5.6 * curve.crossings.displacement_std
     >>> slow_bursts(curve, level, 3.001, 3600.0) / curve.probability(level) < 1.05
     True
