@@ -227,7 +227,7 @@ def simulate(
                 executor=executor, progress=report, checkpoint=checkpoint, resume=resume, **asked,
             )  # fmt: skip
     except (NotConverged, KeyboardInterrupt) as reason:
-        so_far = getattr(reason, "response", None)  # Ctrl-C may come before there is a run
+        so_far = getattr(reason, "partial", None)  # Ctrl-C may come before there is a run
         if so_far is not None:
             show_response(options, so_far, loaded)
         remedy = how_to_go_on({"checkpoint": checkpoint, "resume": resume})

@@ -143,11 +143,12 @@ def reach(quantile: float, errors: Iterable[float], biases: Iterable[float]) -> 
 
 
 def logarithmic_interval(
-    value: float, error: float, degrees: float, confidence: float = CONFIDENCE
+    value: float, error: float, degrees: float, confidence: float = CONFIDENCE, bias: float = 0.0
 ) -> tuple[float, float]:
     """Student's interval of the logarithm of a positive number, value exp(-+ t error / value).
 
-    Its lower end is never below 0. For a value of 0 it is (0, infinity).
+    A bias moves both ends outwards. The lower end is never below 0. For a value of 0 the interval
+    is (0, infinity).
 
     >>> [round(end, 3) for end in logarithmic_interval(1.0, 0.1, 19)]
     [0.811, 1.233]
@@ -155,7 +156,7 @@ def logarithmic_interval(
     if value <= 0.0:
         return 0.0, math.inf
     reach = student_quantile(1.0 - confidence, degrees) * error / value
-    return value * math.exp(-reach), value * math.exp(reach)
+    return max(value * math.exp(-reach) - bias, 0.0), value * math.exp(reach) + bias
 
 
 def poisson_interval(

@@ -96,7 +96,8 @@ class Record:
     interpolated
         A sentence on an uneven clock, from whose times the values were interpolated; else empty.
     mean
-        The mean that was taken off, m/s^2 (or N).
+        The mean that reading took off, m/s^2 (or N); 0 for a record that was filtered, whose mean
+        is none of the motion that was asked for.
 
     See Also
     --------
@@ -153,7 +154,7 @@ class Record:
             lines = np.fft.rfft(part - trend)
             f = np.arange(len(lines)) * self.fs / len(part)
             parts.append(np.fft.irfft(lines * rounding.within(f, low_hz, high_hz), len(part)))
-        return replace(self, values=np.concatenate(parts))
+        return replace(self, values=np.concatenate(parts), mean=0.0)
 
     def slow_displacement(self, below_hz: float, omega: float, damping_rate: float) -> float:
         """Mean square displacement of an oscillator, m^2, that is due to frequencies below one,

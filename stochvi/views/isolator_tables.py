@@ -26,7 +26,7 @@ from stochvi.views.tables import (
     print_table,
     value_with_error,
 )
-from stochvi.views.words import clearances_of_changes, places_of_stops
+from stochvi.views.words import clearances_of_changes, places_of_stops, way_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -208,9 +208,9 @@ def _print_hits(console: Console, sizing: Sizing) -> None:
         table = sizing.simulated[sizing.simulated["clearance"].isin(places)]
         print_frame(
             console,
-            table.assign(
-                clearance=1e3 * table["clearance"], by=table["by"].replace("bursts", "clusters")
-            )[list(HIT_COLUMNS)].rename(columns=HIT_COLUMNS),
+            table.assign(clearance=1e3 * table["clearance"], by=table["by"].map(way_in_words))[
+                list(HIT_COLUMNS)
+            ].rename(columns=HIT_COLUMNS),
             "impacts on all stops, with the stop law",
         )
         print_line(console, HITS_PER_FIRST_HIT)

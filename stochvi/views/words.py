@@ -109,6 +109,11 @@ def count_of(number: float) -> str:
     return f"{float(f'{number:.3g}'):,.0f}".replace(",", " ")
 
 
+def way_in_words(way: str) -> str:
+    """How impacts were found, in the words of the glossary: JSON keys say "bursts"."""
+    return way.replace("bursts", "clusters")
+
+
 def name_of_answer(sizing: Sizing) -> str:
     """Name of the calculated clearance on a page; where a record contradicts the Gaussian noise for
     which it holds, that is said."""

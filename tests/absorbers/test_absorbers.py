@@ -774,11 +774,11 @@ def test_what_a_box_does_is_what_a_plain_integration_does() -> None:
     assert found.wall_force_peak is not None and found.wall_acceleration_largest is not None
     agrees(found.peak_factor_without, free[:, 0], 1.3)
     assert found.displacement_std_without == pytest.approx(1.0, rel=1e-9)
-    # each contact is taken for that of a free mass: brief against the period, not instantaneous
-    assert found.wall_force_largest.value == pytest.approx(highest.mean(), rel=0.15)
-    assert found.wall_acceleration_largest.value == pytest.approx(highest.mean(), rel=0.15)
-    assert found.wall_force_peak.value == pytest.approx(contacts.mean(), rel=0.25)
-    assert found.impulse.value == pytest.approx(impulse.sum() / fast.sum(), rel=0.25)
+    agrees(found.wall_force_largest, highest, 1.3)
+    agrees(found.wall_acceleration_largest, highest, 1.3)
+    agrees(found.wall_force_peak, contacts, 1.3)
+    each = impulse.sum() / fast.sum()
+    agrees(found.impulse, each + (impulse - each * fast) / fast.mean(), 1.3)
 
 
 @njit

@@ -51,9 +51,9 @@ class ModalContactsPlan(ModalPlan):
         """Fastest rate of the structure in contacts, rad/s; None where all stops are rigid."""
         if not self.contacts:
             return None
-        damping = np.linalg.eigvalsh(self.modes.damping)
-        decay = 0.0 if self.modes.kicked else float(damping[-1])
-        return max(self.modes.fastest, decay)
+        if self.modes.kicked:
+            return self.modes.fastest
+        return max(self.modes.fastest, float(np.linalg.eigvalsh(self.modes.damping)[-1]))
 
 
 def plan_modal_contacts(

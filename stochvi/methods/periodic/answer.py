@@ -162,8 +162,8 @@ class Jump:
     @property
     def changes(self) -> tuple[float, float]:
         """Changes of the largest displacement (m) and of the impact speed (m/s)."""
-        before, after = zip(self.displacement_max, self.impact_speed, strict=True)
-        return abs(after[0] - before[0]), abs(after[1] - before[1])
+        lengths, speeds = self.displacement_max, self.impact_speed
+        return abs(lengths[1] - lengths[0]), abs(speeds[1] - speeds[0])
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -265,9 +265,9 @@ class Jobs:
             return 0.0, estimate.upper_95
         # the standard error is Student's already where samples are few (`of_events`)
         error = estimate.standard_error / student_factor(samples)
-        low, high = logarithmic_interval(estimate.value, error, samples - 1, self.confidence)
-        bias = estimate.bias or 0.0
-        return max(low - bias, 0.0), high + bias
+        return logarithmic_interval(
+            estimate.value, error, samples - 1, self.confidence, estimate.bias or 0.0
+        )
 
     def _found(self, plan: MissionPlan, event: str, way: Way | None, hits: bool) -> Found:
         """Run the pilot, choose a way, and run the second stage."""

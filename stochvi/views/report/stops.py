@@ -24,6 +24,7 @@ from stochvi.views.words import (
     count_of,
     four_digits,
     names_of_places,
+    way_in_words,
     with_article,
     with_interval,
 )
@@ -139,7 +140,7 @@ def _hit_rows(review: Review) -> list[list[str]]:
         ),
         row("impacts per first impact", lambda hits: _seen(hits.hits_per_first_hit)),
         row("mean impact speed (m/s)", lambda hits: _seen(hits.impact_speed_mean)),
-        row("impacts found by", lambda hits: hits.by.replace("bursts", "clusters")),
+        row("impacts found by", lambda hits: way_in_words(hits.by)),
     ]
 
 
