@@ -110,7 +110,7 @@ def count_of(number: float) -> str:
 
 
 def way_in_words(way: str) -> str:
-    """How impacts were found, in the words of the glossary: JSON keys say "bursts"."""
+    """How impacts were found, in the words of the glossary; JSON keys say `bursts`."""
     return way.replace("bursts", "clusters")
 
 
