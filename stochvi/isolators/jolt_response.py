@@ -146,11 +146,10 @@ class Jolts(Result):
         if known is not None:
             below = self.clearance <= known.energy_boundary
             found += (
-                f"; the sine alone can keep up the resonant regime to a clearance of "
+                "; the sine alone can keep up the resonant regime to a clearance of "
                 f"{1e3 * known.energy_boundary:.4g} mm (harmonic linearisation: "
                 f"{1e3 * known.harmonic_boundary:.4g} mm), and the clearance here is "
-                f"{1e3 * self.clearance:.4g} mm"
-                f"{'' if below else ', beyond it'}"
+                f"{1e3 * self.clearance:.4g} mm{'' if below else ', beyond it'}"
             )
         rate, low, high = self.escape_rate()
         if caught and rate > 0.0:

@@ -171,9 +171,8 @@ def print_explanation(console: Console, explanation: Explanation) -> None:
     plan = explanation.simulation
     if plan is not None:
         console.print(
-            f"{plan.method}: {plan.states} states, step {plan.step:.3g} s, "
-            f"{plan.steps_per_path} steps a path "
-            f"({plan.burn_in:.3g} s of burn-in, {plan.duration:.3g} s counted), "
+            f"{plan.method}: {plan.states} states, step {plan.step:.3g} s, {plan.steps_per_path} "
+            f"steps a path ({plan.burn_in:.3g} s of burn-in, {plan.duration:.3g} s counted), "
             f"{plan.nanoseconds_per_step:.2g} ns a step here",
             highlight=False,
         )

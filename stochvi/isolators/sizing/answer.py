@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
 HITS_PER_FIRST_HIT = (
     "impacts per first impact: the first one and those that follow from it, impacts above the "
-    "speed "
-    "threshold alone"
+    "speed threshold alone"
 )
 """Definition of the column of hits per first hit, in words."""
 

@@ -154,9 +154,8 @@ def _check(
         raise NotApplicable("clatter", ["the scene needs an impact_pair, for its law"])
     if any(stop.rigid for stop in model.stops):
         unmet.append(
-            "a stop with a restitution alone has no stiffness, so impacts have no "
-            "acceleration; give "
-            "an elastic, viscoelastic, hertz or table law"
+            "a stop with a restitution alone has no stiffness, so impacts have no acceleration; "
+            "give an elastic, viscoelastic, hertz or table law"
         )
     if stiffness_ratios is not None and not all(
         isinstance(stop.law, Elastic | Viscoelastic) for stop in model.stops

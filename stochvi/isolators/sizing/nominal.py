@@ -146,14 +146,12 @@ BY_FIRST_CROSSINGS = (
     "impact law enters"
 )
 BY_HITS = (
-    "impacts with the stop law: clusters simulated from first impacts on where these are "
-    "rare, else the "
-    "whole motion; the same random numbers at every clearance"
+    "impacts with the stop law: clusters simulated from first impacts on where these are rare, "
+    "else the whole motion; the same random numbers at every clearance"
 )
 BY_BURSTS = (
-    "clusters of impacts simulated with the stop law from first impacts on; fast first "
-    "impacts drawn more "
-    "often, and weighted"
+    "clusters of impacts simulated with the stop law from first impacts on; fast first impacts "
+    "drawn more often, and weighted"
 )
 
 METHODS = {"probability": BY_FIRST_CROSSINGS, "rate": BY_HITS}
@@ -254,9 +252,8 @@ class _Job:
         reached = largest_error(self.curve.crossings, self.mission)
         if reached > SEARCH.most_error:
             raise self.deadline.fell_short(
-                f"at a relative error of {reached:.3g} of the probability of an impact: "
-                "hardly any first "
-                "hit was seen",
+                f"at a relative error of {reached:.3g} of the probability of an impact: hardly any "
+                "first hit was seen",
                 "raise budget",
             )
         if reached > self.rel_error:
@@ -438,9 +435,8 @@ class _Job:
             return answer
         beyond = "" if self.target.exceedance is None else " beyond the limit"
         reached = (
-            f"the budget ended at a relative error of {error:.3g} of the rate of "
-            f"impacts{beyond} at "
-            f"{1e3 * place:.4g} mm"
+            f"the budget ended at a relative error of {error:.3g} of the rate of impacts{beyond} "
+            f"at {1e3 * place:.4g} mm"
         )
         if self.target.exceedance is not None:
             raise NotConverged(
@@ -723,10 +719,8 @@ class _Job:
                 self.warnings.append(
                     f"stops pump this mount: at {1e3 * place:.4g} mm ({place / self.sigma:.3g} "
                     f"sigma) a first impact leads to {tried.hits_per_burst:.3g} impacts on "
-                    "average, "
-                    f"{over_rice:.3g} times what Rice's rate says; the probability of any "
-                    "impact is right "
-                    "all the same"
+                    f"average, {over_rice:.3g} times what Rice's rate says; the probability of any "
+                    "impact is right all the same"
                 )
 
 

@@ -113,9 +113,8 @@ METHOD = (
 
 
 BY_HITS = (
-    "impacts with all stops: clusters from first impacts on where these are rare, else "
-    "windows of the "
-    "whole motion; the same random numbers at all clearances"
+    "impacts with all stops: clusters from first impacts on where these are rare, else windows of "
+    "the whole motion; the same random numbers at all clearances"
 )
 
 
@@ -447,9 +446,8 @@ class _PairsJob:
                 "size",
                 [
                     f"no clearance of {self.pair} keeps the probability of any impact at "
-                    f"{self.target.value:g}: the other stops ({others}) are hit with a "
-                    "probability of "
-                    f"{total.least:.3g} (one of them alone with {most:.3g}); size all pairs "
+                    f"{self.target.value:g}: the other stops ({others}) are hit with a probability "
+                    f"of {total.least:.3g} (one of them alone with {most:.3g}); size all pairs "
                     "together, or move the others farther away"
                 ],
             )
@@ -516,9 +514,8 @@ class _PairsJob:
         reached = largest_error(together, self.mission)
         if reached > MOST_ERROR:
             raise self.deadline.fell_short(
-                f"at a relative error of {reached:.3g} of the probability of an impact: "
-                "hardly any first "
-                "hit was seen",
+                f"at a relative error of {reached:.3g} of the probability of an impact: hardly any "
+                "first hit was seen",
                 "raise budget",
             )
         late = []
@@ -572,9 +569,8 @@ class _Total:
         wanted = math.log(-math.log1p(-probability))
         if not self.logs[0] <= wanted <= self.logs[-1]:
             raise ValueError(
-                f"probability must be in [{self.least:.3g}, {self.most:.3g}], the "
-                "probabilities at the "
-                f"clearances that are looked at for this mission, got {probability:g}; ask for "
+                f"probability must be in [{self.least:.3g}, {self.most:.3g}], the probabilities at "
+                f"the clearances that are looked at for this mission, got {probability:g}; ask for "
                 "another probability or mission"
             )
         low, high = self.risks[[0, -1]]

@@ -140,9 +140,8 @@ class RiskCurve:
         usable = (chance > 0.0) & (chance < KNOWN)
         if usable.sum() < 2:
             raise ValueError(
-                f"the probability of an impact in {self.mission:g} s is 0 or 1 at all "
-                "clearances that were "
-                "tried; change the mission"
+                f"the probability of an impact in {self.mission:g} s is 0 or 1 at all clearances "
+                "that were tried; change the mission"
             )
         half = _half_widths(self.probabilities)[usable]
         rates = np.array(self.first_rates, dtype=float)

@@ -150,8 +150,8 @@ class TabulatedNoise(DensityNoise):
                 )  # fmt: skip
         if self.frequency_hz is None or self.density is None:
             raise ValueError(
-                "needs frequency_hz and density together, "
-                f"got {given(self, 'frequency_hz', 'density')}"
+                "needs frequency_hz and density together, got "
+                f"{given(self, 'frequency_hz', 'density')}"
             )
         return Columns(x=np.array(self.frequency_hz), y=np.array(self.density))
 

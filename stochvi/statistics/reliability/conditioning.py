@@ -104,8 +104,7 @@ def harder_hits_of_pairs(
         rule, upper = f"upper limit: {estimate.how}", estimate.upper_95 or 1.0
     why = {
         "bursts": "clusters: first impacts of all pairs are given, those that are fast more "
-        "often, and "
-        "what follows them is simulated with all stops",
+        "often, and what follows them is simulated with all stops",
         "windows": "windows: impacts hardly pause here, so that windows of the whole motion are "
         "simulated with all stops",
     }[found.way]
@@ -222,9 +221,8 @@ def exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Jobs
     way, why = (
         "bursts",
         (
-            "clusters: first impacts are given, what follows them is simulated, and a "
-            "splitting finds "
-            "those clusters in which any impact exceeds the limit"
+            "clusters: first impacts are given, what follows them is simulated, and a splitting "
+            "finds those clusters in which any impact exceeds the limit"
         ),
     )
     if isinstance(found.kind, Windows):

@@ -416,8 +416,7 @@ def _barriers(model: Model, barrier: float | Ends | None) -> Ends:
         if barrier is not None:
             raise ValueError(
                 "barrier is for scenes without stops: an impact of the stops is what is asked "
-                "after "
-                "here; leave barrier out, or take impact_pair out of the scene"
+                "after here; leave barrier out, or take impact_pair out of the scene"
             )
         pair = model.pairs[0]
         lower, upper = (
@@ -490,9 +489,9 @@ def _assumptions(scene: Scene, start: str) -> list[str]:
         found.append("missions start at rest, where spring and load balance")
     else:
         found.append(
-            "missions start in the stationary motion: for an impact or a passage in that "
-            "without stops "
-            "and barriers, beyond which it has happened at once; for all else in that with stops"
+            "missions start in the stationary motion: for an impact or a passage in that without "
+            "stops and barriers, beyond which it has happened at once; for all else in that with "
+            "stops"
         )
     found.append("intervals cover statistical errors; the bias of the step is stated apart")
     return found
@@ -524,9 +523,8 @@ def _beyond_at_the_start(
         else ""
     )
     return [
-        f"{chance.event}: {outside:.3g} of it is the probability that the motion without "
-        f"{beyond} is "
-        f"beyond them at the start already{apart}; start at rest to leave that out"
+        f"{chance.event}: {outside:.3g} of it is the probability that the motion without {beyond} "
+        f"is beyond them at the start already{apart}; start at rest to leave that out"
     ]
 
 

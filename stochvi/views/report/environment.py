@@ -155,9 +155,8 @@ def gap_section(review: Review) -> Section:
         title="Gap and stops",
         lead="A clearance is the distance of a stop from the static equilibrium, where the mass "
         "hangs, relative to the base. Positions in a scene file (lower, upper) count from the "
-        f"unloaded spring; {rest}. The probability of any impact does not depend on the law "
-        "of the stops; "
-        "what the impacts do depends on it.",
+        f"unloaded spring; {rest}. The probability of any impact does not depend on the law of the "
+        "stops; what the impacts do depends on it.",
         facts=facts,
         pictures=[
             shown(

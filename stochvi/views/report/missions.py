@@ -180,10 +180,8 @@ def _chances_grid(found: Reliability) -> Grid:
 def _pairs_grid(found: Reliability) -> Grid:
     return Grid(
         caption="Pair by pair: the probability of an impact if this pair alone had stops, and "
-        "its share of "
-        "the first impacts of a mission; its expected impacts there and their mean speed, "
-        "with all stops "
-        "where they are",
+        "its share of the first impacts of a mission; its expected impacts there and their mean "
+        "speed, with all stops where they are",
         headings=[
             "pair",
             "probability alone",

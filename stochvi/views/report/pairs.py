@@ -204,8 +204,7 @@ def _box_sections(sizing: PairsSizing) -> list[Section]:
             title="The box",
             lead="Three sigma of one axis is the clearance that sizing the box as one oscillator "
             "along each axis would give; the probability there is that of an impact of the "
-            "snubber alone, "
-            "by Rice's rate of crossings of the gap as it moves on the real box.",
+            "snubber alone, by Rice's rate of crossings of the gap as it moves on the real box.",
             grids=[
                 _grid("Snubber by snubber, against one oscillator", one_axis_in_rows(sizing)),
                 _grid("Natural modes without stops", modes_in_rows(sizing.box)),

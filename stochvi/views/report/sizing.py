@@ -356,8 +356,7 @@ def _screening(review: Review) -> Section:
             "Zero up-crossings",
             f"{linear.zero_crossing_rate or 0.0:.4g} Hz",
             f"natural frequency {review.mount.natural_frequency_hz:.4g} Hz; far above it one "
-            "impact "
-            "starts a cluster",
+            "impact starts a cluster",
         ),
         *_miles(linear, more),
         Fact("3 sigma", millimetres(three.clearance), "per side, three times s_x"),
@@ -436,22 +435,20 @@ def _risk(review: Review) -> Section:
             "Dashed: Rice's crossings taken for independent impacts."
             if sizing.target.exceedance is None
             else "Probability in the mission that an impact exceeds the limit, against "
-            "clearance, as "
-            "simulated with the stops; grey: that of any impact.",
+            "clearance, as simulated with the stops; grey: that of any impact.",
         ),
         shown(
             lambda: plot_hit_rate(review),
-            "Impacts per second (of all stops) against "
-            "clearance: by Rice, the rate of first impacts, and simulated with the stops.",
+            "Impacts per second (of all stops) against clearance: by Rice, the rate of first "
+            "impacts, and simulated with the stops.",
         ),
     ]
     return Section(
         title="Required clearance",
         lead="The probability of any impact depends on the motion without stops alone: "
-        "nothing has been "
-        "hit before the first impact. Intervals are those of the calculation; they do not "
-        "hold what "
-        "is unknown of the mount and the environment: tolerances are for that.",
+        "nothing has been hit before the first impact. Intervals are those of the calculation; "
+        "they do not hold what is unknown of the mount and the environment: tolerances are for "
+        "that.",
         grids=[grid],
         pictures=pictures,
     )

@@ -236,12 +236,9 @@ def hard_hits_section(review: Review) -> Section:
     return Section(
         title=title,
         lead=f"The probability that any impact of the mission ({mission}) has "
-        f"{with_article(what)} above "
-        "a limit, with the law of the stops; 95 % intervals below. Clusters of impacts were "
-        "simulated "
-        "with fast first impacts drawn more often and weighted; where impacts hardly pause, "
-        "the whole "
-        "motion.",
+        f"{with_article(what)} above a limit, with the law of the stops; 95 % intervals below. "
+        "Clusters of impacts were simulated with fast first impacts drawn more often and "
+        "weighted; where impacts hardly pause, the whole motion.",
         grids=[
             Grid(
                 caption=f"Probability in {mission} that the largest {what} exceeds a limit",
