@@ -80,13 +80,12 @@ def sweep(
 ) -> pd.DataFrame:
     """Answer for each combination of values of some keys of a scene: one row for each scene.
 
-    The columns are the keys; then for each quantity ("stops.collision_rate", in SI units) its
-    value, "stops.collision_rate.standard_error", "stops.collision_rate.bias" and
-    "stops.collision_rate.bias_error", as an `Estimate` has them, and where a row saw no such event
-    "stops.collision_rate.upper_95", the upper 95 % limit; for each impact pair
-    "stops.speed_threshold", the slowest impact that its rates count, m/s, which may differ between
-    rows; the method, the seed, the number of paths, and the seconds that the row took. A column
-    "note" says why a row holds no answer, or not the accuracy that was asked for.
+    The first columns are the keys. Each quantity has a column with its value in SI units, as
+    "stops.collision_rate". Beside it stand ".standard_error", ".bias" and ".bias_error", as an
+    `Estimate` has them. ".upper_95" is the upper 95 % limit where a row saw no such event. Each
+    impact pair has "stops.speed_threshold", the slowest impact that its rates count, m/s, which may
+    differ between rows. The last columns are the method, the seed, the number of paths, and the
+    seconds that the row took. "note" says why a row holds no answer, or not the accuracy wanted.
 
     Parameters
     ----------
@@ -98,18 +97,17 @@ def sweep(
         entries of a list.
     method
         One of `METHODS`. "linearise" takes a `form` and a `variant`; "size" gives the clearance, 3
-        sigma and the expected hits, "reliability" chances of events and expected hits of a mission,
-        "replay" what the record itself does.
+        sigma and the expected impacts, "reliability" probabilities of events and expected impacts
+        of a mission, "replay" what the record itself does.
     out
-        Folder in which rows are kept. A row that is kept there already, of the same scene,
-        arguments and versions, is not computed again, and a row that was being simulated goes on
-        from its checkpoint. A damaged file leads to a UserWarning that names it, and its row is
-        computed again.
+        Folder in which rows are kept. A row of the same scene, arguments and versions that is kept
+        there is not computed again. A row that was being simulated goes on from its checkpoint. A
+        damaged file leads to a UserWarning that names it, and its row is computed again.
     common
         Whether all rows use the same seed, so that rows differ by their scenes and not by their
         random numbers. Otherwise each row has a seed of its own, made of `seed` and its scene.
     progress
-        Called now and then with what is done and what was reached.
+        Called now and then with the fraction done and a sentence on the accuracy reached.
     **arguments
         `RunOptions`: seed, threads, executor, budget, checkpoint and resume. The budget is that of
         each row, and N rows take up to N times as long; one checkpoint holds the samples of all
@@ -448,8 +446,8 @@ class Summary:
 
 
 def summary_of_sizing(found: Sizing | PairsSizing) -> Summary:
-    """Clearance, 3 sigma and hits of a sizing, or clearances by pair; the error of a clearance is
-    that of its interval, taken for Gaussian."""
+    """Clearance, 3 sigma and impacts of a sizing, or clearances by pair; the error of a clearance
+    is that of its interval, taken for Gaussian."""
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
 
     def clearance(c: Clearance) -> Estimate:
@@ -474,7 +472,7 @@ def summary_of_sizing(found: Sizing | PairsSizing) -> Summary:
 
 
 def summary_of_reliability(found: Reliability) -> Summary:
-    """Chances by event, and expected hits, of a mission."""
+    """Probabilities by event, and expected impacts, of a mission."""
     chances = {name: chance.estimate for name, chance in found.chances.items()}
     return Summary(
         quantities={"mission": {**chances, "expected_hits": found.hits}}, cost=found.cost

@@ -1,10 +1,11 @@
 """For other people's integrators: scenes with known answers, and a judge of what a code finds.
 
 `judge` takes any function that integrates a linear structure between rigid stops (SciPy, JAX, C
-behind a wrapper) and says, quantity by quantity, whether it agrees with the exact answers, by how
-much it is off where it does not, and what that looks like. `judge_file` does the same with what
-another program wrote, for a problem that `stochvi problems` wrote as plain numbers. `known_answers`
-are those answers, `assert_agrees` the comparison of one sampled number with one of them.
+behind a wrapper). It says, quantity by quantity, whether the function agrees with the exact
+answers. Where it does not, it says by how much, and names likely causes. `judge_file` does the same
+with what another program wrote, for a problem that `stochvi problems` wrote as plain numbers.
+`known_answers` are those answers, `assert_agrees` the comparison of one sampled number with one of
+them.
 
 In a test suite of one's own pytest knows the fixture `stochvi_judge`:
 

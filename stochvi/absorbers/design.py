@@ -79,7 +79,7 @@ class Design(Result):
     Parameters
     ----------
     restitution, units
-        Restitution of the walls and number of units of the best candidate.
+        Restitution of the stops and number of units of the best candidate.
     best
         Best box of that candidate at the level of the scene.
     robust
@@ -141,11 +141,11 @@ def design_absorber(
 ) -> Design:
     """Find the box, restitution and number of units that calm a structure most, for one mass.
 
-    Each candidate's rms ratio is simulated at plays from 0.75 to 14 rms displacements with the
-    same random numbers, and again closer to the best of them for the best candidate. A polynomial
-    in log play through the points gives the best play; its interval comes from curves drawn
-    within their errors. The system is homogeneous: a level raised by 20 log10 r acts like a play
-    that is r times smaller, so that one curve holds all levels.
+    The rms ratio of each candidate is simulated at plays from 0.75 to 14 rms displacements with the
+    same random numbers. A second, closer search is made for the best candidate. A polynomial in log
+    play through the points gives the best play; its interval comes from curves drawn within their
+    errors. The system is homogeneous: a level raised by 20 log10 r acts like a play that is r times
+    smaller, so that one curve holds all levels.
 
     Parameters
     ----------
@@ -155,12 +155,12 @@ def design_absorber(
     mass_budget
         Mass of all units together, kg.
     restitutions, units
-        Restitutions of the walls and numbers of units from which the best are chosen.
+        Restitutions of the stops and numbers of units from which the best are chosen.
     plays
         Total plays of the first look, in rms displacements of the structure alone; at least 4.
     level_range_db
-        The robust box has the lowest worst ratio over all levels from this much below that of the
-        scene to this much above it, dB.
+        Range of levels for the robust box, dB below and above that of the scene: over this range
+        its worst ratio is the lowest.
     **options
         `AccuracyOptions`: `rel_error` is that of the points close to the best one, by default 0.01;
         all points share the `budget` in proportion to the accuracy that is asked for there.
@@ -386,7 +386,7 @@ def _check(
     if structure.impact_pairs:
         unmet.append("the structure itself must have no stops")
     if any(isinstance(each, ConstantLoad) for each in structure.excitations):
-        unmet.append("a constant load would press the mass onto its wall")
+        unmet.append("a constant load would press the mass onto its stop")
     if unmet:
         raise NotApplicable("absorber design", unmet)
     if not restitutions or not units:

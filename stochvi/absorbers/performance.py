@@ -69,18 +69,18 @@ class Performance:
         Impacts of all units together that are faster than the threshold, per period of the motion
         of the carrier.
     wall_force
-        Mean over time of the magnitude of the forces on all walls, N.
+        Mean over time of the magnitude of the forces on all stops, N.
     impulse
         Mean impulse of an impact faster than the threshold, N s.
     wall_force_peak
-        Mean over all contacts of the largest force in each, N; None where a wall is rigid, as a
+        Mean over all contacts of the largest force in each, N; None where a stop is rigid, as a
         restitution does not know the force of an impact.
     wall_force_largest, wall_acceleration_largest
-        Mean over windows of `PEAK_PERIODS` periods of the largest force on a wall, N, and of the
-        largest acceleration that such a force gives the carrier, m/s^2; None where a wall is rigid.
-        Each contact is taken for that of a free mass of the same impact speed.
+        Largest force on a stop, N, and largest acceleration that such a force gives the carrier,
+        m/s^2: means over windows of `PEAK_PERIODS` periods. None where a stop is rigid. Each
+        contact is taken for that of a free mass of the same impact speed.
     absorbed_share
-        Share of the supplied power that impacts take; of walls that give way, the share that brief
+        Share of the supplied power that impacts take; of compliant stops, the share that brief
         contacts would take.
     response
         The simulation that these numbers come from.
@@ -115,7 +115,7 @@ class PlayRatio:
     """The rms ratio that a box of another play would have under the excitation of the scene.
 
     `play_factor` is its play over that of the scene; `play` its play, m, None where the boxes of
-    the scene differ or have one wall; `low` and `high` bound `ratio` with 95 % confidence.
+    the scene differ or have one stop; `low` and `high` bound `ratio` with 95 % confidence.
     """
 
     play_factor: float
@@ -130,11 +130,11 @@ class AbsorberReport(Result):
     """An absorber over levels of the excitation: one `Performance` each, and what it cost.
 
     `warnings` are those of the level nearest to the scene's own. `play_curve` holds the rms ratio
-    against the play of the boxes, by rising play. It needs no simulation of its own: where the play
-    of the boxes is the only length, the motion scales with it, and a level raised by 20 lg r
-    decibels acts like a play r times smaller. It is empty where a load, or a wall whose stiffness
-    depends on its deflection, brings another length. `tuned_damper` is the same mass on a tuned
-    spring and dashpot, None where none is known (several coordinates under a sine).
+    against the play of the boxes, by rising play. It needs no simulation of its own. Where the play
+    of the boxes is the only length, the motion scales with it: a level raised by 20 lg r decibels
+    acts like a play r times smaller. It is empty where a load, or a stop whose stiffness depends on
+    its deflection, brings another length. `tuned_damper` is the same mass on a tuned spring and
+    dashpot, None where none is known (several coordinates under a sine).
 
     See Also
     --------
@@ -246,7 +246,7 @@ def absorber(
         raise NotApplicable(
             "absorber",
             [
-                "the scene must have an [absorber] with mass (kg), play (m, wall to wall) and law, "
+                "the scene must have an [absorber] with mass (kg), play (m, stop to stop) and law, "
                 "or mass_on; a mass budget (--mass-budget) finds the best one"
             ],
         )
@@ -460,8 +460,8 @@ def _scales(stop: Stop) -> bool:
 
 @dataclass(frozen=True)
 class _Windows:
-    """Peaks of the carrier's displacement, its absolute acceleration, and the largest forces of
-    walls that give way with the accelerations that these give the carrier, from recorded paths."""
+    """Peaks from recorded paths: the carrier's displacement, its absolute acceleration, and the
+    largest forces of compliant stops with the accelerations that these give the carrier."""
 
     peak: Estimate
     acceleration: Estimate | None
@@ -552,8 +552,8 @@ def _windows(scene: Scene, carrier: str, period: float, run: Run) -> _Windows:
 
 
 def _wall_peaks(model: Model, row: int, record: pd.DataFrame) -> Vector:
-    """Means over windows of the largest force on a wall (N), and of the largest acceleration
-    (m/s^2) that such a force gives a coordinate, of a path (2,)."""
+    """Largest force on a stop (N), and largest acceleration (m/s^2) that such a force gives a
+    coordinate: means over the windows of a path (2,)."""
     largest = np.zeros((2, WINDOWS_OF_PATH))
     for pair in model.pairs:
         moved = abs(float(np.linalg.solve(model.mass, pair.direction)[row]))
@@ -628,7 +628,7 @@ def _absorbed(model: Model, response: Response) -> Estimate | None:
 
 
 def _mean_peak(found: Sequence[PairResponse]) -> Estimate | None:
-    """Mean over the contacts of all pairs of the largest force in each, N; None of rigid walls."""
+    """Mean over the contacts of all pairs of the largest force in each, N; None of rigid stops."""
     peaks = [each.peak_force for each in found]
     rates = [_known(each.collision_rate).value for each in found]
     if any(peak is None for peak in peaks) or not sum(rates):
@@ -637,7 +637,7 @@ def _mean_peak(found: Sequence[PairResponse]) -> Estimate | None:
 
 
 def _pushes(pair: Pair, found: PairResponse) -> list[Estimate]:
-    """Mean forces on the walls of a box, N: those of contacts, or by impulses on rigid walls."""
+    """Mean forces on the stops of a box, N: those of contacts, or by impulses on rigid stops."""
     if pair.rigid:
         return [_known(found.impact_speed_rate) * (pair.mass * (1.0 + _restitution(pair)))]
     forces = {"lower": found.contact_force_lower, "upper": found.contact_force_upper}
@@ -645,7 +645,7 @@ def _pushes(pair: Pair, found: PairResponse) -> list[Estimate]:
 
 
 def _restitution(pair: Pair) -> float:
-    """Restitution of the walls of a box, which have one law."""
+    """Restitution of the stops of a box, which have one law."""
     (coefficient,) = {stop.law.restitution for stop in pair.stops}
     return coefficient
 

@@ -37,7 +37,7 @@ PLAYS = np.geomspace(0.02, 3.0, 61)
 """Plays of a tuning curve, over the travel of the structure without the absorber, peak to peak."""
 
 GAPS = np.linspace(-1.0, 2.0, 61)
-"""Gaps of a tuning curve of one wall, over the largest displacement of the structure without the
+"""Gaps of a tuning curve of one stop, over the largest displacement of the structure without the
 absorber."""
 
 MASSES = np.geomspace(0.25, 4.0, 41)
@@ -70,10 +70,10 @@ class ResidualCurve:
     stable
         Whether a regime with impacts is stable.
     idle
-        Whether loose masses may rest in their boxes, out of reach of the walls.
+        Whether loose masses may rest in their boxes, out of reach of the stops.
     periodic
         Whether both sweeps end in motions that repeat themselves; if not, the absorber works in
-        bursts there.
+        clusters there.
 
     See Also
     --------
@@ -198,8 +198,8 @@ def tuned_key(key: str) -> tuple[str, str, float]:
 TUNED = {
     "absorber.mass": "mass of the absorber",
     "absorber.play": "total play",
-    "absorber.lower": "place of the lower wall",
-    "absorber.upper": "place of the upper wall",
+    "absorber.lower": "place of the lower stop",
+    "absorber.upper": "place of the upper stop",
 }
 """Keys of an absorber in words."""
 
@@ -224,18 +224,18 @@ def absorber_sine(
     """What an impact absorber leaves of the vibration under a sine, over frequency, play and mass.
 
     The regimes are the exact ones of the structure with its absorber, loose or sprung, with one
-    wall or two. Slow sweeps by simulation show what lasts where no regime is stable: there the
-    absorber works in bursts.
+    stop or two. Slow sweeps by simulation show what lasts where no regime is stable: there the
+    absorber works in clusters.
 
     Parameters
     ----------
     scene
-        A linear structure without stops of its own, an absorber with walls of any law, and a sine.
+        A linear structure without stops of its own, an absorber with stops of any law, and a sine.
     frequency_hz
         Frequencies of the sine; by default that of the scene.
     tune
         Keys of the absorber or of its impact pairs with their values, at the frequency of the
-        scene; by default play (or the gap of one wall) and mass, where `absorber` has them.
+        scene; by default play (or the gap of one stop) and mass, where `absorber` has them.
     most_impacts
         As for `harmonic_response`.
     budget
@@ -256,7 +256,7 @@ def absorber_sine(
     See Also
     --------
     stochvi.absorber : The same under random excitation.
-    symmetric_regimes : The regimes of one impact on each wall, from numbers.
+    symmetric_regimes : The regimes of one impact on each stop, from numbers.
 
     Examples
     --------
@@ -277,7 +277,7 @@ def absorber_sine(
     if scene.absorber is None:
         raise NotApplicable(
             "absorber:sine",
-            ["the scene must have an [absorber] with mass (kg), play (m, wall to wall) and law, or "
+            ["the scene must have an [absorber] with mass (kg), play (m, stop to stop) and law, or "
              "mass_on"],
         )  # fmt: skip
     alone = without_absorber(scene)
@@ -379,7 +379,7 @@ class _Solver:
         return np.unique(np.concatenate([np.empty(0), *swept, *followed]))
 
     def _idle(self, found: HarmonicResponse, values: Vector) -> Flags:
-        """Whether loose masses may rest out of reach of the walls, at each value."""
+        """Whether loose masses may rest out of reach of the stops, at each value."""
         model = model_of(self.scene)
         own = [model.coordinates.index(name) for name in self.masses]
         held = np.abs(model.stiffness[own]).sum() + np.abs(model.damping[own]).sum()
@@ -465,7 +465,7 @@ def _stable(found: HarmonicResponse, value: float) -> Iterator[tuple[float, floa
 
 
 def _within(family: Family, sigma: Vector) -> Flags:
-    """Whether the travel of every pair without impacts fits between its walls."""
+    """Whether the travel of every pair without impacts fits between its stops."""
     parts = parts_of(family.flat(sigma), family.sizes)
     phases = 2.0 * np.pi * np.arange(SAMPLES) / SAMPLES
     m, harmonics = family.sizes[1:]

@@ -12,17 +12,17 @@ from stochvi.methods.periodic.family import Numbers
 from stochvi.model.calculations import calculation
 
 UPPER_LOWER = (0, 1)
-"""Numbers of the walls that are hit in a period, in their order: the upper one, then the lower
+"""Numbers of the stops that are hit in a period, in their order: the upper one, then the lower
 one."""
 
 LAWS = {"book": 4.0 / math.pi, "flight": 8.0 / math.pi**2}
 """First harmonic of the relative motion over half the play: of a square wave, as the harmonic
-linearisation by force has it (B 7.85, 17.17), and of straight flights from wall to wall."""
+linearisation by force has it (B 7.85, 17.17), and of straight flights from stop to stop."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SymmetricRegime:
-    """One impact on each wall per period, half a period apart (SI units).
+    """One impact on each stop per period, half a period apart (SI units).
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ class SymmetricRegime:
     amplitude_without
         The same without the absorber, m.
     phase
-        Phase of the force at the impact on the upper wall, where it is a cos(phase), rad.
+        Phase of the force at the impact on the upper stop, where it is a cos(phase), rad.
     stable
-        Whether small disturbances die out.
+        Whether small perturbations die out.
 
     See Also
     --------
@@ -62,7 +62,7 @@ def tuned_force(mass: float, play: float, omega: float, law: str = "flight") -> 
     Parameters
     ----------
     mass, play, omega
-        M2 in kg; 2 Delta, wall to wall, in m; w in rad/s.
+        M2 in kg; 2 Delta, stop to stop, in m; w in rad/s.
     law
         "flight": a_x = 8 Delta / pi^2, of straight flights. "book": a_x = 4 Delta / pi (B 17.17).
 
@@ -95,16 +95,16 @@ def residual_vibration(play: float, restitution: float, law: str = "flight") -> 
     """Amplitude (m) of a structure in resonance under `tuned_force`, with a light loose mass.
 
     As printed, a_x1 = beta a_x / (M2 w) (B 17.12), with beta = p M2 w and p = (1 - R^2) / pi for
-    two walls (B 7.62): a_x1 = p a_x (B 17.13). In straight flights of speed u = 2 w Delta / pi the
-    wall must return what is lost, with a speed u (1 - R) / (1 + R) against the mass, so that
-    a_x1 = (2 Delta / pi) (1 - R) / (1 + R).
+    two stops (B 7.62): a_x1 = p a_x (B 17.13). In straight flights of speed u = 2 w Delta / pi the
+    stop must return the lost speed. It moves at u (1 - R) / (1 + R) against the mass: a_x1 = (2
+    Delta / pi) (1 - R) / (1 + R).
 
     Parameters
     ----------
     play
-        2 Delta, wall to wall, m.
+        2 Delta, stop to stop, m.
     restitution
-        R of both walls; at 1 nothing is left.
+        R of both stops; at 1 nothing is left.
     law
         "flight" or "book", as for `tuned_force`.
 
@@ -147,18 +147,18 @@ def symmetric_regimes(
     force: float,
     omega: float,
 ) -> list[SymmetricRegime]:
-    """The exact regimes with one impact on each wall per period of a sine force on the structure.
+    """The exact regimes with one impact on each stop per period of a sine force on the structure.
 
-    They are the regimes of `harmonic_response` that have these impacts, and none of them is missed,
-    since the distance at an impact is a sine of the phase. Where none is stable, the absorber works
-    in bursts, or idles.
+    They are the regimes of `harmonic_response` that have these impacts. None is missed, since the
+    distance at an impact is a sine of the phase. Where none is stable, the absorber works in
+    clusters, or idles.
 
     Parameters
     ----------
     mass, damping, stiffness
         Mass, damping and stiffness of the structure, kg, N s/m and N/m.
     absorber_mass, play, restitution
-        Loose mass, kg; play of its box, m from wall to wall; restitution of both walls.
+        Loose mass, kg; play of its box, m from stop to stop; restitution of both stops.
     force, omega
         Amplitude a (N) and w (rad/s) of the sine.
 

@@ -118,11 +118,11 @@ def den_hartog_tuning(mass_ratio: float) -> tuple[float, float]:
 def tuned_damper(structure: Scene, carrier: str, mass: float) -> TunedDamper | None:
     """The tuned damper of a mass on a structure without stops, under what shakes it.
 
-    Under noise the damper with the least rms displacement of the carrier is found by search, which
-    begins at Warburton's tuning for white noise, and also at the frequency of the motion where this
-    is another, as under a narrow band; the rms values are exact. A sine alone would be
-    cancelled by a damper without losses, which would fit no other frequency: under a sine the
-    damper is therefore that of Den Hartog, for a structure of one coordinate.
+    Under noise a search finds the damper with the least rms displacement of the carrier. It begins
+    at Warburton's tuning for white noise and, where the motion has another frequency (as under a
+    narrow band), also there. The rms values are exact. A sine alone would be cancelled by a damper
+    without losses, which would fit no other frequency: under a sine the damper is therefore that of
+    Den Hartog, for a structure of one coordinate.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def tuned_damper(structure: Scene, carrier: str, mass: float) -> TunedDamper | N
     carried, _, held = (float(matrix[row, row]) for matrix in structure.structure.matrices)
     rms, speed, _ = _motion(structure, row)
     mass_ratio = mass / carried
-    # of several modes, the frequency of the one that moves the carrier most
+    # for several modes, the frequency of the one that moves the carrier most
     omega = math.sqrt(held / carried) if len(coordinates) == 1 else speed / rms
 
     def damped(frequency: float, zeta: float) -> Scene:
@@ -185,7 +185,7 @@ def tuned_damper(structure: Scene, carrier: str, mass: float) -> TunedDamper | N
                 return math.inf
 
         starts = [start]
-        shaken = speed / rms / omega  # of a narrow band, its frequency over that of the carrier
+        shaken = speed / rms / omega  # under a narrow band, its frequency over that of the carrier
         if abs(math.log(shaken / start[0])) > OTHER_FREQUENCY:
             starts.append((shaken, start[1]))
         searches = [

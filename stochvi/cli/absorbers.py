@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--restitutions", default="0.3,0.5,0.7", show_default=True, metavar="LIST",
-    help="Restitutions of the walls that a design may choose from.",
+    help="Restitutions of the stops that a design may choose from.",
 )  # fmt: skip
 @click.option(
     "--units", default="1", show_default=True, metavar="LIST",
@@ -48,7 +48,7 @@ def absorber(
 ) -> None:  # fmt: skip
     """Judge an impact absorber, or find the best one.
 
-    The scene needs an [absorber] with mass (kg), play (m, total, wall to wall) and law, and an
+    The scene needs an [absorber] with mass (kg), play (m, total, stop to stop) and law, and an
     oscillator or isolator of known mass: stochvi new tower.toml --kind absorber writes one. With
     --mass-budget the box of the scene, if there is one, is left out, and the best one is found.
     With --sine the amplitude with the absorber is shown over frequency, or over play and mass at

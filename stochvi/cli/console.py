@@ -14,9 +14,8 @@ from stochvi.views.files import silence
 class PlainConsole(Console):
     """A console that prints text as it is, and that outlives its reader.
 
-    Brackets and colons in names are not markup, control characters are shown as "\\x1b", and the
-    command does not end if its reader closes the stream, as `head` does.
-    """
+    Brackets and colons in names are not markup, and control characters are shown as "\\x1b". The
+    command goes on if its reader closes the stream, as `head` does."""
 
     def __init__(self, **how: Any) -> None:
         super().__init__(markup=False, emoji=False, **how)

@@ -184,8 +184,8 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
 )
 @click.option(
     "--tolerances", metavar="LIST",
-    help="Tolerances within all of which the clearance keeps the goal: usual, or some of "
-    "frequency=10%,damping=30%,level=3dB,stiffness=20% (which usual stands for), of a rigid body "
+    help="Tolerances within which the clearance keeps its goal. usual: "
+    "frequency=10%,damping=30%,level=3dB,stiffness=20%; or some of these; a rigid body also has "
     "centre=5mm [those that the scene states, such as structure.frequency_tolerance].",
 )  # fmt: skip
 @keeping

@@ -41,9 +41,9 @@ the budget, and these seconds. The command ends within 2 s after the share; the 
 rest of that time."""
 
 DRAWING_SECONDS, ALLOWED_SECONDS = 2.0, 1.3
-"""Time that tables and a first picture take with the import of their libraries, s (measured on a
-busy machine), and time after `GRACE_SHARE` of the budget that they may take, s. The start of the
-program takes the rest of the 2 s."""
+"""Time that tables and a first picture take with the import of their libraries, s, measured on a
+busy machine. The second number is the time that they may take after `GRACE_SHARE` of the budget, s.
+The start of the program takes the rest of the 2 s."""
 
 
 Found = TypeVar("Found")
@@ -297,8 +297,9 @@ OPTIONS = {
     ),
     "quiet": click.option("--quiet", is_flag=True, help="Show neither tables nor progress."),
 }  # fmt: skip
-"""The common options by name; "open budget" is --budget without a default, for a command that can
-end by a number of paths as well or keep its work, "kept budget" for one that can keep it only."""
+"""The common options by name. "open budget" and "kept budget" are --budget without a default. The
+first is for commands that also end by a number of paths or keep their work; the second is for those
+that only keep it."""
 
 OPEN_BUDGETS, WITHOUT_BUDGET = {"open budget", "kept budget"}, ("paths", "checkpoint", "resume")
 """Names of the options --budget without a default, and the arguments with which there is none: a
@@ -360,7 +361,7 @@ course of its answer. Scene files enter the question by their paths."""
 
 
 def _question(given: Mapping[str, Any]) -> str:
-    """Digest of a command, its scene files and what is asked of them."""
+    """Digest of a command, its scene files and its options."""
     asked = {key: str(value) for key, value in given.items() if key not in NO_QUESTION}
     places = [str(path.resolve()) for path in _scenes(given)]
     words = [click.get_current_context().info_name, places, sorted(asked.items())]
@@ -399,8 +400,8 @@ def shown(
     show: Callable[[Found], None],
     given: Mapping[str, Any] = MappingProxyType({}),
 ) -> None:
-    """Show an answer. If its accuracy was not reached or Ctrl-C ended it, show the answer so far,
-    and raise the error, with the file of the checkpoint if one was `given`."""
+    """Show an answer. If its accuracy was not reached, or Ctrl-C ended it, the answer so far is
+    shown and the error raised. The error names the file of the checkpoint if one was `given`."""
     from stochvi.results.errors import Interrupted, NotConverged
 
     try:

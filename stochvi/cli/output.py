@@ -24,8 +24,8 @@ LINE_SECONDS = 2.0
 """Time between two lines of progress if standard error is not a terminal, s."""
 
 PLAIN_WIDTH, NARROWEST, WIDEST = 100, 80, 10_000
-"""Width, in characters, of a table that does not go to a terminal, if the variable COLUMNS does not
-state another, and the smallest and largest value of that variable."""
+"""Width, in characters, of a table that does not go to a terminal, unless the variable COLUMNS
+states another. The others are the smallest and largest value of that variable."""
 
 
 def console_for(json_file: str | None) -> Console:

@@ -36,8 +36,9 @@ zeta = 0.1
 # gravity = true             # towards -x; left out, stops are measured from where the mass hangs
 # frequency_tolerance = 0.1  # relative, and damping_tolerance: `size` keeps its target within
 # several masses: kind = "matrices", coordinates = ["box", "absorber"], mass = [[..], [..]],
-# damping = .., stiffness = ..; then say on = or between = in every entry below, on = "base" for
-# an acceleration of the base, or between = ["box", "absorber"] for a force and its reaction
+# damping = .., stiffness = ..; every entry below then needs on = or between =;
+# on = "base" is an acceleration of the base; between = ["box", "absorber"] is for a force and its
+# reaction as well
 # a percussion machine of such masses: stochvi new --kind hammer
 # a box of six degrees of freedom on its mounts: stochvi new --kind rigid-body
 # a bar, beam or plate: stochvi new --kind beam; natural modes, also from a file: --kind modes
@@ -46,7 +47,7 @@ zeta = 0.1
 lower = -0.004               # m from the position of the unloaded spring; leave out for none
 upper = 0.004                # both sides alike: clearance = 0.004 instead of lower and upper
 law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law where they differ
-# stops that give way (N/m): { kind = "elastic", stiffness = 1e5 },
+# compliant stops (N/m): { kind = "elastic", stiffness = 1e5 },
 # { kind = "viscoelastic", stiffness = 1e5, damping_ratio = 0.2 } (or loss_factor = 0.4, or
 # restitution = 0.6 with at_speed = 0.5 (m/s); instead of stiffness a rubber pad: shore_a = 60.0,
 # area = 4e-4 (m^2) and thickness = 0.01 (m)), { kind = "hertz",
@@ -64,10 +65,11 @@ level_db = 0.0
 # unit = "g2/Hz"             # "(m/s2)2/Hz", "N2/Hz", "dB re 1 g2/Hz", ...; one-sided per hertz
 # white: intensity = S0 of E[f(t) f(t+s)] = S0 delta(s), with a mean square displacement of
 # S0 / (2 c k); S0 = 2 pi S of a two-sided density S per rad/s; or density = .. with unit = ..
-# filtered: the same, of the white noise before it passes a resonance of frequency_hz and zeta
-# (which raises a density to its 1 / (4 zeta^2)-fold at the peak)
-# sine: frequency_hz and amplitude (N, or m/s^2 of the base), displacement (m) or velocity (m/s) of
-# the base, or unbalance (kg m) of a rotor on the mass; phase_deg where several make one force
+# filtered: the same keys, for white noise that then passes a resonance of frequency_hz and zeta;
+# at its peak this raises the density by the factor 1 / (4 zeta^2)
+# sine: frequency_hz and amplitude (N, or m/s^2 of the base);
+# instead of amplitude: displacement (m) or velocity (m/s) of the base, or unbalance (kg m) of a
+# rotor on the mass; phase_deg where several make one force
 # road: road = "C" (ISO 8608) and speed_kmh; the mount stands on the road itself, or on a vehicle:
 # [vehicle] with kind = "quarter-car" and preset = "golden-car" (see: stochvi new --kind vehicle)
 # record: file = "run.csv" (time, acceleration) and unit = "g"; fs = 1000.0 (Hz) without times,
@@ -105,9 +107,9 @@ def profiles() -> None:
 @click.option(
     "--kind", type=click.Choice(["any", *KINDS]), default="any",
     show_default=True,
-    help="A scene with every key, an isolator of this kind with its tables, an absorber, a box "
-    "of six degrees of freedom on its mounts, a percussion machine, a beam, or a structure by its "
-    "natural modes.",
+    help="Kind of scene: any is an isolator with every key in comments; bumper to "
+    "potholes and sine are isolators of this kind, with their tables; rigid-body is a box on its "
+    "mounts, hammer a percussion machine, modes a structure by its natural modes.",
 )  # fmt: skip
 def new(file: Path, kind: str) -> None:
     """Write a commented scene file to start from."""

@@ -173,9 +173,8 @@ def lifetimes(
 ) -> None:
     """Find how long each motion lasts in noise.
 
-    Paths start in each of the regimes that coexist without noise, and are simulated with the noise
-    of the scene until enough of them have left.
-    """
+    Paths start in each of the regimes that coexist without noise. They are simulated with the noise
+    of the scene until enough of them have left."""
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.lifetimes import lifetimes as times_of
     from stochvi.views.basins import plot_lifetimes, print_lifetimes

@@ -26,7 +26,7 @@ MANY_SCENES = 0.01
 @click.option("--zoo", is_flag=True, help="Also check every scene of the zoo that ships.")
 @click.option(
     "--rel-error", type=float,
-    help=f"Relative standard error of each simulation [{ONE_SCENE:g}; of several scenes "
+    help=f"Relative standard error of each simulation [{ONE_SCENE:g}; with several scenes "
     f"{MANY_SCENES:g}].",
 )  # fmt: skip
 @click.option(

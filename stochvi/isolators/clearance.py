@@ -25,15 +25,15 @@ from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 
 SMOOTH_POINTS = 31
-"""Number of clearances of a smooth curve of hit rates."""
+"""Number of clearances of a smooth curve of impact rates."""
 
 CLOSURE_SHARE = 0.5
-"""Largest share of the time of a clearance of a curve that the moment closure may take: of a
-structure of many pairs it takes seconds, and the rates that are simulated matter more."""
+"""Largest share of the time of a clearance of a curve that the moment closure may take. With many
+pairs it takes seconds, and the simulated rates matter more."""
 
 
 def clearance_notes(linear: Screening, clearances: ArrayLike) -> tuple[str, ...]:
-    """Warnings to a curve of hit rates: those of the screening, and one for each gap that a load
+    """Warnings to a curve of impact rates: those of the screening, and one for each gap that a load
     moves by more than the smallest clearance.
 
     Parameters
@@ -77,8 +77,8 @@ def clearance_curve(
         One mass or a structure, with impact pairs. The laws of the stops are kept, and all stops
         move together.
     clearances
-        Metres per side from the static equilibrium; of several pairs, of all of them, or a row
-        (pairs,) each.
+        Metres per side from the static equilibrium. With several pairs one number is for all of
+        them; a row (pairs,) gives one for each.
     **options
         `AccuracyOptions`: `rel_error` is that of the simulated rates, by default 0.02; the
         clearances share the `budget` evenly.
@@ -87,9 +87,9 @@ def clearance_curve(
     -------
     pandas.DataFrame
         One row per clearance, and per pair where there are several (m, and in sigma of the linear
-        response): hits per second on its stops by `rice`, `closure` and `simulated`, the last with
-        its 95 % interval (`simulated_low`, `simulated_high`), and the mean impact speed; of one
-        mass the rms displacement, too, of several pairs the name of the `pair`.
+        response): impacts per second on its stops by `rice`, `closure` and `simulated`, the last
+        with its 95 % interval (`simulated_low`, `simulated_high`), and the mean impact speed. One
+        mass also has the rms displacement, several pairs the name of the `pair`.
 
     Raises
     ------
@@ -174,7 +174,7 @@ def _case(scene: Scene, linear: Screening, place: Vector) -> _Case:
 def _predicted(
     linear: Screening, place: Vector, closure: dict[str, float]
 ) -> list[dict[str, float | str]]:
-    """A row per pair with its clearance, and its rates of hits by Rice and by the closure."""
+    """A row per pair with its clearance, and its rates of impacts by Rice and by the closure."""
     gaps = linear.impact_pairs
     return [
         {
@@ -189,7 +189,7 @@ def _predicted(
 
 
 def _simulated(found: Response, pair: str) -> dict[str, float | str]:
-    """The simulated rate of hits of a pair with its interval, and the mean impact speed; the rms
+    """The simulated rate of impacts of a pair with its interval, and the mean impact speed; the rms
     displacement of an only coordinate between them."""
     hits = found.impact_pairs[pair]
     low, high = _interval(hits.collision_rate)
@@ -228,9 +228,9 @@ def predicted_rates(
 def predicted_curve(scene: Scene, curve: pd.DataFrame) -> pd.DataFrame:
     """The columns of `predicted_rates` at many clearances in the range of a `clearance_curve`.
 
-    The closure is interpolated between the rates that the curve holds, as the logarithm of the rate
-    over the square of the clearance, which is a straight line for a Gaussian motion: solving it
-    anew at each place would take seconds after the budget of the curve is spent.
+    The closure is interpolated between the rates of the curve: the logarithm of the rate over the
+    square of the clearance, a straight line for a Gaussian motion. Solving it anew at each place
+    would take seconds after the budget of the curve is spent.
     """
     linear, pairs = screened(scene), curve.get("pair")
     parts = {name: curve if pairs is None else curve[pairs == name] for name in linear.impact_pairs}
@@ -264,7 +264,7 @@ def _between(curve: pd.DataFrame, places: Vector) -> Vector:
 def _closure_rates(
     scene: Scene, deadline: Deadline = NEVER, share: float = 1.0
 ) -> dict[str, float]:
-    """Hits per second on each pair by the moment closure; none where it finds no solution in a
+    """Impacts per second on each pair by the moment closure; none where it finds no solution in a
     share of the time that is left."""
     try:
         found = linearise(scene, budget=deadline.part(share)).impact_pairs

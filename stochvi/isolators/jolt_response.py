@@ -41,9 +41,9 @@ SETTLING_WINDOWS = 10
 """Number of windows after a jolt before a path counts as captured."""
 
 CLATTER = 0.5
-"""Number of hits per period of the sine from which on a window counts as clatter (hits on both
-stops together), and as the resonant regime (hits on each stop): that regime has one hit on each
-stop per period, occasional hits are fewer."""
+"""Number of impacts per period of the sine. A window counts as clatter from so many on both stops
+together, as the resonant regime from so many on each. That regime has one impact on each stop per
+period; occasional impacts are fewer."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -55,8 +55,8 @@ class Jolts(Result):
     speeds
         Speeds of the jolts, m/s: changes of the velocity relative to the base.
     captured, resonant
-        Whether each path (jolts, paths) is in clatter 100 periods after the jolt, and whether it
-        then hits both stops, which is the resonant regime (others rattle on one stop).
+        Whether each path (jolts, paths) is in clatter 100 periods after the jolt, and whether it is
+        then in the resonant regime. That regime hits both stops; other paths rattle on one.
     left
         Whether each path was captured and later left the clatter.
     watched
@@ -174,8 +174,8 @@ def jolts(
 ) -> Jolts:
     """Capture by clatter and escape from it, after jolts to a mount that does not hit its stops.
 
-    Every path starts in its motion without stops, at a random phase of the sine, receives the
-    velocity of the jolt, and is simulated with its stops. Noise, if any, is that of the scene.
+    Every path starts in its motion without stops, at a random phase of the sine. It receives the
+    velocity of the jolt and is simulated with its stops. Noise, if any, is that of the scene.
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ def _hits(
     plan: ModalPlan, state: Matrix, streams: NDArray[np.uint64], windows: int, steps: int,
     deadline: Deadline, report: Callable[[float], None],
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Hits of each path on the lower and the upper stop in each window (windows, 2, paths);
+    """Impacts of each path on the lower and the upper stop in each window (windows, 2, paths);
     `GivenUp` where the deadline passes before the last window."""
     counted = []
     for number in range(windows):

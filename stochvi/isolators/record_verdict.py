@@ -21,8 +21,8 @@ from stochvi.scenes.excitations import RecordedNoise
 from stochvi.scenes.scene import Scene
 
 FALSE_ALARMS = 0.005
-"""Chance that the tests together, by Bonferroni's rule, contradict a Gaussian record: half of the
-1 % that is promised, because the laws of their statistics are approximate."""
+"""Probability that the tests together, by Bonferroni's rule, contradict a Gaussian record: half of
+the 1 % that is promised, because the laws of their statistics are approximate."""
 
 BLOCK_MEMORIES = 16.0
 """Length of the blocks whose mean squares are tested for a change of level, in int rho^2 dtau:
@@ -64,13 +64,13 @@ MOST_POINTS = 2**20
 """Largest number of these frequencies."""
 
 FASTER, START_LEFT = 1.5, 0.05
-"""Where the response crosses its mean more than `FASTER` times as often as at the natural
-frequency, the motion with which the mount starts from rest is larger than the stationary one. It is
-left out of the judgement until it has died out to `START_LEFT` times the stationary one."""
+"""Ratio of the rate of mean crossings to the natural frequency above which the start from rest
+moves the mount more than the stationary motion. The start is left out of the judgement until it has
+died out to `START_LEFT` times the stationary motion."""
 
 CLIPPED_SAMPLES, CLIPPED_BAND, CLIPPED_RATIO = 8, 0.02, 2.0
 """A record counts as cut off where at least `CLIPPED_SAMPLES` of its samples lie at its largest (or
-smallest) value, and more than `CLIPPED_RATIO` times as many as lie in the band before it, whose
+smallest) value. They must also be `CLIPPED_RATIO` times as many as in the band before it, whose
 width is `CLIPPED_BAND` times that value."""
 
 
@@ -107,14 +107,14 @@ class RecordVerdict:
         The largest distance over the standard deviation, and the median of it for a Gaussian
         process (Vanmarcke 1975); without the start, where that is left out.
     kurtosis, kurtosis_error
-        Kurtosis of the response, without the start where that is left out, and the standard error
-        that it would have for a Gaussian process.
+        Kurtosis of the response, and the standard error that it would have for a Gaussian process;
+        without the start where that is left out.
     clearance
         The smallest distance of stops from the static equilibrium that the record does not reach,
-        m; of the sides on which the scene has stops.
+        m, on the sides on which the scene has stops.
     p_values
-        Chance that a stationary Gaussian process deviates as far, to either side, in its "peak", in
-        its "kurtosis" and in its "level"; None where the record is too short to tell.
+        Probability that a stationary Gaussian process deviates as far, to either side, in its
+        "peak", in its "kurtosis" and in its "level"; None where the record is too short to tell.
     level_ratio
         Standard deviation of the response after the moment of the largest change of its level, over
         that before it; None where the record is too short to tell.
@@ -193,12 +193,12 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     """Judge the records of a scene with one mount; None where no record alone shakes it.
 
     The response to the record without stops, by exact steps, is compared with a Gaussian process
-    that has the spectrum of the response. Three tests share the chance `FALSE_ALARMS`: the largest
-    distance from rest against Vanmarcke's law of first crossings (1975), the kurtosis against the
-    law of Anscombe and Glynn (1983) for as many independent values as leave the kurtosis of the
-    process its variance, 24 int rho^4 dtau / T, and the level, whose changes `change_of_level`
-    finds. A record that is cut off contradicts as well,
-    and one whose slow motion its density leaves out.
+    that has the spectrum of the response. Three tests share the probability `FALSE_ALARMS`. The
+    largest distance from rest is held against Vanmarcke's law of first crossings (1975). The
+    kurtosis is held against the law of Anscombe and Glynn (1983), for as many independent values as
+    give it the variance 24 int rho^4 dtau / T. `change_of_level` finds changes of the level. A
+    record that is cut off contradicts as well, and so does one whose slow motion is absent from its
+    density.
 
     Examples
     --------
@@ -378,8 +378,9 @@ def peak_probability(largest: float, duration: float, law: ResponseLaw) -> float
 
 
 def kurtosis_p_value(kurtosis: float, number: float) -> float | None:
-    """Chance of a sample kurtosis as far off from that of `number` independent Gaussian values, on
-    either side (F. J. Anscombe, W. J. Glynn, Biometrika 70 (1983) 227); None for few values."""
+    """Probability of a sample kurtosis as far off from that of `number` independent Gaussian
+    values, on either side (F. J. Anscombe, W. J. Glynn, Biometrika 70 (1983) 227); None for few
+    values."""
     n = number
     if n < FEWEST:
         return None
@@ -399,8 +400,9 @@ def kurtosis_p_value(kurtosis: float, number: float) -> float | None:
 
 
 class LevelChange(NamedTuple):
-    """The largest change of the level of a response: the share of its time before the change, the
-    standard deviation after it over that before it, and the chance of so much under a steady level.
+    """The largest change of the level of a response: the share of its time before the change, and
+    the standard deviation after it over that before it. `p_value` is the probability of so large a
+    change under a steady level.
     """
 
     share: float
@@ -411,10 +413,10 @@ class LevelChange(NamedTuple):
 def change_of_level(x: Vector, duration: float, law: ResponseLaw) -> LevelChange | None:
     """The largest change of the level of a response x about its mean; None in a short record.
 
-    The cumulative sum of what the logarithms of mean squares of blocks deviate from their mean is a
-    Brownian bridge if the level is steady (W. Ploberger and W. Kraemer, Econometrica 60 (1992)
-    271). That holds whatever the law of the blocks, so that a record that is not Gaussian but
-    steady is not accused of a change.
+    The logarithms of mean squares of blocks deviate from their mean. The cumulative sum of these
+    deviations is a Brownian bridge if the level is steady (W. Ploberger and W. Kraemer,
+    Econometrica 60 (1992) 271). That holds for any distribution of the blocks, so a record that is
+    steady but not Gaussian is not accused of a change.
 
     Examples
     --------

@@ -60,11 +60,11 @@ class GapScreening:
     three_sigma
         Three times the rms, m: the clearance that the rule of thumb gives.
     three_sigma_rate
-        Hits per second on both stops there, as if hits changed nothing (Rice).
+        Impacts per second on both stops there, as if impacts changed nothing (Rice).
     stops
         Distance of each stop of the scene from the mean gap, m, by "lower" and "upper".
     rice_rate
-        Hits per second on these stops, as if hits changed nothing.
+        Impacts per second on these stops, as if impacts changed nothing.
     """
 
     displacement_std: float
@@ -76,8 +76,8 @@ class GapScreening:
     rice_rate: float
 
     def rate_at(self, clearance: float) -> float:
-        """Hits per second on the stops of the pair, each at this distance from the mean gap, m, as
-        if hits changed nothing (Rice)."""
+        """Impacts per second on the stops of the pair, each at this distance from the mean gap, m,
+        as if impacts changed nothing (Rice)."""
         place, speed = self.displacement_std, self.velocity_std
         return len(self.stops) * rice_rate(clearance, place, speed) if place else 0.0
 
@@ -153,8 +153,8 @@ class Screening(Result):
         return self.only.zero_crossing_rate
 
     def rice_rate(self, clearance: float) -> float:
-        """Hits per second on two stops at +-clearance from the mean of the only coordinate, as if
-        hits changed nothing (Rice)."""
+        """Impacts per second on two stops at +-clearance from the mean of the only coordinate, as
+        if impacts changed nothing (Rice)."""
         return 2.0 * rice_rate(clearance, self.displacement_std, self.velocity_std)
 
     def to_frame(self) -> pd.DataFrame:
@@ -201,7 +201,7 @@ class Screening(Result):
         }
 
     def gaps_to_frame(self) -> pd.DataFrame:
-        """A row per pair: millimetres, and hits per hour by Rice."""
+        """A row per pair: millimetres, and impacts per hour by Rice."""
         return pd.DataFrame(
             [
                 {

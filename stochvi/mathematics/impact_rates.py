@@ -1,4 +1,5 @@
-"""Collision statistics: laws of impact speed, crossing rates, and the balances they must obey."""
+"""Impact statistics: distributions of impact speed, crossing rates, and the balances they must
+obey."""
 
 from __future__ import annotations
 
@@ -32,8 +33,8 @@ class ContactStatistics(NamedTuple):
 
     `probability` is the share of time in contact: the mass is beyond the stop, and the damper of
     the stop, if it has one, has not brought the force back to zero. `force` is the mean force over
-    all time, `peak_force` the mean over contacts of their largest force (None if the method has no
-    law for it), and `power` the mean power that the stop takes.
+    all time. `peak_force` is the mean over contacts of their largest force, None if the method has
+    no law for it. `power` is the mean power that the stop takes.
     """
 
     probability: float

@@ -22,7 +22,7 @@ def moments_of_rises(level: float, variance: float, change: float) -> tuple[floa
 
     A sample y1 and the one before it, y0, contribute where y0 < u <= y1, u the level; otherwise 0.
     The rise d = y1 - y0 and the middle m = (y0 + y1) / 2 of two successive samples are independent
-    normal variables, and the level u lies between the samples if |m - u| <= d / 2:
+    normal variables. The level u lies between the samples if |m - u| <= d / 2:
 
         E d^k = int_0^inf d^k p(d) [Phi((u + d / 2) / s_m) - Phi((u - d / 2) / s_m)] dd.
 

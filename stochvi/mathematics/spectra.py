@@ -198,8 +198,8 @@ def squared_gain(frequency_hz: ArrayLike, omega: float, damping_rate: float) -> 
 def response_moments(tables: Sequence[Table], omega: float, damping_rate: float) -> LinearMoments:
     """Mean squares of the linear response to the sum of `tables` (acceleration densities).
 
-    Integrates |H|^2 G over frequency by 16-point Gauss-Legendre on panels that end at the
-    breakpoints and narrow geometrically towards the resonance, so that any damping is resolved.
+    |H|^2 G is integrated over frequency by 16-point Gauss-Legendre. The panels end at the
+    breakpoints and narrow geometrically towards the resonance, so any damping is resolved.
 
     Examples
     --------

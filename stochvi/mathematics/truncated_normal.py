@@ -1,8 +1,8 @@
 """The density C exp(slope x - curvature x^2 / 2) between two stops, and its moments.
 
 With curvature > 0 it is a truncated normal law, cut at the stops; with curvature <= 0 it is largest
-at a stop. Everything is computed relative to the largest value of the density, so that results keep
-all their digits also for stops many standard deviations out in the tail and for very small gaps.
+at a stop. Everything is computed relative to the largest value of the density. Results therefore
+keep all their digits also for stops far out in the tail and for very small gaps.
 """
 
 from __future__ import annotations

@@ -48,11 +48,11 @@ def average(
         D J G' + b J G + sum over E_i < E of integral of G from E to E_i + (E - E_i) / R_i^2 = 0,
 
     which goes over into the first for R near 1. The variant "unfolded" is that of V. F. Zhuravlev's
-    transformation (Mech. Solids 11 (1976) 23): mirrored at its stops the motion is smooth but for
-    a jump (1 - R) v at each passage of one, which is taken for a damper (1 - R) v |v| delta(x - c)
-    in the place of the stop; then L = sum_i 2 (1 - R_i)(E - E_i), which is too much by the factor
-    2 / (1 + R). Within an orbit the mass is found in proportion
-    to the time spent, and each cycle hits each reached stop once.
+    transformation (Mech. Solids 11 (1976) 23): mirrored at its stops the motion is smooth but for a
+    jump (1 - R) v at each passage of one. A damper (1 - R) v |v| delta(x - c) in the place of the
+    stop stands for the jump; then L = sum_i 2 (1 - R_i)(E - E_i), too much by the factor 2 / (1 +
+    R). Within an orbit the probability is in proportion to the time spent, and each cycle hits each
+    reached stop once.
 
     Parameters
     ----------
@@ -135,9 +135,9 @@ PRESSED_FACTORS = {
     CONTINUOUS: (1.72, 1.41, 1.21, 1.04, 1.0),
     UNFOLDED: (0.97, 1.14, 1.09, 1.02, 1.0),
 }
-"""Ratio of displacement_std of each variant to that of `fokker_planck`, measured for a mass that a
-load alone presses onto one stop, under white noise, where it depends on R alone. With a spring or
-a damper it was closer to 1, or within 5 % of it, in eight scenes of R = 0.5 to 0.8."""
+"""Ratio of displacement_std of each variant to that of `fokker_planck`. It was measured for a mass
+that a load alone presses onto one stop, under white noise, where it depends on R alone. With a
+spring or a damper it was closer to 1, or within 5 % of it, in eight scenes of R = 0.5 to 0.8."""
 
 
 MISLEADING = 0.05

@@ -43,8 +43,8 @@ def check_ctrl_c() -> None:
 
 
 class _Compiling(Listener):  # type: ignore[misc]
-    """Listener that numba calls before and after it compiles a function and the functions that this
-    one calls, and that a kernel calls before and after it waits for another process."""
+    """Listener to compilation. numba calls it before and after it compiles a function with those
+    that it calls; a kernel calls it before and after it waits for another process."""
 
     def __init__(self) -> None:
         self.under_way: list[AbstractContextManager[Any]] = []

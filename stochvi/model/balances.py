@@ -1,8 +1,8 @@
 """Balances that hold for every restitution and any stops; responses state their residuals.
 
-For M q'' + C q' + K q = g + white forces of intensity S, with w the incident speed on a stop,
-F1 = rate E w and F2 = rate E w^2 there, y = d . q of an impact pair, mu its reduced mass and R the
-restitution; sums over all stops, the impulse pushing y away from the stop:
+They are stated for M q'' + C q' + K q = g + white forces of intensity S. On a stop, w is the
+incident speed, F1 = rate E w and F2 = rate E w^2. y = d . q is the gap of an impact pair, mu its
+reduced mass, R the restitution. Sums run over all stops; the impulse pushes y away from the stop:
 
     energy   tr(M^-1 S) / 2 = E v'C v + sum mu (1 - R^2) F2 / 2
     virial   E v'M v = E (q - o)'K q - (m - o)'g + sum mu (1 + R) |d . o - stop| F1
@@ -26,8 +26,8 @@ from stochvi.model.model import Model
 from stochvi.scenes.impact_laws import Restitution
 
 ENERGIES = ("kinetic", "potential", "dissipation")
-"""Names of E v'M v, E (q - o)'K (q - o) and E v'C v (not halved) among the moments of `residuals`,
-where each has the key ("", name)."""
+"""Names of E v'M v, E (q - o)'K (q - o) and E v'C v (not halved) among the moments of `residuals`.
+There each has the key ("", name)."""
 
 
 def residuals(

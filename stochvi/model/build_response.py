@@ -178,7 +178,7 @@ class StationaryMoments:
         )
 
     def at(self, stop: Stop) -> tuple[StopStatistics, ContactStatistics | None]:
-        """Statistics of a stop: its impacts, and its contacts if it gives way."""
+        """Statistics of a stop: its impacts, and its contacts if it is compliant."""
         if stop.side > 0:
             return self.upper, self.contact_upper
         return self.lower, self.contact_lower

@@ -13,17 +13,17 @@ FAR_STOPS = 20.0
 likely than intent."""
 
 BROAD_VELOCITY = 1.5
-"""Ratio of the zero-crossing frequency to the natural frequency above which a single hit can start
-a burst of hits."""
+"""Ratio of the zero-crossing frequency to the natural frequency above which a single impact can
+start a impact cluster."""
 
 LARGEST_INPUT = 25.0
-"""Acceleration of a base, g rms, above which a wrong unit is more likely than intent: the severest
-profile that ships has 14.1 g rms, and a density in (m/s2)2/Hz that is taken for one in g2/Hz gives
-an rms that is 9.8 times too large."""
+"""Acceleration of a base, g rms, above which a wrong unit is more likely than intent. The severest
+profile that ships has 14.1 g rms. A density in (m/s2)2/Hz taken for one in g2/Hz makes the rms 9.8
+times too large."""
 
 
 def scene_notes(model: Model) -> list[str]:
-    """Warnings on a scene that concern every method: those of its excitations and, of one mass,
+    """Warnings on a scene that concern every method: those of its excitations and, for one mass,
     numbers that are probably in a wrong unit, a resonance outside the table, stops out of reach."""
     if model.rates is None or model.omega == 0.0 or model.damping_rate == 0.0:
         return list(model.cautions)
@@ -61,7 +61,7 @@ def scene_notes(model: Model) -> list[str]:
     if stops and crossing > BROAD_VELOCITY * natural:
         found.append(
             f"the response without stops crosses zero at {crossing:.3g} Hz, well above the natural "
-            f"frequency {natural:.3g} Hz: one hit can start a burst of hits, so Rice's rate and "
+            f"frequency {natural:.3g} Hz: one impact can start a cluster, so Rice's rate and "
             "linearisation may be wrong by large factors; simulate it"
         )
     deviation = math.sqrt(displacement)

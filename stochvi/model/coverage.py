@@ -40,8 +40,8 @@ def without_form(model: Model) -> list[str]:
 
 
 def unknown_dampers(model: Model) -> list[str]:
-    """A sentence for each impact law with a damper beside a spring that is not linear, for methods
-    that know no contacts with dampers but those of viscoelastic stops."""
+    """A sentence for each impact law with a damper beside a spring that is not linear. It is for
+    methods whose only contacts with dampers are those of viscoelastic stops."""
     return [
         f"law must be 'viscoelastic' where it has a damper, got {stop.law.kind!r} at the "
         f"{stop.name} stop of {pair.name}"

@@ -1,11 +1,11 @@
 """The law of a slowly varying energy: orbits between stops, and how often each is traversed.
 
-Symbols, per unit mass: E energy, U potential of spring and load, T(E) the period of the orbit of
-energy E between the stops it reaches, J(E) = closed integral of v dx (J' = T), c_i a stop, E_i =
-U(c_i), R_i its restitution, D = S0 / 2, b = c / m. A cycle gains D T by noise, loses b J by
-damping and (1 - R_i^2)(E - E_i) at each stop that it reaches. The density of the energy is
-p(E) = T G, with G the cycles per second and unit of energy. Several methods use this file; the
-docstring of `average` derives the equations.
+Symbols, per unit mass: E energy; U potential of spring and load; T(E) the period of the orbit of
+energy E between the stops it reaches; J(E) = closed integral of v dx (J' = T); c_i a stop, E_i =
+U(c_i), R_i its restitution; D = S0 / 2, b = c / m. A cycle gains D T by noise, loses b J by damping
+and (1 - R_i^2)(E - E_i) at each stop that it reaches. The density of the energy is p(E) = T G, with
+G the cycles per second and unit of energy. Several methods use this file; the docstring of
+`average` derives the equations.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ MOST_DOUBLINGS = 200
 class Orbits(NamedTuple):
     """T, J, and the integrals of y dt and y^2 dt over a cycle, for orbits of given energies.
 
-    y is x - `Well.place`. Where a mass is pressed hard against a stop, x varies so little that the
-    variance would lose all digits in a difference of squares of x itself.
+    y is x - `Well.place`. Where a mass is pressed hard against a stop, x varies very little. The
+    variance would then lose all digits in a difference of squares of x itself.
     """
 
     period: Vector

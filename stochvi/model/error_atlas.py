@@ -1,10 +1,11 @@
 """How wrong an approximation is: read from an atlas of its errors over all oscillators with stops.
 
-One oscillator in white noise has, up to units, the places of its stops about the rest position in
-deviations without stops, their R, and zeta. The atlas (`data/linearisation_atlas`) holds
-ln(answer / truth) of every form on a grid of gap, R and zeta, for symmetric stops and for a single
-one. What the corners of a scene's cell span, times a safety, bounds its error. Two unlike stops
-have no grid: they are given the largest error of their relatives in it, times a larger safety.
+Up to units, one oscillator in white noise has these numbers: zeta, the R of its stops, and their
+places about the rest position, in standard deviations without stops. The atlas
+(`data/linearisation_atlas`) holds ln(answer / truth) of every form on a grid of gap, R and zeta,
+for symmetric stops and for a single one. What the corners of a scene's cell span, times a safety,
+bounds its error. Two unlike stops have no grid: they are given the largest error of their relatives
+in it, times a larger safety.
 """
 
 from __future__ import annotations

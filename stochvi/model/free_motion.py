@@ -14,9 +14,9 @@ from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
 
 AT_REST = 1e-20
-"""Ratio of the velocity variance of a gap to the largest that it could have (the square of its row
-of modal shapes times the largest variance of a modal velocity), below which it is a rounding
-error."""
+"""The velocity variance of a gap is a rounding error below this share of the largest that it could
+have. That is the square of its row of modal shapes times the largest variance of a modal
+velocity."""
 
 
 class FreeMotion(NamedTuple):

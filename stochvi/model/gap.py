@@ -14,9 +14,9 @@ from stochvi.model.model import LOWER, UPPER, Model, Pair, Stop
 class Gap:
     """x'' + damping_rate x' + omega^2 x = noise + load between the stops, per unit mass.
 
-    Methods for a single gap compute with it. It is made from the model of one oscillator
-    (`Gap.of`), or from one impact pair of a structure, with a spring that stands for the rest of
-    the structure (`Gap.of_pair`).
+    Methods for a single gap compute with it. `Gap.of` makes it from the model of one oscillator.
+    `Gap.of_pair` makes it from one impact pair of a structure, with a spring that stands for the
+    rest of the structure.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ class Gap:
 
     @property
     def soft(self) -> bool:
-        """Whether any stop gives way."""
+        """Whether any stop is compliant."""
         return not all(stop.rigid for stop in self.stops)
 
     @property

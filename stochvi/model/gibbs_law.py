@@ -1,4 +1,4 @@
-"""The density C exp(-U(x) / theta) of a mass on a spring between stops that give way.
+"""The density C exp(-U(x) / theta) of a mass on a spring between compliant stops.
 
 U(x) = omega^2 x^2 / 2 - load x + V_u(x - upper) + V_l(lower - x), all per unit mass; a rigid stop
 cuts the density instead. U is convex, so the density has one peak, and everything is computed
@@ -53,8 +53,8 @@ class WellSearch:
     stride
         Factor from one length to the next while the energy hardly changes.
     share_of_gap, share_of_theta
-        The search begins at the first length that is this share of the distance to a rigid stop,
-        or over which the energy changes by this share of theta.
+        The search begins at the first length that is large enough: this share of the distance to a
+        rigid stop, or an energy change by this share of theta.
     places
         Number of places between a distance and its double at which the energy is evaluated.
     doublings
@@ -93,8 +93,8 @@ class GibbsLaw:
     omega, load
         Natural frequency, rad/s, and constant load per unit mass, m/s^2.
     lower, upper
-        The stops, with laws for forces per unit mass; None for no stop. Of a viscoelastic stop
-        only the spring enters.
+        The stops, with laws for forces per unit mass; None for no stop. A viscoelastic stop enters
+        with its spring alone.
     spring
         A function in the place of omega^2 x; omega is then 0. Its wells are searched for outwards
         from 0 until the energy has stayed 50 theta above the deepest well while the distance grew
@@ -145,7 +145,7 @@ class GibbsLaw:
 
     @cached_property
     def _soft(self) -> tuple[tuple[Stop, CompliantLaw], ...]:
-        """The stops that give way, with their laws."""
+        """The compliant stops, with their laws."""
         stops = self._stops.values()
         return tuple((stop, stop.law) for stop in stops if isinstance(stop.law, CompliantLaw))
 
@@ -489,14 +489,16 @@ class GibbsLaw:
         for stop, law in self._soft:
             if stop.name == side:
                 return stop, law
-        raise ValueError(f"the {side} stop does not give way: its force has no law")
+        raise ValueError(
+            f"the {side} stop must be compliant, got a rigid one: its force has no law"
+        )
 
     def peak_force_exceedance(self, side: str, force: ArrayLike) -> Vector:
         """P(largest force of a contact > force), force per unit mass, noise and damping neglected.
 
         The mass turns where U = U(stop) + w^2 / 2, with w its impact speed, which is Rayleigh
-        distributed. So P = exp(-(U(y_f) - U(stop)) / theta), with y_f the deflection at that force,
-        and P = 1 for a force that the mass reaches even at zero impact speed.
+        distributed. So P = exp(-(U(y_f) - U(stop)) / theta), with y_f the deflection at that force.
+        P = 1 for a force that the mass reaches even at zero impact speed.
         """
         stop, law = self._soft_stop(side)
         y = law.deflection_at(force)
@@ -519,11 +521,11 @@ class GibbsLaw:
     def _peak_force(self, bumper: Stop, law: CompliantLaw) -> float | None:
         """Mean of the largest force of a contact without noise and damping while it lasts.
 
-        A mass that arrives at the speed w turns where U = U(stop) + w^2 / 2. The mean of F there
-        over the Rayleigh law of w is F(y_0) + int F'(y) exp(-(U - U(stop)) / theta) dy from y_0 on,
-        where y_0 is the deflection at which a mass with w = 0 turns: 0, unless the mass is pressed
-        into the stop. None where a spring given as a function makes U fall again further in, so
-        that a faster mass may turn elsewhere.
+        A mass that arrives at the speed w turns where U = U(stop) + w^2 / 2. With w Rayleigh
+        distributed, the mean of F there is F(y_0) + int F'(y) exp(-(U - U(stop)) / theta) dy from
+        y_0 on. y_0 is the deflection at which a mass with w = 0 turns: 0, unless the mass is
+        pressed into the stop. None where a spring given as a function makes U fall again further
+        in, so that a faster mass may turn elsewhere.
         """
         sign, stop = float(bumper.side), bumper.position
         start = stop

@@ -42,11 +42,11 @@ class ModalForm(NamedTuple):
     gaps
         Rows phi (pairs, n): the gap of a pair is y = phi . q.
     rest
-        Modal displacements (n,) under the constant loads where nothing hits. A load on a mode
+        Modal displacements (n,) under the constant loads where no stop is touched. A load on a mode
         without stiffness has no such displacement: it is the last signal, a state that stays 1.
     signals, coupling, signal_noise
-        Generator (m, m) of the signals, modal forces per unit of them (n, m), and the intensity
-        matrix (m, m) of the white noise that drives them.
+        Generator (m, m) of the signals; modal forces per unit of them (n, m); and intensity matrix
+        (m, m) of the white noise that drives them.
     sines
         (first state, omega, amplitude) of the signals that are sines.
     tables
@@ -198,9 +198,9 @@ def _modal_white(white: Matrix, shapes: Matrix) -> Matrix:
 class LinearLaw(NamedTuple):
     """Stationary law of a linear structure.
 
-    `covariance` is that of the states under noise, `waves` are the complex amplitudes of the states
-    under each sine, `mean` are the mean modal displacements, `decay` the eigenvalues of the modal
-    damping matrix (1/s), and `slowest` is the longest relaxation time of a variance (s).
+    `covariance` is that of the states under noise; `waves` are the complex amplitudes of the states
+    under each sine; `mean` are the mean modal displacements; `decay` are the eigenvalues of the
+    modal damping matrix (1/s); `slowest` is the longest relaxation time of a variance (s).
     """
 
     covariance: Matrix

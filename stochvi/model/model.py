@@ -85,7 +85,7 @@ class Stop:
 
     @property
     def rigid(self) -> bool:
-        """Whether the stop does not give way."""
+        """Whether the stop is rigid."""
         return self.law.rigid
 
     @property
@@ -141,11 +141,11 @@ class Pair:
 
     @property
     def rigid(self) -> bool:
-        """Whether no stop gives way."""
+        """Whether no stop is compliant."""
         return all(stop.rigid for stop in self.stops)
 
     def force(self, gap: ArrayLike, rate: ArrayLike) -> Vector:
-        """Force on the stops that give way, N, positive on the upper one; 0 on rigid ones.
+        """Force on the compliant stops, N, positive on the upper one; 0 on rigid ones.
 
         Parameters
         ----------
@@ -162,12 +162,13 @@ class Pair:
 
 
 ALIKE = 1e-9
-"""Relative difference of the directions of two pairs up to which their gaps are one motion, and of
-the distances of two stops up to which these are hit at once."""
+"""Largest relative difference of the directions of two pairs whose gaps are one motion; the same
+for the distances of two stops that are hit at once."""
 
 
 def sharing_of(directions: Matrix, lower: Vector, upper: Vector) -> Matrix | None:
-    """How the hits of pairs that are hit at once are shared: equally, as none of them is the first.
+    """How the impacts of pairs that are hit at once are shared: equally, as none of them is the
+    first.
 
     Parameters
     ----------
@@ -179,8 +180,8 @@ def sharing_of(directions: Matrix, lower: Vector, upper: Vector) -> Matrix | Non
     Returns
     -------
     NDArray or None
-        (pairs, pairs), by which counts of hits by pair are multiplied; None where no two pairs have
-        one motion and equally distant stops.
+        (pairs, pairs), by which counts of impacts by pair are multiplied; None where no two pairs
+        have one motion and equally distant stops.
 
     Examples
     --------
@@ -299,7 +300,7 @@ class Model:
 
     @cached_property
     def sharing(self) -> Matrix | None:
-        """(pairs, pairs): what each pair gets of the hits that are counted on each, see
+        """(pairs, pairs): what each pair gets of the impacts that are counted on each, see
         `sharing_of`; None where no pairs are hit at once."""
         places = np.full((2, len(self.pairs)), math.inf)
         for number, pair in enumerate(self.pairs):

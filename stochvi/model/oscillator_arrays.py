@@ -27,8 +27,8 @@ class OscillatorArrays(NamedTuple):
     omega, damping_rate, intensity, load
         Natural frequency (rad/s), b (1/s), S0 (m^2/s^3) and constant load (m/s^2).
     positions
-        Of the lower and the upper stops (2, oscillators), m from the position of the unloaded
-        spring; infinite for no stop.
+        Positions of the lower and the upper stops (2, oscillators), m from the unloaded spring;
+        infinite for no stop.
     restitutions
         R of the lower and the upper stops (2, oscillators); it has no meaning where there is no
         stop.

@@ -19,8 +19,8 @@ from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
 
 UNSHAKEN = 1e-24
-"""Variance of the speed of a gap, relative to the largest of a modal velocity, below which the gap
-counts as at rest, because the rest is rounding error."""
+"""A gap counts as at rest below this variance of its speed, relative to the largest of a modal
+velocity: the remainder is rounding error."""
 
 ITERATIONS = 40
 """Number of iterations for the springs and dampers in the place of impacts: a few digits then no
@@ -47,11 +47,11 @@ def scales_of(
 ) -> tuple[LinearLaw, tuple[PairScale, ...]] | None:
     """A linear law close to the stationary one, and the scales of each pair; None if none is found.
 
-    Every pair is replaced by a spring, which gives the gap the mean and the variance of a normal
-    law cut at the stops, and by a damper, which takes as much power as the restitution does at
-    Rayleigh impact speeds. Both are found by iteration. Compliant stops are treated as rigid ones
-    with their restitution or, if `giving_way`, by the energy that they store. `method` is the name
-    of the method in error messages.
+    Every pair is replaced by a spring and a damper. The spring gives the gap the mean and the
+    variance of a normal law cut at the stops. The damper takes as much power as the restitution
+    does at Rayleigh impact speeds. Both are found by iteration. Compliant stops are treated as
+    rigid ones with their restitution or, if `giving_way`, by the energy that they store. `method`
+    is the name of the method in error messages.
     """
     substitutes = [_first_guess(modes, pair) for pair in model.pairs]
     scales: tuple[PairScale, ...] = ()
@@ -176,8 +176,8 @@ def _substitute(
 def _energy_behind(modes: ModalForm, law: LinearLaw, pair: Pair, gap: Vector) -> float:
     """Twice the mean energy, J, of the springs that pull at a gap.
 
-    A mass that is pressed onto a stop may be lifted by the swinging of the structure behind it,
-    even where its own motion is too small.
+    The structure behind a mass that is pressed onto a stop may lift it by its swinging, even where
+    its own motion is too small.
     """
     pull = pair.mass * gap * modes.squares
     stiffness = pair.mass * float(pull @ gap)
@@ -219,8 +219,8 @@ def _power_of_stops(pair: Pair, law: TruncatedNormal | GibbsLaw, square: float) 
 
 
 PRESSING_THRESHOLD = 0.5
-"""A pair leans on a stop if the pressing acceleration times the standard deviation of the gap is
-more than this share of E v^2, v the rate of the gap. The share is 1 for a mass that lies on the
+"""A pair is pressed onto a stop above this share: the pressing acceleration times the standard
+deviation of the gap, over E v^2, v the rate of the gap. The share is 1 for a mass that lies on the
 stop."""
 
 

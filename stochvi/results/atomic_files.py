@@ -22,9 +22,9 @@ def write_whole(data: bytes, path: Path, *, durable: bool = False, follow: bool 
     With `durable`, the file is on the disk when this function returns. With `follow`, the target of
     a symbolic link is written; otherwise the file replaces the link.
 
-    The bytes are first written to a hidden file in the same folder, which then replaces the file,
-    so that two processes that write the same file never mix their bytes. A process that is killed
-    in between (`kill -9`) leaves the hidden file behind.
+    The bytes are first written to a hidden file in the same folder, which then replaces the file.
+    Two processes that write the same file never mix their bytes. A process that is killed in
+    between (`kill -9`) leaves the hidden file behind.
 
     Raises
     ------

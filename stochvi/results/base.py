@@ -78,8 +78,8 @@ class Result:
         Parameters
         ----------
         ax
-            Axes to draw in; by default those of a new figure. Of a picture of several panels, the
-            first is drawn there.
+            Axes to draw in; by default those of a new figure. They take the first panel of a
+            picture of several.
 
         Returns
         -------

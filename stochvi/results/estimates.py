@@ -182,18 +182,18 @@ class Estimate:
         return self.reach(GAUSSIAN_95)
 
     def interval(self, confidence: float = CONFIDENCE) -> tuple[float, float]:
-        """The confidence interval with all errors (see the notes); of an event that was never seen,
-        from 0 to its upper limit.
+        """The confidence interval with all errors (see the notes). For an event that was never seen
+        it reaches from 0 to the upper limit.
 
         Parameters
         ----------
         confidence
-            The chance with which such intervals hold the truth.
+            The probability with which such intervals hold the truth.
 
         Raises
         ------
         ValueError
-            If the bias is not known; of an event that was never seen, unless confidence is 0.95.
+            If the bias is not known; for an event that was never seen, unless confidence is 0.95.
         """
         if not 0.0 < confidence < 1.0:
             raise ValueError(f"confidence must be in (0, 1), got {confidence:g}; 95 % is 0.95")

@@ -1,8 +1,8 @@
 """Confidence intervals and the propagation of statistical errors, in one place.
 
-Everything that states an error of sampled numbers takes it from here: quantiles of the normal and
-of Student's law, intervals of means, counts and chances, the jackknife, and the delta method for
-functions of means over independent paths.
+Everything that states an error of sampled numbers takes it from here. The module has quantiles of
+the normal and of Student's law, and intervals of means, counts and probabilities. It has the
+jackknife, and the delta method for functions of means over independent paths.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ def _cores() -> int:
 def thread_seconds() -> float:
     """CPU seconds of the calling thread, for differences between two calls.
 
-    Windows counts CPU time in ticks of 1/64 s, too coarse for a block of paths: there it is wall
-    time.
+    On Windows it is wall time: CPU time comes in ticks of 1/64 s there, too coarse for a block of
+    paths.
     """
     return time.perf_counter() if sys.platform == "win32" else time.thread_time()

@@ -87,8 +87,8 @@ class PairResponse(Quantities[Estimate | float | None]):
         the upper stop, N. A mass is in contact while it is beyond the stop, even if the stop does
         not push yet; contact with a stop that has a damper ends when its force returns to zero.
     relative_displacement_mean, relative_displacement_std, relative_velocity_std
-        Motion of the gap, m and m/s: for a pair of two coordinates that of the first relative to
-        the second, for a place of a rigid body that along the direction of the pair.
+        Motion of the gap, m and m/s. A pair of two coordinates has the motion of the first relative
+        to the second; a place of a rigid body has its motion along the direction of the pair.
     speed_threshold
         The slowest impact that the rates count, m/s.
 

@@ -18,8 +18,8 @@ BegunBlock = tuple[int, int, *tuple[Any, ...]]
 """A block, followed by what its paths go on from where they do not begin."""
 
 LANES = 16
-"""Pieces of a block that have more paths than this number have a multiple of it, because the loops
-of the kernels over paths fill vectors of 8 numbers."""
+"""A piece of a block with more paths than this has a multiple of it: the loops of the kernels over
+paths fill vectors of 8 numbers."""
 
 FULL_LANES = 64
 """Number of paths that take hardly longer per step of each than many paths do: at 64 a kernel takes
@@ -58,10 +58,10 @@ def in_pieces(
 ) -> list[Piece]:
     """Results of `make(first_path, paths)` for successive pieces of a block of paths.
 
-    The deadline is checked between pieces. Once it has passed, or a path would take clearly longer
-    than there is left, the remaining paths are left out, but never those of the first piece, which
-    has FEWEST_AT_ONCE of them. A piece that takes longer all the same is given up (`stop_flag`),
-    with `GivenUp` where it is the first. The paths do not depend on the pieces.
+    The deadline is checked between pieces. The remaining paths are left out once it has passed, or
+    a path would take clearly longer than the time left. The first piece, of FEWEST_AT_ONCE paths,
+    is never left out. A piece that takes longer all the same is given up (`stop_flag`), with
+    `GivenUp` where it is the first. The paths do not depend on the pieces.
     """
     if deadline == NEVER:
         return [make(first_path, paths)]

@@ -1,11 +1,10 @@
 """Checkpoints: the samples of a run on disk, written atomically and bound to one scene.
 
-A checkpoint is one line, "stochvi checkpoint 4" and the SHA-256 of the rest of the file, followed
-by a JSON document with the command, the scene, the arguments, the versions, the processor and the
-samples. A sample is a function of its sampler and of the blocks in it alone. It is therefore kept
-under a digest of the sampler, and is taken when the same sampler is asked for again: a run that
-goes on takes the way of one that never stopped, and finds what it has done before. Floats are
-written with all their digits.
+The first line of a checkpoint is "stochvi checkpoint 4" with the SHA-256 of the rest of the file. A
+JSON document follows: command, scene, arguments, versions, processor and samples. A sample is a
+function of its sampler and of the blocks in it alone. It is therefore kept under a digest of the
+sampler, and is taken when the same sampler is asked for again: a run that goes on takes the way of
+one that never stopped, and finds what it has done before. Floats are written with all their digits.
 """
 
 from __future__ import annotations

@@ -37,8 +37,8 @@ class WorkOptions(TypedDict, total=False):
         checkpoint that is there is replaced, and kept as FILE.earlier if it took longer than 10 s;
         any other file is refused.
     resume
-        Checkpoint to go on from, and to go on writing unless `checkpoint` names another, with the
-        arguments of its run, to the digits of a run that never stopped. That of a run that ended
+        Checkpoint to go on from, with the arguments of its run, to the digits of a run that never
+        stopped. It is also written on, unless `checkpoint` names another. That of a run that ended
         gives its answer again.
     """
 
@@ -117,8 +117,8 @@ WITHOUT_DIGITS = (
 
 
 def signature_of(function: Callable[..., Any], **defaults: Any) -> inspect.Signature:
-    """The signature of a function, with the options that its `**options` stands for, one by one,
-    and the defaults that the function has for some of them."""
+    """The signature of a function, with the options of its `**options` one by one, and the defaults
+    that the function has for some."""
     signature = inspect.signature(function)
     *named, last = signature.parameters.values()
     if last.kind is not inspect.Parameter.VAR_KEYWORD:

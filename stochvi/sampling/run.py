@@ -140,8 +140,8 @@ class Run:
         """Sample `first` paths, and after each round as many `more` as its sample asks for, until
         it asks for none.
 
-        Blocks are merged in their order, and every decision but the end at the deadline depends on
-        merged samples alone, so that a run that resumes decides as one that never stopped.
+        Blocks are merged in their order. Every decision but the end at the deadline depends on
+        merged samples alone. A run that resumes therefore decides like one that never stopped.
 
         Once the deadline has passed, the block under way is cut. It is part of the answer, and no
         part of the checkpoint: the clock chose where it was cut, and a run that resumes does the

@@ -48,7 +48,7 @@ class Sampler(ABC, Generic[Piece, Sample]):
         """Number of paths in a sample."""
 
     def sample(self, first_path: int, paths: int, deadline: Deadline) -> Sample:
-        """The sample of a block; of its first paths, where the deadline passes before its end.
+        """The sample of a block, or of its first paths where the deadline passes before its end.
 
         Raises `GivenUp` where there are none.
         """

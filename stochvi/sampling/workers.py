@@ -1,8 +1,8 @@
 """Workers: threads, processes, Dask or MPI do tasks, whose results are handed on in their order.
 
 A task is some blocks of paths of one sampler. Its result is a function of the sampler and the
-blocks alone, so that any worker may do it, and do it again where a worker is lost. Results are
-merged in the order of their blocks, so that no digit depends on the number or speed of workers.
+blocks alone. Any worker may do it, and do it again where a worker is lost. Results are merged in
+the order of their blocks, so that no digit depends on the number or speed of workers.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ ended. It is then begun a second time, as a slow or dead machine would hold up a
 it."""
 
 LOOK_SECONDS = 0.5
-"""Seconds between two checks for lost or late tasks while the first result is awaited, or half the
-expected time of a task if that is longer."""
+"""Seconds between two checks for lost or late tasks while the first result is awaited. Half the
+expected time of a task is taken instead if it is longer."""
 
 MOST_ATTEMPTS = 4
 """Number of times that a task is begun on an external executor before the run gives up. Schedulers
@@ -152,8 +152,8 @@ def _linear_algebra() -> ThreadpoolController:
 def one_thread() -> Iterator[None]:
     """Within it linear algebra uses one thread.
 
-    The matrices here are small, and between two products the threads of a library such as OpenBLAS
-    wait in a loop that keeps a core from the paths: with them a simulation of three masses on two
+    The matrices here are small. Between two products the threads of a library such as OpenBLAS wait
+    in a loop, which keeps a core from the paths. With them a simulation of three masses on two
     cores took 1.6 times as long. The digits of modes may also depend on the number of threads.
     """
     with _linear_algebra().limit(limits=1, user_api="blas"):

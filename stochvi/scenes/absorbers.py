@@ -46,7 +46,7 @@ class Absorber(Checked):
         Instead of the play: the stops of the relative displacement, m. A mass on a spring may have
         only one.
     law
-        Impact law of the walls.
+        Impact law of the stops.
     units
         Number of equal units, each in a box of its own.
     stiffness, damping
@@ -102,7 +102,7 @@ class Absorber(Checked):
             raise ValueError(f"needs play, or lower and upper, got {described}")
         if self.stiffness == 0.0 and self.play is None and None in (self.lower, self.upper):
             raise ValueError(
-                "needs both walls where no spring holds the mass, got one; give play, or lower and "
+                "needs both stops where no spring holds the mass, got one; give play, or lower and "
                 "upper, or a stiffness"
             )
         return self

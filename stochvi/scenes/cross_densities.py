@@ -125,8 +125,8 @@ def independent_sources(
 
     The source of an axis has the density of that axis.
 
-    Source j moves axis a by sqrt(G_aa / G_jj) L_aj, L the Cholesky factor of the coherences, so
-    that the sources together have the densities and cross densities asked for.
+    Source j moves axis a by sqrt(G_aa / G_jj) L_aj, L the Cholesky factor of the coherences. The
+    sources together then have the densities and cross densities of the scene.
 
     Returns
     -------

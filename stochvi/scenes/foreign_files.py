@@ -62,7 +62,7 @@ def read_foreign(path: Path, kind: str) -> tuple[Foreign, ...]:
 
 @lru_cache(maxsize=1)
 def _read_apart(path: str, kind: str, _: tuple[int, ...]) -> tuple[Foreign, ...]:
-    """The arrays of a file; of the same one again, as a sweep asks for it, at once."""
+    """The arrays of a file. The same file again, as a sweep asks for it, costs nothing."""
     program = [sys.executable, "-I", foreign_reader.__file__, kind, path, json.dumps(sys.path)]
     alone = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     try:

@@ -66,8 +66,8 @@ RATES_EQUAL = 1e-6
 it must not lengthen a segment by a sample."""
 
 ROUNDING_ERRORS = 3.0
-"""Largest distance of a sampling rate from the fitted one, in standard errors that rounded times
-leave it, at which it counts as supported by the times."""
+"""The times support a sampling rate up to this distance from the fitted one, in the standard errors
+that rounded times leave."""
 
 GAPS_LISTED = 3
 """Largest number of gaps that a sentence lists."""
@@ -276,11 +276,11 @@ def response_error(
 ) -> tuple[float, float]:
     """Relative standard error and relative bias of the mean square response to a record's density.
 
-    With G the density of the response, an estimate of its area from T seconds has the relative
-    variance int G^2 df / (T (int G df)^2), whatever the segments. For a flat input this is
-    1 / (pi B T), B the half-power bandwidth. The window smears the input over 1.5 bins. Its bias is
-    found by smearing the estimate once more, with the weights 1/6, 2/3, 1/6 on three bins, which
-    have the second moment of the kernel of a Hann window.
+    G is the density of the response. For any segments, an estimate of its area from T seconds has
+    the relative variance int G^2 df / (T (int G df)^2). For a flat input this is 1 / (pi B T), B
+    the half-power bandwidth. The window smears the input over 1.5 bins. Its bias is found by
+    smearing the estimate once more. The weights 1/6, 2/3, 1/6 on three bins have the second moment
+    of the kernel of a Hann window.
 
     Examples
     --------
@@ -479,7 +479,7 @@ def listed_gaps(gaps: Sequence[tuple[float, float]]) -> str:
 def _sampling(
     times: Vector, path: Path, columns: Columns
 ) -> tuple[float, Vector, tuple[str, ...], str]:
-    """Sampling rate, 1/s, the seconds by which each interval is too long, notes, and a sentence
+    """Sampling rate, 1/s; the seconds by which each interval is too long; notes; and a sentence
     where the times are off the even grid by more than their rounding.
 
     The rate comes from a least-squares fit to the times, with one slope for all segments.

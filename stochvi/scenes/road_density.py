@@ -27,8 +27,8 @@ secondary sources that quote ISO 8608:1995; they were not compared with the stan
 
 WAVENUMBERS = (0.01, 10.0)
 """Range of wavenumbers, cycles/m, in which a road is taken to be rough. By ISO 8608:2016,
-wavenumbers below the first need not be measured on roads, and the tyre filters out those above the
-second (as quoted in public previews of the standard)."""
+wavenumbers below the first need not be measured on roads; the tyre filters out those above the
+second. (Quoted from public previews of the standard.)"""
 
 
 def velocity_density(roughness: float, speed: float) -> float:

@@ -52,12 +52,12 @@ class ImpactPair(Checked):
     clearance
         Instead of the two, one clearance on both sides, m: stops at -clearance and clearance.
     on, between, weights
-        The coordinate or point that hits, which may be left out if there is only one; or two of
-        them, of which the difference, first minus second, is the gap; or the weights of several,
-        as { tip = 0.5, middle = 0.5 }, whose sum is the gap.
+        The coordinate or point that hits the stops, which may be left out if there is only one; or
+        two of them, of which the difference, first minus second, is the gap; or the weights of
+        several, as { tip = 0.5, middle = 0.5 }, whose sum is the gap.
     at, direction
-        Of a rigid body: the place that hits, m from the centre of mass, and the direction in which
-        its displacement counts as positive; of any length above 0, it is divided by its length.
+        On a rigid body: the place that hits the stops, m from the centre of mass, and the direction
+        in which its displacement counts as positive. The length of the direction does not matter.
     law, lower_law, upper_law
         The impact law of both stops, or of one where they differ.
 
@@ -691,7 +691,7 @@ class Scene(Checked):
         words = {law.word for pair in self.impact_pairs for _, law in pair.stops()}
         found += self.structure.assumptions()
         if "rigid" in words:
-            which = "stops are rigid" if words == {"rigid"} else "the rigid stop does not give way"
+            which = "stops are rigid" if words == {"rigid"} else "some stops are rigid"
             found.append(f"{which}; an impact is instantaneous (Newton's restitution)")
         if "viscoelastic" in words:
             found.append(

@@ -1,6 +1,6 @@
 """JSON Schema of scene files, from the parts of a scene: an editor completes and checks keys by it.
 
-What a schema cannot say, such as that exactly one of two keys is given or that a table rises, is
+A schema cannot say that exactly one of two keys is given, or that a table rises. Such rules are
 checked when the file is read.
 """
 

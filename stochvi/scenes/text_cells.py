@@ -26,8 +26,8 @@ MISSING = frozenset(
      "nan(ind)", "-nan(ind)", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind", "1.#inf", "-1.#inf",
      "1.#nan")
 )  # fmt: skip
-"""Texts, in small letters, of cells without a measured value, including the errors of spreadsheets
-and the texts for infinity and NaN that C libraries of Windows print."""
+"""Texts, in small letters, of cells without a measured value. They include the errors of
+spreadsheets, and the texts for infinity and NaN that C libraries of Windows print."""
 
 
 STARTS_FORMULA = re.compile(r"[=+\-@\t\r].")

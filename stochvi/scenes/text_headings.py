@@ -96,9 +96,9 @@ def headings_above(
 ) -> list[Heading]:
     """The headings of the columns.
 
-    They come from the last lines above the rows that have as many cells as there are columns, and
-    from lines that state that they hold units. `longest` is the number of cells of a row including
-    empty ones at its end, which a heading may name.
+    They come from lines above the rows: the last ones with as many cells as there are columns, and
+    those that state that they hold units. `longest` is the number of cells of a row including empty
+    ones at its end, which a heading may name.
     """
     fitting: list[tuple[int, list[str]]] = []
     for number, line in above[:-LAST_HEADINGS]:

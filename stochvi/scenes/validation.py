@@ -95,7 +95,7 @@ Weights = Annotated[dict[str, Number], AfterValidator(_weighted)]
 
 
 def _name_of(function: Any) -> str:
-    """Module and name of a function; of an object that can be called, those of its class."""
+    """Module and name of a function; for an object that can be called, those of its class."""
     named = function if hasattr(function, "__qualname__") else type(function)
     return f"{named.__module__}.{named.__qualname__}"
 
@@ -153,8 +153,8 @@ class Checked(BaseModel):
     def refuse_subclass(cls, value: Any) -> None:
         """Raise a ValueError for a part of a user's subclass of this class.
 
-        Each method reads what it needs of a part, its numbers or its functions, so that what a
-        subclass overrides would act in some methods and not in others.
+        Each method reads either the numbers or the functions of a part. An override in a subclass
+        would act in some methods and not in others.
         """
         if isinstance(value, cls) and type(value) is not cls:
             raise ValueError(

@@ -1,4 +1,4 @@
-"""Statistics of what Monte Carlo samples: impacts, spectra, first crossings, bursts and risks."""
+"""Statistics of what Monte Carlo samples: impacts, spectra, first crossings, clusters and risks."""
 
 import lazy_loader
 

@@ -1,12 +1,12 @@
-"""What follows a first hit: bursts of hits, simulated from the hit on.
+"""Impact clusters, simulated from their first impact on.
 
-Hits of an isolator whose stops are far come in bursts: a first hit, which finds the mass in the
-motion that it has without stops, and those that the first one leads to. Crude simulation has to
-wait for them; here every record begins with one. First hits are outcrossings of the free response
-without another one in the memory of the process before (`first_crossings`, and `pair_crossings` of
-several pairs); from there the engine simulates on with the stops (`cluster_paths`,
-`structure_flights`). With lambda the limiting rate of first hits, and bursts far apart, whatever
-has the mean q in a burst happens lambda q times a second, however rare that is.
+Impacts of an isolator whose stops are far come in clusters. A first impact meets the motion that
+the mass has without stops; others follow from it. Crude simulation has to wait for clusters; here
+every record begins with one. First impacts are outcrossings of the free response without another
+one in the memory of the process before: `first_crossings`, and `pair_crossings` for several pairs.
+From there the engine simulates on with the stops (`cluster_paths`, `structure_flights`). Let lambda
+be the limiting rate of first impacts, and clusters be far apart. A quantity with the mean q in a
+cluster then happens lambda q times a second, however rare that is.
 """
 
 from __future__ import annotations
@@ -34,52 +34,52 @@ from stochvi.statistics.crossing_ages import FEWEST_PATHS, LEAST_PATHS
 from stochvi.statistics.structure_flights import StructureFlights
 
 UNFINISHED = 0.05
-"""Share of the hits in the second half of the window from which bursts do not seem to end, and
-expected number of other first hits in the window from which they meet."""
+"""Clusters do not seem to end from this share of the impacts in the second half of the window on.
+They meet from this expected number of other first impacts in the window on."""
 
 LOOK = 4
 """Number of paths, as a multiple of FEWEST_PATHS, after which the simulation ends if it has seen
 nothing of what is `wanted`."""
 
 FAR, DOUBT = 2.0, 4.0
-"""A value needs no more accuracy once it lies more than the factor `FAR` away from the value that
-is searched for, by more than `DOUBT` standard errors of its logarithm."""
+"""A value needs no more accuracy once it lies beyond the factor `FAR` from the wanted value. It
+must lie there by more than `DOUBT` standard errors of its logarithm."""
 
 FEWEST_WITH_BURSTS = 8
-"""Smallest number of paths with a first hit among their crossings from which a standard error is
+"""Smallest number of paths with a first impact among their crossings from which a standard error is
 taken."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Bursts:
-    """Bursts that followed first hits, each with its weight.
+    """Clusters that followed first impacts, each with its weight.
 
     Parameters
     ----------
     first_rate
-        Limiting rate of first hits, 1/s.
+        Limiting rate of first impacts, 1/s.
     window, horizon
-        Time for which each burst was simulated, and time without a hit before it, s.
+        Time for which each cluster was simulated, and time without an impact before it, s.
     pairs, outputs
         Names of the pairs, and of the coordinates and named points whose accelerations are
         followed.
     path
-        (bursts,) number of the path from which each burst comes: paths are independent.
+        (clusters,) number of the path from which each cluster comes: paths are independent.
     weight
-        (bursts,): chance of its slope, over the chance with which it was drawn, times Rice's rate
+        (clusters,): probability of its slope over that with which it was drawn, times Rice's rate
         of crossings of the stop that it begins at.
     early_hits
-        (bursts,): hits above the speed threshold in the first half of the window, on any pair.
+        (clusters,): impacts above the speed threshold in the first half of the window, on any pair.
     hits, speeds, fastest
-        (pairs, bursts): hits above the speed threshold, the sum of all impact speeds, and the
+        (pairs, clusters): impacts above the speed threshold, the sum of all impact speeds, and the
         largest one (m/s).
     sharpest
-        (outputs, bursts): largest absolute acceleration (m/s^2, or rad/s^2), of several pairs while
-        a stop is touched; rigid impacts have none.
+        (outputs, clusters): largest absolute acceleration (m/s^2, or rad/s^2); with several pairs,
+        while a stop is touched. Rigid impacts have none.
 
     See Also
     --------
-    stochvi.size : What is answered by bursts where hits are rare.
+    stochvi.size : What is answered by clusters where impacts are rare.
     """
 
     first_rate: Estimate
@@ -97,18 +97,18 @@ class Bursts:
 
     @property
     def paths(self) -> int:
-        """Number of independent paths with a burst."""
+        """Number of independent paths with a cluster."""
         return len(np.unique(self.path))
 
     @property
     def overlap(self) -> float:
-        """Expected number of other first hits in the window that is simulated; the rates of this
+        """Expected number of other first impacts in the window that is simulated; the rates of this
         class need it to be small."""
         return self.first_rate.value * self.window
 
     @property
     def unfinished(self) -> float:
-        """Share of the hits in the second half of the window, without those of new bursts."""
+        """Share of the impacts in the second half of the window, without those of new clusters."""
         total = float(np.sum(self.weight * self.hits.sum(axis=0)))
         if total == 0.0:
             return 0.0
@@ -117,25 +117,25 @@ class Bursts:
 
     @property
     def apart(self) -> bool:
-        """Whether bursts end within the window and seldom meet other bursts."""
+        """Whether clusters end within the window and seldom meet other clusters."""
         return self.overlap < UNFINISHED and self.unfinished < UNFINISHED
 
     def hits_per_burst(self) -> Estimate:
-        """Mean number of hits in a burst."""
+        """Mean number of impacts in a cluster."""
         return self._mean(self.hits.sum(axis=0))
 
     def hit_rate(self, pair: str | None = None) -> Estimate:
-        """Hits per second on the stops of all pairs, or of one."""
+        """Impacts per second on the stops of all pairs, or of one."""
         return self._rate(self.hits[self._pairs(pair)].sum(axis=0))
 
     def impact_speed_mean(self, pair: str | None = None) -> Estimate:
-        """Mean impact speed of all hits, or of those on one pair, m/s."""
+        """Mean impact speed of all impacts, or of those on one pair, m/s."""
         chosen = self._pairs(pair)
         return self._ratio(self.speeds[chosen].sum(axis=0), self.hits[chosen].sum(axis=0))
 
     def largest(self, name: str, outputs: Sequence[str] | None = None) -> Vector:
-        """(bursts,): the largest "impact_speed" of all pairs, or the largest "peak_acceleration" of
-        some outputs, by default of all."""
+        """(clusters,): the largest "impact_speed" of all pairs, or the largest "peak_acceleration"
+        of some outputs, by default of all."""
         if name == "impact_speed":
             return np.asarray(self.fastest.max(axis=0))
         known = self.outputs
@@ -145,7 +145,7 @@ class Bursts:
     def exceedance_rate(
         self, name: str, limit: float, outputs: Sequence[str] | None = None
     ) -> Estimate:
-        """Bursts per second of which the `largest` is above a limit."""
+        """Clusters per second of which the `largest` is above a limit."""
         return self._rate((self.largest(name, outputs) > limit).astype(float))
 
     def _pairs(self, pair: str | None) -> list[int]:
@@ -153,15 +153,15 @@ class Bursts:
         return [*range(len(self.pairs))] if pair is None else [self.pairs.index(pair)]
 
     def _rate(self, what: Vector) -> Estimate:
-        """`first_rate` times the mean of `what` in a burst, without what new bursts add to the
+        """`first_rate` times the mean of `what` in a cluster, without what new clusters add to the
         window.
 
-        With h the horizon, d the time from a first hit until h has passed without one, and m the
-        mean of `what` in that time, such times begin once in 1 / lambda + d seconds (renewal), and
+        Symbols: h the horizon; d the time from a first impact until h has passed without one; m the
+        mean of `what` in that time. Such times begin once in 1 / lambda + d seconds (renewal), so
         the rate is lambda m / (1 + lambda d). The window w holds m (1 + lambda (w - d)) of it, to
         first order in lambda: together lambda mean / (1 + lambda w). The bias states all of that.
-        Where no burst has any of it, the upper limit is taken as if the burst of the largest weight
-        had it.
+        Where no cluster has any of it, the upper limit is taken as if the cluster of the largest
+        weight had it.
         """
         mean = self._mean(what)
         rate = self.first_rate.value / (1.0 + self.overlap)
@@ -197,8 +197,8 @@ class Bursts:
 
 
 def chance_of(rate: Estimate, mission: float, reach: float = 0.0) -> Estimate:
-    """Chance that an event of this rate happens in a mission, 1 - exp(-rate mission); bursts that
-    began before the mission, or end after it, leave a relative bias `reach`."""
+    """Probability that an event of this rate happens in a mission, 1 - exp(-rate mission); clusters
+    that began before the mission, or end after it, leave a relative bias `reach`."""
     value = -math.expm1(-rate.value * mission)
     upper = None if rate.upper_95 is None else -math.expm1(-rate.upper_95 * mission)
     found = rate * (mission * (1.0 - value))
@@ -215,15 +215,15 @@ def bursts(
     far_from: float | None = None,
     **options: Unpack[AccuracyOptions],
 ) -> Bursts:
-    """Simulate bursts at the stops of a scene until `wanted` is known to `rel_error`.
+    """Simulate clusters at the stops of a scene until `wanted` is known to `rel_error`.
 
     Ends before that where the budget does, or where nothing `wanted` is seen.
 
     Parameters
     ----------
     widening
-        Half of the first hits are drawn this many times faster, and weighted with what that makes
-        of their chance: for exceedances of speeds that few hits reach.
+        Half of the first impacts are drawn this many times faster, and weighted with what that
+        makes of their probability: for exceedances of speeds that few impacts reach.
     far_from
         A value of `wanted` that is searched for: where what is found lies beyond doubt more than a
         factor FAR away from it, no more accuracy is needed.
@@ -277,14 +277,14 @@ def _far(estimate: Estimate, place: float | None) -> bool:
     """Whether an estimate lies beyond doubt more than a factor FAR from a place."""
     if place is None or not estimate.value:
         return place is not None and (estimate.upper_95 or math.inf) < place / FAR
-    # of the logarithm: one burst beyond a limit has a standard error of its own size, but says no
+    # of the logarithm: one cluster beyond a limit has a standard error of its own size, but says no
     # more than the order of magnitude
     doubt = math.exp(DOUBT * min(estimate.standard_error / estimate.value, DOUBT))
     return estimate.value * doubt < place / FAR or estimate.value / doubt > place * FAR
 
 
 def _join(flights: Flights, parts: list[Part]) -> Bursts:
-    """All bursts so far."""
+    """All clusters so far."""
     found = flights.found(np.concatenate([part.ages for part in parts], axis=3))
     columns = np.concatenate([part.bursts for part in parts], axis=1)
     if len(np.unique(columns[0])) < FEWEST_WITH_BURSTS:

@@ -1,6 +1,6 @@
-"""Flights of one oscillator from first hits on: a block of records, and the bursts in it.
+"""Flights of one oscillator from first impacts on: a block of records, and the clusters in it.
 
-A flight begins just before an outcrossing that is a first hit. The motion without stops is known
+A flight begins just before an outcrossing that is a first impact. The motion without stops is known
 around the crossing, and the engine simulates what the stops change in it.
 """
 
@@ -24,28 +24,28 @@ TOUCH = 1e-9
 hit."""
 
 WINDOW_RELAXATIONS = 15.0
-"""Time that is simulated after a first hit, in time constants of the structure."""
+"""Time that is simulated after a first impact, in time constants of the structure."""
 
 WINDOWS = WINDOW_RELAXATIONS / MEMORY_RELAXATIONS
 """The same time in horizons, the time for which records look back from a crossing."""
 
 FLOWN_TOGETHER = 128
-"""Number of bursts that one call of the engine simulates."""
+"""Number of clusters that one call of the engine simulates."""
 
 
 class Part(NamedTuple):
     """What one block of paths gives: the ages of its crossings, (strides, sides, 1, paths, starts),
-    and its bursts, (rows, bursts). The rows are path, weight, hits in the first half of the window;
-    hits, sum of speeds and largest speed of each pair; largest acceleration of each output (see
-    `bursts.Bursts`)."""
+    and its clusters, (rows, clusters). The rows are path, weight, impacts in the first half of the
+    window; impacts, sum of speeds and largest speed of each pair; largest acceleration of each
+    output (see `bursts.Bursts`)."""
 
     ages: NDArray[np.float32]
     bursts: Vector
 
 
 class Flights(Protocol):
-    """Records with crossings put into them; from those that are first hits the motion is simulated
-    on."""
+    """Records with crossings put into them; from those that are first impacts the motion is
+    simulated on."""
 
     @property
     def pairs(self) -> tuple[str, ...]:
@@ -85,7 +85,8 @@ class OscillatorFlights:
         self.together, self.found = plan.block, self.records.found
 
     def part(self, widening: float, first_path: int) -> Part:
-        """Crossings of one block of paths, and the bursts that follow those that are first hits."""
+        """Crossings of one block of paths, and the clusters that follow those that are first
+        impacts."""
         records = self.records
         free, unit = records.block(first_path)
         ages = records.ages_in(free, unit)
@@ -110,8 +111,8 @@ def _fly(
     start: NDArray[np.int64],
     slopes: Vector,
 ) -> Vector:
-    """Rows of bursts, simulated from just before the first hit: hits in the first half of the
-    window, hits, sum of speeds, largest speed and largest acceleration."""
+    """Rows of clusters, simulated from just before the first impact: impacts in the first half of
+    the window, impacts, sum of speeds, largest speed and largest acceleration."""
     plan = records.plan
     sign = _sides_hit(records, side, path + start)
     near = np.full(len(path), records.sides[side][0][0])
@@ -136,9 +137,9 @@ def _fly(
 
 
 def _sides_hit(records: Records, side: int, numbers: NDArray[np.int64]) -> Vector:
-    """(bursts,): 1 where the first hit is on the upper stop, -1 where the crossing is turned over
-    to the lower one. Stops that are equally far share their crossings; every other one is turned
-    over if they differ in their laws."""
+    """(clusters,): 1 where the first impact is on the upper stop, -1 where the crossing is turned
+    over to the lower one. Stops that are equally far share their crossings; every other one is
+    turned over if they differ in their laws."""
     if not records.crosses_upper[side]:
         return np.full(len(numbers), -1.0)
     laws = [stop.law for stop in records.plan.model.stops]
@@ -162,12 +163,12 @@ def after_crossings(
     Parameters
     ----------
     record, here
-        (bursts, samples, 2) and (bursts, 2): x and x' of stationary records at the samples, and at
-        the one that is made a crossing.
+        (clusters, samples, 2) and (clusters, 2): x and x' of stationary records at the samples, and
+        at the one that is made a crossing.
     sample
         (samples,): numbers of the samples, from the crossing.
     slopes, near, sign
-        (bursts,): speed of the crossing (m/s), distance of the stop (m), and 1 for an upper stop,
+        (clusters,): speed of the crossing (m/s), distance of the stop (m), and 1 for an upper stop,
         -1 for a lower one.
     """
     rho, rho_rate, eta, eta_rate = records.shape[np.abs(sample)].T
@@ -183,7 +184,7 @@ def after_crossings(
 
 
 def _sums(records: Records, rows: Vector, counted: int) -> tuple[Sums, Extremes]:
-    """Sums and extremes of whole bursts, and sums of their first `counted` samples alone."""
+    """Sums and extremes of whole clusters, and sums of their first `counted` samples alone."""
     bursts = rows.shape[1] // 2
     sums, extremes = Sums.zeros(bursts, records.plan.contacts), Extremes.zeros(bursts)
     records.plan.add_impacts(rows, 0, counted, sums.table, None, extremes.table)

@@ -1,15 +1,15 @@
-"""The chance of a first hit and its rate, from the ages of outcrossings.
+"""The probability of a first impact and its rate, from the ages of outcrossings.
 
 The age of an outcrossing of a stop is the time before it in which no stop was exceeded. With nu_s
-the rate of outcrossings of stop s (S. O. Rice 1944) and G_s(t) the chance that the age of one of
-them is above t, a stationary process has
+the rate of outcrossings of stop s (S. O. Rice 1944) and G_s(t) the probability that the age of one
+of them is above t, a stationary process has
 
     P(hit before T) = P(beyond a stop at 0) + sum_s nu_s integral_0^T G_s(t) dt
 
 exactly. Beyond the memory of the process (`horizon`) the survivors are hit at a constant rate, the
 limiting decay rate
 
-    lambda = sum_s nu_s G_s(t) / P(no hit before t)
+    lambda = sum_s nu_s G_s(t) / P(no impact before t)
 
 which thus needs no record as long as the mission. One process between two stops is the case of
 `first_crossings`, the gaps of several pairs that of `pair_crossings`.
@@ -49,9 +49,9 @@ LEAST_PATHS = 8
 """Smallest number of paths, taken even where the budget is too short for them."""
 
 FEWEST_SURVIVORS = 0.05
-"""Share of the motions that must outlast the horizon without a hit for a limiting rate: 64 paths
-show it in spite of their noise. Where the share that outlasts it is smaller, it is replaced by this
-one, which changes the chance of a hit by less than the difference."""
+"""Share of the motions that must outlast the horizon without an impact for a limiting rate: 64
+paths show it in spite of their noise. A smaller share is replaced by this one. That changes the
+probability of an impact by less than the difference."""
 
 STRIDES = (1, 2)
 """Strides through the samples of a record: every sample, and every second one, which shows what the
@@ -60,18 +60,18 @@ cubics between samples may miss."""
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrossingAges:
-    """Ages of outcrossings at several levels, and the chance and rate of first hits that follow
-    from them.
+    """Ages of outcrossings at several levels, and the probability and rate of first impacts that
+    follow from them.
 
     Parameters
     ----------
     outside
-        (levels,): chance to be beyond a stop at the start.
+        (levels,): probability to be beyond a stop at the start.
     horizon, interval
         Time for which the records look back, and their sampling interval, s.
     rice_rates
-        (sides, levels): outcrossings per second of each stop (Rice); of a lower and an upper one
-        together, in one row, where they are alike.
+        (sides, levels): outcrossings per second of each stop (Rice); one row for both stops where
+        they are alike.
     ages
         (strides, sides, levels, paths, records): how long before such an outcrossing the last
         exceedance of any stop ended, s, at most `horizon`.
@@ -89,11 +89,11 @@ class CrossingAges:
         return np.asarray(self.rice_rates.sum(axis=0))
 
     def first_rate(self) -> list[Estimate]:
-        """Limiting rate of first hits, lambda, at each level, 1/s."""
+        """Limiting rate of first impacts, lambda, at each level, 1/s."""
         return self._estimates(self._rate)
 
     def probability(self, mission: float) -> list[Estimate]:
-        """Chance of any hit in the first `mission` seconds of the stationary motion.
+        """Probability of any impact in the first `mission` seconds of the stationary motion.
 
         Where hardly any motion outlasts the memory it is a lower limit, and the bias reaches to 1.
         """
@@ -158,8 +158,8 @@ class CrossingAges:
         ]
 
     def _path_means(self, stride: int, mission: float) -> Vector:
-        """(3, levels, paths): nu times the integrals of G from 0 to min(horizon, mission) and over
-        the second half of the horizon, and of the first of these over the second half."""
+        """(3, levels, paths): nu times three integrals of G: from 0 to min(horizon, mission), over
+        the second half of the horizon, and of the first one over the second half."""
         integrals = self._integrals(self.ages[stride].astype(float), mission).mean(axis=-1)
         return np.asarray(np.einsum("sl,islp->ilp", self.rice_rates, integrals))
 
@@ -251,7 +251,7 @@ def until_accurate(run: Run, records: Source[Ages_co], mission: float, rel_error
 
 
 def largest_error(found: CrossingAges, mission: float) -> float:
-    """Largest relative standard error of the chances that `rel_error` governs in
+    """Largest relative standard error of the probabilities that `rel_error` governs in
     `first_crossings`."""
     chances = [chance for chance in found.probability(mission) if 0.0 < chance.value < 0.5]
     return max((chance.standard_error / chance.value for chance in chances), default=0.0)

@@ -1,19 +1,20 @@
-"""Chance that a mass touches its stops at all: first crossings of a stationary Gaussian process.
+"""Probability that a mass touches its stops at all: first crossings of a stationary Gaussian
+process.
 
 Before its first contact the mass moves as if there were no stops: linearly, and Gaussian where the
-excitation is. The chance of any hit in a mission depends on no impact law, therefore, and needs no
-impact. With nu Rice's rate of outcrossings and G(t) the chance that an outcrossing is the first
-one for a time t,
+excitation is. The probability of any impact in a mission depends on no impact law, therefore, and
+needs no impact. With nu Rice's rate of outcrossings and G(t) the probability that an outcrossing is
+the first one for a time t,
 
     P(hit before T) = P(beyond a stop at 0) + nu integral_0^T G(t) dt
 
 exactly, since the process is stationary. Around an outcrossing the process is Slepian's (see
-`monte_carlo.kernels.crossings`), so that G follows from records that look back from a crossing
-which is given: of a chance of 1e-9 as well as of one of 0.1, and of any number of levels from the
-same records. Beyond the memory of the process (`horizon`) the survivors are hit at a constant
-rate, the limiting decay rate
+`monte_carlo.kernels.crossings`), so G follows from records that look back from a given crossing. A
+probability of 1e-9 costs no more than one of 0.1, and the same records serve any number of levels.
+Beyond the memory of the process (`horizon`) the survivors are hit at a constant rate, the limiting
+decay rate
 
-    lambda = nu G(t) / P(no hit before t)
+    lambda = nu G(t) / P(no impact before t)
 
 which thus needs no record as long as the mission.
 """
@@ -54,12 +55,12 @@ half as many (and zeta 0.05) the limiting rate is 1.2(4) % higher at 2 sigma, 0.
 0.03(2) % at 5."""
 
 MEMORY_RELAXATIONS = 6.0
-"""Horizon in time constants of the structure; in its second half the rate of first hits is
+"""Horizon in time constants of the structure; in its second half the rate of first impacts is
 constant."""
 
 MEMORY_CORRELATIONS = 24.0
-"""Horizon in integrals of the squared correlation; of a lightly damped resonance these are the same
-6 time constants."""
+"""Horizon in integrals of the squared correlation; for a lightly damped resonance these are the
+same 6 time constants."""
 
 SLOPES = 0x5107E5
 """Number that keeps the random slopes apart from other uses of a seed."""
@@ -67,7 +68,7 @@ SLOPES = 0x5107E5
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstCrossings(CrossingAges):
-    """Ages of outcrossings of pairs of levels by one oscillator, from which its first hits follow.
+    """Ages of outcrossings of pairs of levels by one oscillator: they give its first impacts.
 
     Parameters
     ----------
@@ -78,7 +79,7 @@ class FirstCrossings(CrossingAges):
 
     See Also
     --------
-    stochvi.reliability : The chance of any hit in a mission.
+    stochvi.reliability : The probability of any impact in a mission.
     """
 
     lower: Vector
@@ -98,7 +99,7 @@ def first_crossings(
     mission: float = 3600.0,
     **options: Unpack[AccuracyOptions],
 ) -> FirstCrossings:
-    """First hits of stops at many clearances, from one set of records.
+    """First impacts of stops at many clearances, from one set of records.
 
     Parameters
     ----------
@@ -110,8 +111,9 @@ def first_crossings(
     lower, upper
         Instead: distances of a lower and of an upper stop, pairwise; leave one out for one stop.
     **options
-        `AccuracyOptions`: `rel_error` is that of the chance of a hit in `mission` seconds, at every
-        level where that chance is below 1/2; at the end of the `budget` it ends with larger errors.
+        `AccuracyOptions`: `rel_error` is that of the probability of an impact in `mission` seconds,
+        at every level where that probability is below 1/2; at the end of the `budget` it ends with
+        larger errors.
 
     Raises
     ------
@@ -159,9 +161,9 @@ def _levels(
 def crossing_plan(scene: Scene, horizons: float = 1.0) -> TabulatedPlan:
     """Synthesis of the response without stops, sampled finely enough for its peaks.
 
-    A block repeats itself: it is made so long that so many `horizons` of the response, a narrow
-    one being remembered for longer than the structure says, fit into half of it. The response then
-    has the bandwidth of 12 bins at least (see `horizon_of`).
+    A block repeats itself: it is made so long that so many `horizons` of the response fit into half
+    of it. A narrow response is remembered for longer than the structure says. The response then has
+    the bandwidth of 12 bins at least (see `horizon_of`).
 
     Raises `NotApplicable` if it is not a stationary Gaussian process of one oscillator, or too
     narrow for any block.
@@ -194,8 +196,9 @@ def crossing_plan(scene: Scene, horizons: float = 1.0) -> TabulatedPlan:
 def horizon_of(plan: TabulatedPlan) -> float:
     """Seconds after which the response of a plan has forgotten its past.
 
-    From the integral of the squared correlation. With v_k the variances of the bins of a block of
-    length L, it is L / 4 times sum v_k^2 / (sum v_k)^2, one over the bandwidth in bins (Parseval).
+    It follows from the integral of the squared correlation. v_k are the variances of the bins of a
+    block of length L. The integral is L / 4 times sum v_k^2 / (sum v_k)^2, one over the bandwidth
+    in bins (Parseval).
     """
     variances = plan.amplitudes**2
     bins = float(np.sum(variances) ** 2 / np.sum(variances**2))

@@ -30,7 +30,7 @@ class SampledDensity:
     def of(cls, samples: ArrayLike, bins: int, low: float, high: float) -> SampledDensity:
         """The histogram of the samples between `low` and `high`.
 
-        Whoever calls this chooses the number of bins: of an overview `OverviewSettings` has it.
+        The caller chooses the number of bins; `OverviewSettings` has that of an overview.
 
         Examples
         --------

@@ -44,7 +44,7 @@ COLUMNS = 4.0
 """Numbers that the table of a history and its making take for each number of the record."""
 
 CONTACT_SAMPLES = 8.0
-"""Samples in a contact with a stop that gives way, below which its force is not resolved."""
+"""Samples in a contact with a compliant stop, below which its force is not resolved."""
 
 MOST_PATHS = 2**40
 """Number of different paths of one seed."""
@@ -108,18 +108,18 @@ class History(Result):
     Parameters
     ----------
     samples
-        A row per sample. `time_s`; of each coordinate `displacement_m` and `velocity_m_s`, relative
-        to a moving base, and `acceleration_m_s2`, absolute; of a moving base
-        `base_acceleration_m_s2`, `base_velocity_m_s` and `base_displacement_m`; of each impact pair
-        with a stop that gives way `contact_force_N`, the force on its stops, positive on the upper
-        one, and of a pair of two coordinates `gap_m`, the first less the second. Where there are
-        several coordinates or pairs, their names stand in front: `body.displacement_m`.
+        A row per sample, with `time_s`. Each coordinate has `displacement_m` and `velocity_m_s`,
+        relative to a moving base, and `acceleration_m_s2`, absolute. A moving base has
+        `base_acceleration_m_s2`, `base_velocity_m_s` and `base_displacement_m`. An impact pair with
+        a compliant stop has `contact_force_N`, the force on its stops, positive on the upper one. A
+        pair of two coordinates has `gap_m`, the first less the second. Where there are several
+        coordinates or pairs, their names stand in front: `body.displacement_m`.
     impacts
         A row per impact, in the order of time: `time_s`, `pair`, `side`, the incident speed
         `speed_m_s` and the impulse `impulse_N_s` on the stop, both positive: m (1 + R) times the
-        speed, m the reduced mass, on a rigid stop. On a stop that gives way the time is that of the
-        first touch, and the impulse and the largest force `peak_force_N` are those of the contact,
-        from the steps of the simulation; they are empty where these do not resolve it.
+        speed, m the reduced mass, on a rigid stop. On a compliant stop the time is that of the
+        first touch. The impulse and the largest force `peak_force_N` are those of the contact, from
+        the steps of the simulation; they are empty where the steps do not resolve it.
     coordinates, impact_pairs
         Means, deviations, extremes and counts of these tables, by name, as in
         `history.coordinates["x"].displacement_max` and `history.impact_pairs["stops"].hits`.
@@ -360,9 +360,9 @@ MEANINGS = {
     "displacement_m": "relative to the base, from the position of the unloaded springs",
     "velocity_m_s": "relative to the base",
     "acceleration_m_s2": "absolute, less that of a constant load of the base and of gravity",
-    "contact_force_N": "on the stops that give way, positive on the upper one",
-    "gap_m": "displacement of the first coordinate of the pair less that of the second; of a place "
-    "of a rigid body, its displacement along the direction of the pair",
+    "contact_force_N": "on the compliant stops, positive on the upper one",
+    "gap_m": "displacement of the first coordinate of the pair less that of the second; at a place "
+    "of a rigid body, the displacement along the direction of the pair",
 }
 """Meanings of columns where nothing else is stated."""
 
@@ -380,7 +380,7 @@ def _places(scene: Scene) -> tuple[bool, bool]:
 
 
 def _carried(model: Model, x: Matrix, v: Matrix, pushed: Mapping[str, Vector]) -> Matrix:
-    """Forces (coordinates, samples) of springs, dampers, loads and stops that give way, N."""
+    """Forces (coordinates, samples) of springs, dampers, loads and compliant stops, N."""
     total: Matrix = model.constant_force[:, None] - model.stiffness @ x - model.damping @ v
     for pair in model.pairs:
         if pair.name in pushed:

@@ -111,6 +111,6 @@ def _sum(rates: list[Estimate]) -> Estimate:
         known[0],
         value=math.fsum(each.value for each in known),
         standard_error=math.fsum(each.standard_error for each in known),
-        # hits on pairs of which an upper limit alone is known are left out
+        # impacts on pairs of which an upper limit alone is known are left out
         bias=math.fsum(each.bias or each.upper_95 or 0.0 for each in rates),
     )

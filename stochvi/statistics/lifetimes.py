@@ -48,8 +48,8 @@ LOOKS = 8
 constant rate is noted: a small budget is not spent on beginnings alone."""
 
 DECAY_FACTOR = 10.0
-"""Factor by which a small disturbance has decayed, in the slowest of the regimes, in the time for
-which a path must stay outside a basin to have left it."""
+"""A path has left a basin once it stays outside for some time. In this time a small perturbation
+decays by this factor, in the slowest of the regimes."""
 
 FORGOTTEN = 2
 """Multiple of that time after which paths leave at a constant rate: their variance has come within
@@ -227,8 +227,8 @@ def lifetimes(
 ) -> LifeTimes:
     """How long each regime under a sine lasts in the noise of the scene, and where paths then go.
 
-    Paths start in each of the motions that coexist without noise, and are simulated with it until
-    enough of them have left the basin of their regime.
+    Paths start in each of the motions that coexist without noise. They are simulated with noise
+    until enough of them have left the basin of their regime.
 
     Parameters
     ----------
@@ -319,7 +319,7 @@ def lifetimes(
 
 LEAVING = (
     "a path has left a regime where it stays outside its basin, as without noise, for the time in "
-    "which disturbances decay to a tenth; after twice that time regimes are left at constant rates"
+    "which perturbations decay to a tenth; after twice that time regimes are left at constant rates"
 )
 """What life times take for granted."""
 
@@ -454,8 +454,8 @@ class Departures:
 class DepartureSampler(Sampler[Group, Departures]):
     """Paths in groups, each of which is simulated on by a block in each round.
 
-    Once a round is over, the groups of regimes that too few paths have left go on in the next one,
-    with as many new groups as there are, until there are `most` of each regime.
+    After a round, the groups of regimes that too few paths have left go on in the next one. As many
+    new groups as there are join them, until there are `most` of each regime.
 
     Parameters
     ----------
@@ -466,8 +466,8 @@ class DepartureSampler(Sampler[Group, Departures]):
     outside
         Number of looks for which a path that has left lies outside a basin.
     regimes, wanted
-        Numbers of the regimes, and number of departures at a constant rate from which the life time
-        of each would be as accurate as is wanted.
+        Numbers of the regimes, and number of departures at a constant rate that makes the life time
+        of each accurate enough.
     """
 
     plan: ModalPlan

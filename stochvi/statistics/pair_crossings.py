@@ -1,11 +1,11 @@
-"""Chance that any of several impact pairs is hit at all: first crossings of a Gaussian vector.
+"""Probability that any of several impact pairs is hit at all: first crossings of a Gaussian vector.
 
 Before the first contact the gaps of a linear structure are a stationary Gaussian process.
-A first hit of any pair is its first outcrossing of the region in which no gap is beyond a stop.
+A first impact of any pair is its first outcrossing of the region in which no gap is beyond a stop.
 Every stop has its own outcrossings, with the rate of Rice; around one of them all gaps are
-Gaussian, with the cross-correlations of the process (`monte_carlo.kernels.crossings`). Looked back
-from it, the last exceedance of any stop of any pair says for how long it would have been the first
-hit (`crossing_ages`), so that pairs which move together are counted together.
+Gaussian, with the cross-correlations of the process (`monte_carlo.kernels.crossings`). Before it
+lies the last exceedance of any stop of any pair. The time between them says for how long it would
+have been the first impact (`crossing_ages`). Pairs that move together are thereby counted together.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ from stochvi.statistics.first_crossings import (
 )
 
 STARTS = 4096
-"""Number of samples beyond each stop that are drawn for the chance to be beyond any stop at the
-start: its standard error is then below 1 %."""
+"""Number of samples beyond each stop that are drawn for the probability to be beyond any stop at
+the start: its standard error is then below 1 %."""
 
 
 SIDES_WITH_ALL = 4
@@ -52,13 +52,13 @@ SIDES_WITH_ALL = 4
 stops each has fewer, in proportion."""
 
 ADDED_VARIANCE = 1e-12
-"""Share of its own variance that is added to each gap, so that rounding error leaves the covariance
-of gaps that are one motion without negative eigenvalues."""
+"""Share of its own variance that is added to each gap. The covariance of gaps that are one motion
+then has no negative eigenvalues from rounding."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PairCrossings(CrossingAges):
-    """Ages of outcrossings of the stops of several pairs, from which the first hits of any pair
+    """Ages of outcrossings of the stops of several pairs, from which the first impacts of any pair
     follow.
 
     Parameters
@@ -87,7 +87,7 @@ class PairCrossings(CrossingAges):
     outside_error: Vector
 
     def probability(self, mission: float) -> list[Estimate]:
-        """Chance that any pair is hit in the first `mission` seconds of the stationary motion.
+        """Probability that any pair is hit in the first `mission` seconds of the stationary motion.
 
         Where hardly any motion outlasts the memory it is a lower limit, and the bias reaches to 1.
         """
@@ -97,8 +97,8 @@ class PairCrossings(CrossingAges):
         ]
 
     def shares(self, mission: float) -> Matrix:
-        """(levels, pairs): share of the first hits of a mission that falls to each pair; pairs that
-        are hit at once share their hits."""
+        """(levels, pairs): share of the first impacts of a mission that falls to each pair; pairs
+        that are hit at once share their impacts."""
         known = np.minimum(self.ages[0].astype(float), mission).mean(axis=(-2, -1))
         found = np.zeros_like(self.lower)
         np.add.at(found.T, self.crossing, self.rice_rates * known)
@@ -134,7 +134,7 @@ def pair_crossings(
     mission: float = 3600.0,
     **options: Unpack[AccuracyOptions],
 ) -> PairCrossings:
-    """First hits of any of the impact pairs of a scene, at many levels from one set of records.
+    """First impacts of any of the impact pairs of a scene, at many levels from one set of records.
 
     Parameters
     ----------
@@ -145,8 +145,9 @@ def pair_crossings(
         (levels, pairs): distances of the stops from the mean gaps, m, infinite for none; by
         default those of the scene, at one level.
     **options
-        `AccuracyOptions`: `rel_error` is that of the chance of a hit in `mission` seconds, at every
-        level where that chance is below 1/2; at the end of the `budget` it ends with larger errors.
+        `AccuracyOptions`: `rel_error` is that of the probability of an impact in `mission` seconds,
+        at every level where that probability is below 1/2; at the end of the `budget` it ends with
+        larger errors.
 
     Raises
     ------
@@ -221,7 +222,7 @@ class PairMotion:
     def crossings(
         self, lower: ArrayLike | None, upper: ArrayLike | None, mission: float, run: Run
     ) -> PairCrossings:
-        """First hits at many levels, see `pair_crossings`."""
+        """First impacts at many levels, see `pair_crossings`."""
         own = own_distances(self.model)
         given = [
             np.atleast_2d(np.asarray(each if each is not None else place, dtype=float))
@@ -405,11 +406,12 @@ class GapRecords:
 
     @cached_property
     def _beyond(self) -> tuple[Vector, Vector]:
-        """Chances to be beyond any stop at the start, level by level, and their standard errors.
+        """Probabilities to be beyond any stop at the start, level by level, and their standard
+        errors.
 
-        The sum over stops of the chance to be beyond it, each time divided by the number of stops
-        that the gaps are then beyond (R. J. Adler, J. H. Blanchet and J. Liu, Ann. Appl. Probab. 22
-        (2012) 1167).
+        It is the sum over stops of the probability to be beyond the stop. Each state counts one
+        over the number of stops that its gaps are beyond (R. J. Adler, J. H. Blanchet and J. Liu,
+        Ann. Appl. Probab. 22 (2012) 1167).
         """
         covariance = self.correlations[0, 0]
         std = np.sqrt(np.diag(covariance))

@@ -1,22 +1,22 @@
-"""Chances of hits so fast, or so sharp, that hardly any burst of hits holds one: splitting.
+"""Splitting: probabilities of impacts so fast, or so sharp, that hardly any cluster holds one.
 
 A trial is a stretch of the stationary response without stops, which is Gaussian, and the motion
-that the stops turn it into. There are two kinds of trials. Where first hits are rare, a trial has a
-crossing of a stop put into it (`AfterCrossings`), and if that is a first hit it is followed for as
-long as its burst lasts. Where hits hardly pause, a trial is a piece of the whole motion
-(`Windows`). The score of a trial is its largest impact speed or acceleration, and the chance that
-it exceeds a limit is a product of the chances to get from one level to the next (S. K. Au and J. L.
-Beck, Probab. Eng. Mech. 16 (2001) 263). Trials that exceed a level are copied, and every copy is
-moved by
+that the stops turn it into. There are two kinds of trials. Where first impacts are rare, a crossing
+of a stop is put into a trial (`AfterCrossings`). If that is a first impact, it is followed for as
+long as its cluster lasts. Where impacts hardly pause, a trial is a piece of the whole motion
+(`Windows`). The score of a trial is its largest impact speed or acceleration. The probability that
+it exceeds a limit is a product of the probabilities to get from one level to the next (S. K. Au and
+J. L. Beck, Probab. Eng. Mech. 16 (2001) 263). Trials that exceed a level are copied, and every copy
+is moved by
 
     y <- sqrt(1 - s^2) y + s z
 
 with z a fresh record, which leaves the Gaussian law as it is (R. M. Neal 1998); it is taken back if
-it falls below the level. The whole record moves, and not the speed of the first hit alone: where a
-limit is exceeded by later hits of a burst, these are found as well. All trials weigh the same. The
-levels and s are fixed by a pilot that is no part of the answer, so that the mean over independent
-repetitions has no bias (F. Cerou, P. Del Moral, T. Furon and A. Guyader, Stat. Comput. 22 (2012)
-795); their scatter gives its error.
+it falls below the level. The whole record moves, and not the speed of the first impact alone: where
+a limit is exceeded by later impacts of a cluster, these are found as well. All trials weigh the
+same. A pilot that is no part of the answer fixes the levels and s. The mean over independent
+repetitions therefore has no bias (F. Cerou, P. Del Moral, T. Furon and A. Guyader, Stat. Comput. 22
+(2012) 795); their scatter gives its error.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ SIZE_STEP = 1.3
 """Factor by which the pilot changes the size s after each move."""
 
 MOST_LEVELS = 24
-"""Largest number of levels: chances below 0.25^24 = 4e-15 of a trial are not looked for."""
+"""Largest number of levels: probabilities below 0.25^24 = 4e-15 of a trial are not looked for."""
 
 FEWEST_REPETITIONS = 16
 """Smallest number of repetitions in an answer: Student's quantile is then 2.13."""
@@ -135,7 +135,7 @@ class Trials(NamedTuple):
         (trials,): number of the stop that is crossed.
     score
         (trials,): largest impact speed (m/s) or absolute acceleration (m/s^2); minus infinity where
-        the crossing is no first hit.
+        the crossing is no first impact.
     """
 
     records: Vector
@@ -163,7 +163,7 @@ class Kind(ABC):
     trials
         Number of trials in a repetition.
     sides
-        (stops,): chance that a trial belongs to each stop.
+        (stops,): probability that a trial belongs to each stop.
     """
 
     records: Records
@@ -245,31 +245,32 @@ class Kind(ABC):
 
     @abstractmethod
     def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
-        """Chance of an exceedance in a mission, from three chances of a trial: of an exceedance
-        (`exceeded`), of one that falls only into the second half of what is counted (`late`), and
-        of having a score (`scored`)."""
+        """Probability of an exceedance in a mission, from three probabilities of a trial: of an
+        exceedance (`exceeded`), of one that falls only into the second half of what is counted
+        (`late`), and of having a score (`scored`)."""
 
     @abstractmethod
     def overlap(self, scored: float) -> float:
-        """Expected number of first hits of other bursts in the time that is simulated."""
+        """Expected number of first impacts of other clusters in the time that is simulated."""
 
     @abstractmethod
     def bias(self, scored: float, mission: float) -> float:
-        """Relative bias of the risk, from bursts that overlap and from those that the start or the
-        end of a mission cuts."""
+        """Relative bias of the risk, from clusters that overlap and from those that the start or
+        the end of a mission cuts."""
 
     @abstractmethod
     def unfinished(self, exceeded: float, late: float, scored: float) -> float:
         """Share of the exceedances that fall into the second half of what is counted, without those
-        of new bursts."""
+        of new clusters."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AfterCrossings(Kind):
-    """Trials with a crossing, that count where the crossing is a first hit: no stop was reached for
-    `Records.horizon` seconds before.
+    """Trials with a crossing, that count where the crossing is a first impact: no stop was reached
+    for `Records.horizon` seconds before.
 
-    A first hit happens `rate` times P(score) times a second, `rate` that of all crossings (Rice).
+    A first impact happens `rate` times P(score) times a second, `rate` that of all crossings
+    (Rice).
     """
 
     rate: float
@@ -279,7 +280,7 @@ class AfterCrossings(Kind):
 
     @property
     def window(self) -> float:
-        """Seconds that are simulated after a first hit."""
+        """Seconds that are simulated after a first impact."""
         return (self.samples - self.records.count - 2) * self.plan.step
 
     @property
@@ -288,10 +289,10 @@ class AfterCrossings(Kind):
         return self.window / WINDOW_RELAXATIONS
 
     def rare(self) -> bool:
-        """Whether first hits are so rare that hardly any falls into the window after another
+        """Whether first impacts are so rare that hardly any falls into the window after another
         one."""
         ages = self._ages(self.fresh(_draw(PILOT, 0, 0)))
-        # see `first_crossings`: the chance of no hit for so long, and the limiting rate
+        # see `first_crossings`: the probability of no impact for so long, and the limiting rate
         quiet = 1.0 - self.rate * float(ages.mean())
         first_rate = self.rate * float(np.mean(ages >= self.records.horizon))
         return quiet > 0.5 and first_rate / quiet * self.window < UNFINISHED
@@ -300,7 +301,7 @@ class AfterCrossings(Kind):
         return self._ages(trials) >= self.records.horizon
 
     def _ages(self, trials: Trials) -> Vector:
-        """(trials,): seconds without a hit before the crossing, up to the horizon."""
+        """(trials,): seconds without an impact before the crossing, up to the horizon."""
         count, ages = self.records.count, np.empty((1, len(trials.side), 1))
         for number in range(len(self.sides)):
             (which,) = np.nonzero(trials.side == number)
@@ -324,7 +325,7 @@ class AfterCrossings(Kind):
         return rows, 0
 
     def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
-        # a window holds first hits of other bursts as well, see `bursts.Bursts`
+        # a window holds first impacts of other clusters as well, see `bursts.Bursts`
         others = self.rate * scored * (self.window - self.records.horizon)
         return np.asarray(-np.expm1(-self.rate * exceeded / (1.0 + others) * mission))
 
@@ -332,16 +333,16 @@ class AfterCrossings(Kind):
         return self.rate * scored * self.window
 
     def bias(self, scored: float, mission: float) -> float:
-        # bursts that began before a mission may exceed the limit in it
+        # clusters that began before a mission may exceed the limit in it
         return self.overlap(scored) + self.relaxation / mission
 
     def unfinished(self, exceeded: float, late: float, scored: float) -> float:
         share = late / exceeded if exceeded else 0.0
-        return max(share - 0.5 * self.overlap(scored), 0.0)  # without those of new bursts
+        return max(share - 0.5 * self.overlap(scored), 0.0)  # without those of new clusters
 
 
 def risk_of_windows(exceeded: Vector, late: Vector, window: float, mission: float) -> Vector:
-    """Chance of an exceedance in a mission, s, from that in a window, s.
+    """Probability of an exceedance in a mission, s, from that in a window, s.
 
     `late` is the part of the latter in which the first exceedance falls into the second half of the
     window.
@@ -454,8 +455,9 @@ class Levels:
 
 
 class Repetition(NamedTuple):
-    """Chances that one repetition found for a trial: of an exceedance, at the sampling interval and
-    at twice that; of one in the second half of what counts alone; and of having a score."""
+    """Probabilities that one repetition found for a trial: of an exceedance, at the sampling
+    interval and at twice that; of one in the second half of what counts alone; and of having a
+    score."""
 
     exceeded: float
     coarse: float
@@ -464,8 +466,8 @@ class Repetition(NamedTuple):
 
 
 def pilot(kind: Kind, limit: float, deadline: Deadline) -> Levels:
-    """Levels that a share of about `SHARE` of the trials exceed from the one before, and sizes of
-    moves that keep a share of about `ACCEPTED` above their level."""
+    """Levels and sizes of moves. About `SHARE` of the trials above one level exceed the next; about
+    `ACCEPTED` of the moves stay above their level."""
     random = np.random.default_rng([kind.records.seed, STREAM, PILOT])
     trials = kind.drawn(_draw(PILOT, 0, 0))
     levels: list[float] = []
@@ -556,17 +558,17 @@ def _moved(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RareHits:
-    """The chance of an exceedance in a mission, from repetitions of a splitting.
+    """The probability of an exceedance in a mission, from repetitions of a splitting.
 
     Parameters
     ----------
     chance
-        The chance, with the bias of the sampling interval and of bursts that meet. Where no trial
-        exceeded the limit it is 0, with an upper limit.
+        The probability, with the bias of the sampling interval and of clusters that meet. Where no
+        trial exceeded the limit it is 0, with an upper limit.
     lower, upper
         Ends of the confidence interval; 0 and the upper limit where no trial exceeded the limit.
     kind
-        The kind of trials from which the chance was found.
+        The kind of trials from which the probability was found.
     repetitions, levels
         Number of repetitions, and of levels in each.
     seconds
@@ -598,11 +600,12 @@ def rare_hits(
     confidence: float = 0.95,
     **options: Unpack[AccuracyOptions],
 ) -> RareHits:
-    """The chance that a hit of a mission exceeds an "impact_speed" (m/s) or a "peak_acceleration"
-    (m/s^2), of the stationary motion of one oscillator under any Gaussian noise.
+    """The probability that an impact of a mission exceeds an "impact_speed" (m/s) or a
+    "peak_acceleration" (m/s^2). The motion is the stationary one of one oscillator under any
+    Gaussian noise.
 
-    It ends once the chance is known to `rel_error`, or at the end of the budget with the accuracy
-    reached by then.
+    It ends once the probability is known to `rel_error`, or at the end of the budget with the
+    accuracy reached by then.
 
     Raises
     ------
@@ -614,7 +617,7 @@ def rare_hits(
     began = time.process_time()
     rare = mission > bursts.window and bursts.rare()
     ask = _Question(limit, mission, confidence, run)
-    # where hits hardly pause, or bursts hardly end, trials are pieces of the whole motion
+    # where impacts hardly pause, or clusters hardly end, trials are pieces of the whole motion
     found = (ask.answer(bursts) if rare else None) or ask.answer(windows)
     assert found is not None
     return replace(found, seconds=time.process_time() - began)
@@ -643,7 +646,7 @@ class RepetitionSampler(TrialSampler):
 
 @dataclass(frozen=True)
 class _Question:
-    """A limit and a mission, the accuracy to which the chance is wanted, and the deadline."""
+    """A limit and a mission, the accuracy to which the probability is wanted, and the deadline."""
 
     limit: float
     mission: float
@@ -651,7 +654,7 @@ class _Question:
     run: Run
 
     def answer(self, kind: Kind) -> RareHits | None:
-        """The chance from one kind of trials; None where bursts do not end."""
+        """The probability from one kind of trials; None where clusters do not end."""
         run = self.run
         levels = pilot(kind, self.limit, run.deadline.sooner(FOR_ANSWER))
         if not levels.reached:
@@ -719,7 +722,8 @@ class _Question:
         )
 
     def _at_most(self, kind: Kind, levels: Levels, count: int, upper: float, how: str) -> RareHits:
-        """The answer where no trial exceeded the limit: 0, with an upper limit of the chance."""
+        """The answer where no trial exceeded the limit: 0, with an upper limit of the
+        probability."""
         most = min(upper, 1.0)
         return RareHits(
             chance=Estimate(value=0.0, bias=None, how=how, upper_95=most),
@@ -732,7 +736,7 @@ class _Question:
 
 
 def _unfinished(kind: Kind, done: list[Repetition]) -> bool:
-    """Whether the exceedances of bursts come so late that bursts do not seem to end."""
+    """Whether the exceedances of clusters come so late that clusters do not seem to end."""
     if len(done) < FEWEST_WITH_SHARE:
         return False
     exceeded, _, late, scored = np.mean(done, axis=0)

@@ -1,13 +1,13 @@
-"""Flights of a linear structure from first hits of any of its pairs on.
+"""Flights of a linear structure from first impacts of any of its pairs on.
 
-The motion of all modes without stops is synthesised, and an outcrossing of one gap is put into it:
-given that the gap y_c reaches its stop u with the slope p at t = 0, the modes are
+The motion of all modes without stops is synthesised, and an outcrossing of one gap is put into it.
+Given that the gap y_c reaches its stop u with the slope p at t = 0, the modes are
 
     q_m(t) = x_m(t) + (u - x_c(0)) rho_m(t) + (p - x_c'(0)) eta_m(t),
     rho_m(t) = E[q_m(t) y_c(0)] / E y_c^2,    eta_m(t) = E[q_m(t) y_c'(0)] / E y_c'^2
 
-before and after the crossing (`kernels.crossings`). Where the crossing is a first hit of any pair,
-the engine in modal coordinates simulates what all stops change in that motion.
+before and after the crossing (`kernels.crossings`). Where the crossing is a first impact of any
+pair, the engine in modal coordinates simulates what all stops change in that motion.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from stochvi.statistics.pair_crossings import GapRecords, PairCrossings, PairMot
 Records = NDArray[np.float64]
 
 LEAST_SHARE = 0.1
-"""Smallest share of the first hits of a stop that are simulated on: first hits of a stop that is
-hit seldom have little weight, but their bursts may differ from the others."""
+"""Smallest share of the first impacts of a stop that are simulated on: first impacts of a stop that
+is hit seldom have little weight, but their clusters may differ from the others."""
 
 CHOICE = 0xB0457
-"""Number that keeps the choice of first hits apart from other uses of a seed."""
+"""Number that keeps the choice of first impacts apart from other uses of a seed."""
 
 FLOWN_SAMPLES = 2**21
 """Largest number of samples of all modes that are simulated together: 16 MB."""
@@ -67,7 +67,7 @@ class ModalMotion(PairMotion):
 
     @cached_property
     def window(self) -> int:
-        """Number of samples that are simulated after a first hit."""
+        """Number of samples that are simulated after a first impact."""
         return math.ceil(WINDOWS * self.count)
 
     @cached_property
@@ -123,7 +123,8 @@ class StructureFlights:
         return self.records.found(ages)
 
     def part(self, widening: float, first_path: int) -> Part:
-        """Crossings of one block of paths, and the bursts that follow those that are first hits."""
+        """Crossings of one block of paths, and the clusters that follow those that are first
+        impacts."""
         records, n = self.records, self.model.modal.size
         free = self.motion.modes.records(self.seed, first_path, self.together, np.arange(n))
         gaps = np.empty((*free.shape[:2], 2 * len(records.pairs)))
@@ -153,13 +154,13 @@ class StructureFlights:
     def _shared(
         self, path: NDArray[np.int64], start: NDArray[np.int64]
     ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-        """First hits, in parts that are simulated together."""
+        """First impacts, in parts that are simulated together."""
         size = max(1, FLOWN_SAMPLES // (2 * self.motion.window * self.model.modal.size))
         for first in range(0, len(path), size):
             yield path[first : first + size], start[first : first + size]
 
     def _signs(self, side: int, numbers: NDArray[np.int64]) -> Vector:
-        """(bursts,): 1 where an upper stop is hit, -1 where the motion is turned over to hit a
+        """(clusters,): 1 where an upper stop is hit, -1 where the motion is turned over to hit a
         lower one; where lower stops are as far as upper ones, every other motion is."""
         if self.records.alike:
             return np.where(numbers % 2, -1.0, 1.0)
@@ -171,7 +172,7 @@ class StructureFlights:
         start: NDArray[np.int64], speeds: Vector, signs: Vector,
     ) -> Records:  # fmt: skip
         """Modal displacements and velocities around crossings of one gap (samples, modes, 2
-        bursts), for the engine, which begins at the last sample."""
+        clusters), for the engine, which begins at the last sample."""
         n, samples = self.model.modal.size, free.shape[1]
         sample = np.arange(-1, self.motion.window + 1)
         around = self._around[gap]
@@ -193,7 +194,7 @@ class StructureFlights:
         return [self.motion.around(int(gap)) for gap in self.records.chosen]
 
     def _follow(self, motion: Records) -> Matrix:
-        """Rows of `Part.bursts` from the hits in the first half of the window on."""
+        """Rows of `Part.bursts` from the impacts in the first half of the window on."""
         bursts = motion.shape[2] // 2
         accelerations = np.zeros((bursts, len(self.outputs)))
         rows = LOGGED

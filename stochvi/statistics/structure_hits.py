@@ -1,9 +1,9 @@
-"""Hits of several pairs of a structure in a mission: their number, and how hard the hardest is.
+"""Impacts of several pairs of a structure in a mission: their number, and how hard the hardest is.
 
-Where first hits are rare, bursts are followed from first hits on (`bursts`), and fast first hits
-are drawn more often where a limit asks for them. Where hits hardly pause, pieces of the whole
-motion are simulated (`Windows`): the chance that a limit is exceeded in a mission follows from the
-share of windows in which it is exceeded, and from that of windows in whose second half it is
+Where first impacts are rare, clusters are followed from first impacts on (`bursts`). Fast first
+impacts are drawn more often where a limit asks for them. Where impacts hardly pause, pieces of the
+whole motion are simulated (`Windows`). Two shares then give the probability that a limit is
+exceeded in a mission: of windows in which it is exceeded, and of windows in whose second half it is
 exceeded for the first time.
 """
 
@@ -43,10 +43,10 @@ from stochvi.statistics.pair_crossings import PairCrossings, PairMotion
 from stochvi.statistics.rare_hits import risk_of_windows
 
 TYPICAL_SPEED = 1.25
-"""Speed of a usual first hit in rms velocities: about half of the first hits are faster."""
+"""Speed of a usual first impact in rms velocities: about half of the first impacts are faster."""
 
 WIDEST = 3.0
-"""Largest factor on the speeds of first hits; statistical weights grow with this factor."""
+"""Largest factor on the speeds of first impacts; statistical weights grow with this factor."""
 
 FEWEST_WINDOWS, MOST_WINDOWS = 64, 2**15
 """Smallest and largest number of windows of the whole motion."""
@@ -56,7 +56,7 @@ LOGGED = 2**16
 
 
 class Limit(NamedTuple):
-    """The limit that a hit must not exceed.
+    """The limit that an impact must not exceed.
 
     Parameters
     ----------
@@ -75,14 +75,14 @@ class Limit(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Exceedance:
-    """The chance that a limit is exceeded in a mission, with the interval from so many trials.
+    """The probability that a limit is exceeded in a mission, with the interval from so many trials.
 
     Parameters
     ----------
     chance
-        The chance; 0 with an upper limit where no trial exceeded the limit.
+        The probability; 0 with an upper limit where no trial exceeded the limit.
     by_output
-        The chance of each output alone, of a limit of an acceleration.
+        The probability of each output alone, of a limit of an acceleration.
     way
         "bursts" or "windows".
     degrees
@@ -130,8 +130,8 @@ def exceedance(
     scene: Scene, limit: Limit, mission: float, overlap: float, run: Run,
     far_from: float | None = None,
 ) -> Exceedance:  # fmt: skip
-    """The chance that any hit of the mission exceeds a limit; `overlap` as for `count_impacts`, and
-    `far_from` a rate of exceedances as for `bursts`."""
+    """The probability that any impact of the mission exceeds a limit; `overlap` as for
+    `count_impacts`, and `far_from` a rate of exceedances as for `bursts`."""
 
     def rate(found: Bursts, outputs: tuple[str, ...] = limit.outputs) -> Estimate:
         return found.exceedance_rate(limit.event, limit.value, outputs)
@@ -155,13 +155,13 @@ def exceedance(
 
 
 def overlap_of(crossings: PairCrossings, level: int = 0) -> float:
-    """Expected first hits in the time for which a burst is followed, at one level."""
+    """Expected first impacts in the time for which a cluster is followed, at one level."""
     return crossings.first_rate()[level].value * WINDOWS * crossings.horizon
 
 
 def without_stops(model: Model, limit: Limit, mission: float) -> float:
-    """Chance, at least, that the motion without stops alone exceeds the limit of an acceleration in
-    a mission: by crossings at the slowest natural frequency (Rice)."""
+    """Probability, at least, that the motion without stops alone exceeds the limit of an
+    acceleration in a mission: by crossings at the slowest natural frequency (Rice)."""
     rows = model.output_rows[[model.outputs.index(name) for name in limit.outputs]]
     squares = absolute_accelerations(model.modal, free_motion(model).law, rows)
     slowest = math.sqrt(float(np.min(model.modal.squares))) / (2.0 * math.pi)
@@ -170,7 +170,8 @@ def without_stops(model: Model, limit: Limit, mission: float) -> float:
 
 
 def widening_of(model: Model, limit: Limit) -> float:
-    """Factor on the speeds of the first hits that are drawn, so that some hits exceed a limit."""
+    """Factor on the speeds of the first impacts that are drawn, so that some impacts exceed a
+    limit."""
     motion = PairMotion(model)
     speeds = motion.velocity_std
     if limit.event == "impact_speed":
@@ -277,7 +278,8 @@ class WindowSampler(ListSampler):
 def windows(
     scene: Scene, limit: Limit, mission: float, **options: Unpack[AccuracyOptions]
 ) -> Exceedance:
-    """The chance that a limit is exceeded in a mission, from windows of the motion with stops."""
+    """The probability that a limit is exceeded in a mission, from windows of the motion with
+    stops."""
     run = Run.of(options)
     plan = plan_modal_tables(with_tables(model_of(scene)), None, None)
     longest = plan.block_length - plan.burn_in
@@ -307,8 +309,8 @@ def windows(
 
 
 def _of_windows(seen: NDArray[np.bool_], window: float, mission: float) -> Estimate:
-    """The chance in a mission from exceedances (2, windows): in the first half of each window, and
-    in the whole window."""
+    """The probability in a mission from exceedances (2, windows): in the first half of each window,
+    and in the whole window."""
     count = seen.shape[1]
     early, whole = seen.astype(float)
     if not whole.any():
@@ -324,7 +326,7 @@ def _of_windows(seen: NDArray[np.bool_], window: float, mission: float) -> Estim
     value = float(risk(whole.mean(), late.mean()))
     left_out = risk((whole.sum() - whole) / (count - 1), (late.sum() - late) / (count - 1))
     error = jackknife_error(left_out)
-    if whole.all():  # the error then follows from the lower limit of the chance
+    if whole.all():  # the error then follows from the lower limit of the probability
         least = binomial_interval(count, count)[0]
         error = 0.5 * float(1.0 - risk(np.array(least), np.array(0.0)))
     found = Estimate(

@@ -1,10 +1,10 @@
 """Mean life of paths that are looked at now and then, of which some outlive the last look.
 
-Paths that start in one motion leave it rarely at first, as noise has not spread them yet, and at a
-constant rate once they have forgotten their start. Seconds per departure are wrong where paths are
-watched for a part of their lives: too many of these seconds are early ones. So the share of paths
-that are still there is counted up to the look at which the start is forgotten (E. Kaplan and
-P. Meier 1958), and falls exponentially only beyond it.
+Paths that start in one motion leave it rarely at first, as noise has not spread them yet. Once they
+have forgotten their start they leave at a constant rate. Seconds per departure are wrong where
+paths are watched for a part of their lives: too many of these seconds are early ones. So the share
+of paths that are still there is counted up to the look at which the start is forgotten (E. Kaplan
+and P. Meier 1958), and falls exponentially only beyond it.
 """
 
 from __future__ import annotations

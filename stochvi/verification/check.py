@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FAMILY_ALARM_RATE = 0.003
-"""Chance that a check raises any alarm although all methods are right."""
+"""Probability that a check raises any alarm although all methods are right."""
 
 BALANCE = "balance"
 """Quantity of a comparison in which the residual of a balance is compared with zero."""
@@ -62,8 +62,8 @@ anyway."""
 class Comparison:
     """One quantity by two methods; `relative` is the difference in units of the reference.
 
-    `score` is the part of the difference that the stated biases do not cover, in standard errors,
-    on the scale of a normal variable (by Student's law where paths are few); it is None where
+    `score` is the part of the difference that the stated biases do not cover, in standard errors.
+    It is on the scale of a normal variable, by Student's law where paths are few; None where
     nothing was sampled.
 
     See Also
@@ -115,7 +115,7 @@ class Check(Result):
         return any(reason.startswith(STOPPED_EARLY) for reason in self.left_out)
 
     def _without_hits(self) -> bool:
-        """Whether the scene has stops, and the simulation saw no hit on them."""
+        """Whether the scene has stops, and the simulation saw no impact on them."""
         rates = [
             estimate
             for response in self.responses
@@ -203,15 +203,15 @@ def check(
 ) -> Check:
     """Compare all methods that cover a scene, and the balances that a right answer obeys.
 
-    Closed form, Fokker-Planck equation and Monte Carlo must agree within z standard errors plus
-    the stated bias of mesh and step, and the energy, virial and force residuals must vanish
-    within theirs (the standard error of a bias that was itself sampled counts like that of the
-    value); z is set so that all these comparisons together raise a false alarm with
-    probability `FAMILY_ALARM_RATE` (Sidak), and widened by Student's law where a standard error
-    comes from few paths. `check_many` does this for several scenes. A quantity whose bias a method
-    cannot state is not judged, nor is one that is zero on every path. Averaging and linearisation
-    are approximations: their errors are shown, not judged. Where the budget ends first, what was
-    simulated by then is judged; after Ctrl-C `Interrupted` carries the verdict on that.
+    Closed form, Fokker-Planck equation and Monte Carlo must agree within z standard errors plus the
+    stated bias of mesh and step. The residuals of energy, virial and force must vanish within
+    theirs. The standard error of a bias that was itself sampled counts like that of the value. z is
+    set so that all comparisons together raise a false alarm with probability `FAMILY_ALARM_RATE`
+    (Sidak). Where a standard error comes from few paths, Student's law widens it. `check_many` does
+    this for several scenes. A quantity whose bias a method cannot state is not judged, nor is one
+    that is zero on every path. Averaging and linearisation are approximations: their errors are
+    shown, not judged. Where the budget ends first, what was simulated by then is judged; after
+    Ctrl-C `Interrupted` carries the verdict on that.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def check(
     budget
         Seconds of wall time after which an answer is given with what was reached.
     progress
-        Called now and then with what is done and what was reached.
+        Called now and then with the fraction done and a sentence on the accuracy reached.
 
     Returns
     -------
@@ -404,8 +404,8 @@ def _judged(
 
 
 def single_alarm_rate(family: int, family_alarm_rate: float = FAMILY_ALARM_RATE) -> float:
-    """Chance of a false alarm of one comparison such that `family` independent comparisons together
-    raise one with the chance `family_alarm_rate` (Z. Sidak 1967).
+    """Probability of a false alarm of one comparison such that `family` independent comparisons
+    together raise one with the probability `family_alarm_rate` (Z. Sidak 1967).
 
     >>> round(single_alarm_rate(20), 8)
     0.00015021

@@ -218,9 +218,9 @@ def check_many(
 ) -> Checks:
     """`check` of many scenes, under one alarm rate for all their comparisons together.
 
-    The chance that any comparison of any scene raises an alarm although all methods are right is
-    `FAMILY_ALARM_RATE` (Sidak over all comparisons; this is safe where they depend on each other).
-    Each scene gets random numbers of its own, from the seed and its place in `scenes`.
+    The probability that any comparison of any scene raises an alarm although all methods are right
+    is `FAMILY_ALARM_RATE` (Sidak over all comparisons; this is safe where they depend on each
+    other). Each scene gets random numbers of its own, from the seed and its place in `scenes`.
 
     Parameters
     ----------

@@ -214,7 +214,7 @@ class WorkPrecision(Result):
 
         Where the bias is too large at the finest step that was simulated, that step is halved on
         paper, by the order of the bias. The answer is None where that does not help, or is not
-        known to help. Rates of hits are kept apart from the other quantities: where stops lose
+        known to help. Rates of impacts are kept apart from the other quantities: where stops lose
         energy their bias falls so slowly with the step that a shorter step hardly helps them.
         """
         if self.left_out:
@@ -354,10 +354,10 @@ def spoken_time(seconds: float) -> str:
 def cost(scene: Scene, *, paths: int | None = None, **options: Unpack[RunOptions]) -> WorkPrecision:
     """What accuracy costs in time, for this scene on this machine: a work-precision table.
 
-    The same paths are simulated at several steps. Of everything that `simulate(rel_error=)`
-    governs there follow the standard error s of one CPU second, and the bias of each step h,
-    against the closed form where there is one, or else the Fokker-Planck equation where it covers
-    the scene and states a smaller error, or else the limit
+    The same paths are simulated at several steps. For every quantity that `simulate(rel_error=)`
+    governs this gives the standard error s of one CPU second, and the bias of each step h. The
+    reference is the closed form where there is one. Otherwise it is the Fokker-Planck equation,
+    where it covers the scene and states a smaller error, or else the limit
 
         f(0) = f(h) + (f(h) - f(r h)) / (r^p - 1)
 
@@ -564,8 +564,8 @@ def _with_bias_run(plan: Plan, cpu: Sequence[float]) -> list[float]:
 
 
 def _timed(solve: Callable[[], list[Response]]) -> list[tuple[Response, float]]:
-    """Responses with their shares of the CPU seconds that all threads took for them, which are as
-    their wall times."""
+    """Responses with their shares of the CPU seconds that all threads took for them: in proportion
+    to their wall time."""
     began = time.process_time()
     found = solve()
     used = time.process_time() - began

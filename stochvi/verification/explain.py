@@ -47,7 +47,7 @@ class Explanation(Result):
 
     `methods` maps each method to "applies", or to the conditions that the scene does not meet.
     `natural_frequency_hz` and `modes` are those of the structure without stops. Under constant
-    loads `rest` holds the displacements of rest (m, of rotations rad), and `rest_of_gaps` where
+    loads `rest` holds the displacements of rest (m; rotations in rad). `rest_of_gaps` holds where
     each gap rests and how far that is from its stops, m.
 
     See Also

@@ -45,10 +45,10 @@ def print_absorber(console: Console, found: AbsorberReport) -> None:
         "interval holds the bias of the step",
         "peak factor: largest displacement from the mean in 100 periods, over the rms",
         "0.43774(94) is 0.43774 with a standard error of 0.00094",
-        "impacts: of all units together; wall force: mean over time of its magnitude, all walls; "
+        "impacts: on all units together; stop force: mean over time of its magnitude, all stops; "
         "absorbed: share of the supplied power that impacts take",
         "peak force: mean over contacts of the largest force in each; largest: of 100 periods, as "
-        "a force and as the acceleration that it gives the structure; rigid walls have neither",
+        "a force and as the acceleration that it gives the structure; rigid stops have neither",
     ):
         console.print(line, style="dim", highlight=False)
     for warning in found.warnings:
@@ -109,7 +109,7 @@ def _impact_row(each: Performance) -> dict[str, str]:
     row = {
         "level (dB)": f"{each.level_db:+g}",
         "impacts per period": with_error(each.impacts_per_period),
-        "wall force (N)": with_error(each.wall_force),
+        "stop force (N)": with_error(each.wall_force),
         "impulse (N s)": with_error(each.impulse),
         "absorbed": with_error(each.absorbed_share),
     }
@@ -151,8 +151,8 @@ def print_design(console: Console, found: Design) -> None:
     if rivals := rivals_in_words(found):
         console.print(rivals, highlight=False)
     console.print(
-        f"sigma = {millimetres(found.sigma)}, rms displacement without absorber; total play, wall "
-        "to wall",
+        f"sigma = {millimetres(found.sigma)}, rms displacement without absorber; total play, stop "
+        "to stop",
         style="dim",
         highlight=False,
     )

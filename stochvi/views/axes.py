@@ -38,8 +38,8 @@ FEW_DECADES = 300.0
 too."""
 
 LESS_THAN_A_DECADE, FEW_TICKS = 8.0, 6
-"""Ratio of the ends of a logarithmic axis below which 1, 2 and 5 alone would be too few labels, and
-the most labels at equal distances that it then has."""
+"""Ratio of the ends of a logarithmic axis below which labels at 1, 2 and 5 alone are too few.
+Labels then stand at equal distances, and the second number is the most of them."""
 
 MOST_DECADES, MARGIN = 10, 3.0
 """Largest number of decades of a logarithmic axis, and factor by which it reaches beyond its
@@ -97,8 +97,8 @@ def as_written(ax: Axes) -> Figure:
 
 
 def _words(artist: Artist) -> Iterator[Text]:
-    """The texts of an artist and its parts; of an axis its label alone, and not those that its
-    scale makes."""
+    """The texts of an artist and its parts. An axis counts with its label alone, not with the texts
+    of its scale."""
     from matplotlib.axis import Axis
     from matplotlib.text import Text
 
@@ -139,12 +139,12 @@ def length_unit(size: float) -> tuple[float, str]:
 
 
 def draw_stops(ax: Axes, scene: Scene, unit: float, *, vertical: bool) -> None:
-    """Draw the stops as grey walls; the view is widened where it does not reach them."""
-    draw_walls(ax, scene.expanded.impact_pairs, unit, vertical=vertical)
+    """Draw the stops as grey bands; the view is widened where it does not reach them."""
+    draw_stop_bands(ax, scene.expanded.impact_pairs, unit, vertical=vertical)
 
 
-def draw_walls(ax: Axes, pairs: Iterable[ImpactPair], unit: float, *, vertical: bool) -> None:
-    """Draw the stops of these pairs as grey walls, at their positions (m) divided by `unit`."""
+def draw_stop_bands(ax: Axes, pairs: Iterable[ImpactPair], unit: float, *, vertical: bool) -> None:
+    """Draw the stops of these pairs as grey bands, at their positions (m) divided by `unit`."""
     limits, span, set_limits = (
         (ax.get_xlim, ax.axvspan, ax.set_xlim)
         if vertical
@@ -170,8 +170,8 @@ def draw_walls(ax: Axes, pairs: Iterable[ImpactPair], unit: float, *, vertical: 
 def thinned(t: Vector, x: Vector, most: int = MOST_POINTS) -> tuple[Vector, Vector]:
     """A curve of at most about `most` points that reaches as far up and down as the whole one.
 
-    Where there are more samples, each group of neighbours is drawn by its smallest and its largest
-    value, in the order of time, so that no peak is lost.
+    A longer curve is divided into groups of neighbours. The smallest and the largest value of each
+    group are drawn in the order of time, so no peak is lost.
 
     >>> x = np.zeros(10_000)
     >>> x[1234] = 7.0

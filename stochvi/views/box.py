@@ -64,8 +64,8 @@ def one_axis_in_rows(sizing: PairsSizing) -> pd.DataFrame:
 
 
 def plot_box(sizing: PairsSizing) -> Axes:
-    """Draw the box, its snubbers coloured by the probability that each alone is hit with the stops
-    of the scene; of several at one place, by the largest."""
+    """Draw the box. The colour of a snubber is the probability that it alone is hit with the stops
+    of the scene; several at one place take the largest."""
     assert sizing.box is not None
     table = sizing.box.pairs
     return draw_box(sizing.scene, dict(zip(table["pair"], table["chance_as_given"], strict=True)))

@@ -72,9 +72,8 @@ class Density(Protocol):
 def plot_plane(scene: Scene, found: Density, ax: Axes | None = None) -> Axes:
     """Density in the plane of displacement and velocity, logarithmic, with the stops.
 
-    Stops are walls; the slit in a rigid one is at v = 0, where the density of a stop that loses
-    energy is infinite: what comes at v > 0 goes back at -R v, nearer to it.
-    """
+    Stops are grey bands. At an inelastic rigid stop the density is infinite at v = 0, seen as a
+    slit: a mass that comes at v > 0 leaves at -R v, nearer to 0."""
     ax = axes_or_new(ax, SIZE)
     (x, v), (unit, name) = _range(scene, found), _unit(scene, found)
     p = found.density(x[None, :], v[:, None]) * unit

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.response import ROTATIONS
-from stochvi.views.axes import add_grid, as_written, draw_walls, length_unit, thinned
+from stochvi.views.axes import add_grid, as_written, draw_stop_bands, length_unit, thinned
 from stochvi.views.colours import COLOURS, OWNERS
 from stochvi.views.files import write_bytes
 from stochvi.views.tables import print_frame
@@ -42,7 +42,7 @@ FRAMES, FRAMES_PER_PERIOD, FRAMES_PER_SECOND = 120, 15, 20
 """Number of frames in an animation, in a mean period of the motion, and in a second of watching."""
 
 FLASH = 2
-"""Number of frames after an impact for which its wall is lit."""
+"""Number of frames after an impact for which its stop is lit."""
 
 BLOCK_WIDTH = 0.16
 """Width of a mass in an animation, in units of the farthest place that anything reaches."""
@@ -146,7 +146,7 @@ def _plot_motion(
             color=COLOURS["linearise:closure"], edgecolor="white", linewidth=0.5, zorder=3,
             label="impacts, larger = faster" if len(hits) else None,
         )  # fmt: skip
-    draw_walls(ax, pairs, unit, vertical=False)
+    draw_stop_bands(ax, pairs, unit, vertical=False)
     ax.set_ylabel(f"{what}\n({unit_name})")
     add_grid(ax)
     if ax.get_legend_handles_labels()[1]:
@@ -180,8 +180,7 @@ def _plot_accelerations(found: History, columns: Sequence[str], ax: Axes) -> Non
 def write_animation(found: History, scene: Scene, path: Path, title: str = "") -> None:
     """A GIF of masses between their stops, slowed down, around the fastest impact.
 
-    It shows about eight mean periods of the first coordinate; walls light up when they are hit.
-    """
+    It shows about eight mean periods of the first coordinate; stops light up at impacts."""
     time = _frame_times(found)
     tracks = _tracks(found, scene, time)
     reach = max(float(np.abs(place).max()) for track in tracks for place in track.places)
@@ -202,7 +201,7 @@ def write_animation(found: History, scene: Scene, path: Path, title: str = "") -
             ax.add_patch(block)
             blocks.append((block, track.mass / unit - width / 2.0))
             for wall in track.walls:
-                # the block is as wide as it is drawn: its faces meet the walls
+                # the block is as wide as it is drawn: its faces meet the stops
                 edge = width / 2.0 if wall.side == "upper" else -width
                 patch = Rectangle((0.0, row - 0.35), width / 2.0, 0.7)
                 ax.add_patch(patch)
@@ -300,7 +299,7 @@ def _tracks(found: History, scene: Scene, time: Vector) -> list[Track]:
 
 
 def _lit(found: History, pair: str, side: str, time: Vector) -> NDArray[np.bool_]:
-    """Whether a wall was hit within the last frames."""
+    """Whether a stop was hit within the last frames."""
     hits = found.impacts
     times = hits["time_s"][(hits["pair"] == pair) & (hits["side"] == side)].to_numpy()
     last = np.append(-np.inf, times)[np.searchsorted(times, time, side="right")]

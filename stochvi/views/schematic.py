@@ -61,7 +61,7 @@ SYMBOLS = Words(length=lambda name, metres: name, place=lambda key, metres: key)
 def draw_problem(
     scene: Scene, rests: Mapping[str, float], *, symbols: bool = False, ax: Axes | None = None
 ) -> Axes:
-    """Draw what moves, where it rests, and where it hits.
+    """Draw what moves, where it rests, and its stops.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def draw_problem(
 
 
 def write_problem(scene: Scene, rests: Mapping[str, float], folder: Path) -> None:
-    """Write the drawing as `scene.svg` into a folder; of a rigid box its gaps as `gaps.svg` too."""
+    """Write the drawing as `scene.svg` into a folder, and the gaps of a rigid box as `gaps.svg`."""
     from stochvi.views.files import try_picture
 
     try_picture(lambda: draw_problem(scene, rests), folder / "scene.svg")
@@ -346,7 +346,8 @@ def _mm(metres: float) -> str:
 
 
 def draw_gaps(pairs: Any, rests: Mapping[str, float], ax: Axes | None = None) -> Axes:
-    """Draw a line for each gap: its stops as walls, the unloaded position, the equilibrium.
+    """Draw a line for each gap: its stops as hatched blocks, the unloaded position, the
+    equilibrium.
 
     Each line has a scale of its own, with the numbers in millimetres.
     """

@@ -19,7 +19,7 @@ SIGMAS = np.linspace(1.0, 6.0, 101)
 
 
 def plot_screening(found: Screening, ax: Axes | None = None) -> Axes:
-    """Three sigma of every gap beside its stops; of one mass, impacts by Rice's formula against
+    """Three sigma of every gap beside its stops; for one mass, impacts by Rice's formula against
     clearance."""
     one = len(found.coordinates) == 1 and len(found.impact_pairs) < 2
     return _plot_rice(found, ax) if one else _plot_gaps(found, ax)

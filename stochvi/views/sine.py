@@ -25,8 +25,8 @@ SIZE = (7.0, 8.0)
 """Size of the figure of three panels, inches."""
 
 WIDE = 10.0
-"""Ratio of large values to small ones of what is drawn, or of the ends of what is varied, from
-which on an axis is logarithmic: branches of small motions would lie on the axis."""
+"""Ratio of the ends of an axis from which on it is logarithmic: on a linear one the branches of
+small motions would lie on the axis."""
 
 MOST_COLOURS = 6
 """Number of branches with a colour and a line in the legend; the others, which come after them by
@@ -66,9 +66,9 @@ def print_sine(console: Console, found: HarmonicResponse) -> None:
     if points:
         print_frame(console, pd.DataFrame(points), "special points", {_name(found): ".7g"})
     for line in (
-        "stable: largest and smallest value at which small disturbances die away",
-        "peak acceleration: absolute, with the forces of stops that give way; of rigid stops that "
-        "between impacts",
+        "stable: largest and smallest value at which small perturbations die away",
+        "peak acceleration: absolute, with the forces of compliant stops; with rigid stops it is "
+        "that between impacts",
     ):
         console.print(line, style="dim", highlight=False)
     for warning in found.warnings:

@@ -216,9 +216,9 @@ def plot_response(review: Review, ax: Axes | None = None) -> Axes:
 def plot_transmissibility(review: Review, ax: Axes | None = None) -> Axes:
     """Transmissibility of the mount: by theory without stops, and apparent in a path with stops.
 
-    For the path it is the density of -(b v + omega^2 x), the part of the acceleration that spring
-    and damper cause, over that of the base: with stops it is no longer a property of the mount.
-    """
+    For the path it is the density of -(b v + omega^2 x) over that of the base. This is the part of
+    the acceleration that spring and damper cause. With stops it is no longer a property of the
+    mount."""
     ax = axes_or_new(ax, PAGE)
     spectra = _spectra(review.environment)
     apparent = None if review.motion is None else review.motion.transmissibility

@@ -110,10 +110,9 @@ def plot_work_precision(found: WorkPrecision, of: str, quantity: str, ax: Axes) 
 def draw_scores(found: Checks, ax: Axes | None = None) -> Axes:
     """Normal quantile plot of the scores of all comparisons: a line of slope 1 if all agree.
 
-    Scores of one simulation are correlated. Against an exact answer there is no bias; the other
-    scores are the part of a difference that the stated biases do not cover, and lie within the line
-    where these biases are larger than needed.
-    """
+    Scores of one simulation are correlated. Against an exact answer there is no bias. The other
+    scores measure the part of a difference that the stated biases do not cover. They lie within the
+    line where these biases are larger than needed."""
     frame = found.to_frame()
     frame = frame[frame["verdict"].isin([AGREES, DISAGREES]) & frame["score"].notna()]
     exactly = frame["reference"] == "exact"

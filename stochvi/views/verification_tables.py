@@ -272,7 +272,7 @@ def _step_bias(found: WorkPrecision, row: StepError) -> str:
 def _print_prices(console: Console, found: WorkPrecision) -> None:
     """Print the CPU seconds that bring statistical error and bias below each target, by step."""
     targets = [f"{100.0 * target:g} %" for target in TARGETS]
-    groups = [("", False), ("hits ", True)]
+    groups = [("", False), ("impacts ", True)]
     groups = [group for group in groups if found.of_step(found.steps[0], rates=group[1])]
     headings = [name + target for name, _ in groups for target in targets]
     table = new_table("CPU time until both are below (-: bias is not)", ["step", *headings])

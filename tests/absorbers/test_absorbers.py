@@ -221,7 +221,7 @@ def test_a_scene_file_may_use_either_form(tmp_path) -> None:
         ({"mass": -0.1, "play": 1.0}, "absorber.mass must be greater than 0"),
         ({"mass": 0.1}, "absorber needs play, or lower and upper"),
         ({"mass": 0.1, "play": 1.0, "units": 0}, "absorber.units must be at least 1"),
-        ({"mass": 0.1, "upper": 1.0}, "needs both walls where no spring holds the mass"),
+        ({"mass": 0.1, "upper": 1.0}, "needs both stops where no spring holds the mass"),
         ({"mass": 0.1, "play": 1.0, "mass_on": "x"}, "takes either mass_on, or mass, play and law"),
         ({"mass": 0.1, "plya": 1.0}, "did you mean 'play'"),
     ],

@@ -205,7 +205,7 @@ def test_what_is_never_seen_has_an_upper_limit_and_is_not_an_answer() -> None:
     [
         (FREE, {"mission": 0.0, "barrier": 3.0}, "mission must be a positive number of seconds"),
         (FREE, {}, "barrier must be given where the scene has no impact_pair"),
-        (BOX, {"barrier": 3.0}, "barrier is for scenes without stops"),
+        (BOX, {"barrier": 3.0}, "barrier must be left out where the scene has stops"),
         (FREE, {"barrier": (1.0, -1.0)}, "with lower < upper"),
         (FREE, {"barrier": 0.0}, "with lower < upper"),
         (FREE, {"barrier": (2.0, 2.0)}, "with lower < upper"),
@@ -288,7 +288,7 @@ def test_the_command(stochvi: Run, tmp_path: Any) -> None:
     assert done.code == 1 and "not found" in done.err
     assert "impact_speed" in one_document(done.out)["missing"]
     done = stochvi("reliability", scene, "--mission", "30", "--barrier", "3")
-    assert done.code == 2 and "barrier is for scenes without stops" in done.err
+    assert done.code == 2 and "barrier must be left out where the scene has stops" in done.err
 
 
 @pytest.mark.parametrize(

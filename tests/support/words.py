@@ -8,6 +8,7 @@ fall: `python tests/support/words.py` writes those of now.
 from __future__ import annotations
 
 import ast
+import inspect
 import io
 import re
 import tokenize
@@ -21,21 +22,21 @@ COUNTS = CHECKOUT / "tests" / "words.toml"
 """The file of the counts."""
 
 TERMS = {
-    "chance, say probability": r"\bchances?\b",
-    "hits, say impacts": r"\bhits\b",
+    "chance, say probability": r"(?<!by )\bchances?\b",
+    "hits, say impacts": r"(?<!\bit )\bhits\b(?! (?:a|an|the|its|it|them|both|each)\b)",
     "a hit, say an impact": r"\b(?:a|an|any|each|every|one|first|per|hard|single|last) hit\b",
     "collision, say impact": r"\bcollisions?\b",
     "bounce, say impact": r"\bbounces?\b",
     "blow, say impact": r"\bblows?\b",
     "burst, say cluster": r"\bbursts?\b",
     "gives way, say compliant": r"\bgiv(?:e|es|ing) way\b",
-    "wall, say stop": r"\bwalls?\b",
+    "wall, say stop": r"\bwalls?\b(?!\s+(?:time|clock)\b)",
     "flown, say simulated": r"\b(?:flown|flies|fly)\b",
-    "sentences that begin with Of": r"(?:^|[.;:] +)Of (?:a|an|the|several|one|all|its|each)\b",
+    "sentences that begin with Of": r"(?:^(?-i:Of)|[.;]\s+of) (?:an?|the|several|one|all|its)\b",
     "what is told, name it": r"\bwhat (?:is|was) (?:told|asked|said|done)\b",
     "disturbance, say perturbation": r"\bdisturbances?\b",
 }  # fmt: skip
-"""Patterns of variants, by what to say instead."""
+"""Patterns of variants, with the word to use. The verb "hits", "by chance" and "wall time" stay."""
 
 LONGEST = 25
 """Largest number of words of a sentence."""
@@ -43,19 +44,29 @@ LONGEST = 25
 LONG = f"sentences of more than {LONGEST} words"
 """Name of the count of long sentences."""
 
+EXAMPLE = r"^ *>>> .*(?:\n(?! *\n).*)*"
+"""Pattern of an example with its output, up to an empty line."""
+
+PARAMETERS = r"^( *)\w+(?:, \w+)*(?: :.*)?\n(?=\1 +\S)|^ *-+$"
+"""Pattern of the names of parameters above their description, and of lines below headings."""
+
+FORMULAS = r"(?<=\n\n)(?: {4,}.* = .*\n| {4,}[-+].*\n)+"
+"""Pattern of formulas that stand apart, in a text without the indentation of its code."""
+
+CODE = r"\"[a-z_]+\"|`[^`]*`|\$[^$]*\$|\]\([^)]*\)|\{[^{}]*\}|--[a-z][a-z-]*"
+"""Pattern of values in quotes, code, formulas, targets of links, gaps of texts, and options."""
+
 
 def texts_of_code(path: Path) -> Iterator[str]:
-    """Docstrings, comments and texts of several words; without code in backticks and braces."""
+    """Comments, texts of several words, and docstrings without formulas, examples and names."""
     source = path.read_text(encoding="utf-8")
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:
             yield token.string.lstrip("# ")
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and " " in node.value:
-            yield "\n".join(
-                line for line in node.value.splitlines()
-                if not line.lstrip().startswith((">>>", "..."))
-            )  # fmt: skip
+            text = re.sub(FORMULAS, "", inspect.cleandoc(node.value))
+            yield re.sub(f"{EXAMPLE}|{PARAMETERS}", "\n", text, flags=re.MULTILINE)
 
 
 def texts_of_page(path: Path) -> Iterator[str]:
@@ -65,8 +76,8 @@ def texts_of_page(path: Path) -> Iterator[str]:
 
 
 def prose(text: str) -> str:
-    """A text without code, formulas and targets of links."""
-    return re.sub(r"`[^`]*`|\$[^$]*\$|\]\([^)]*\)|\{[^{}]*\}|--[a-z][a-z-]*", " # ", text)
+    """A text without code, values in quotes, formulas and targets of links."""
+    return re.sub(CODE, " # ", text)
 
 
 def rooms() -> dict[str, list[Path]]:

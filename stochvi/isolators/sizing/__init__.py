@@ -1,4 +1,5 @@
-"""The clearance that an isolator really needs: first hits, hits with their stops, sensitivity."""
+"""The clearance that an isolator really needs: first impacts, impacts with their stops,
+sensitivity."""
 
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.method import size

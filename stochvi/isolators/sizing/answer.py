@@ -29,7 +29,7 @@ HITS_PER_FIRST_HIT = (
     "impacts per first impact: the first one and those that follow from it, impacts above the "
     "speed threshold alone"
 )
-"""Definition of the column of hits per first hit, in words."""
+"""Definition of the column of impacts per first impact, in words."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,13 +39,13 @@ class Target:
     Parameters
     ----------
     name
-        "probability" (of any hit in the mission), "rate" (hits per second), "impact_speed" or
-        "peak_acceleration" (not exceeded in the mission but with the chance `exceedance`).
+        "probability" (of any impact in the mission), "rate" (impacts per second), "impact_speed" or
+        "peak_acceleration" (not exceeded in the mission but with the probability `exceedance`).
     value, unit
         The limit, in SI units.
     exceedance
-        Accepted chance that a hit of the mission exceeds the limit; None for "probability" and
-        "rate", of which `value` says all.
+        Accepted probability that an impact of the mission exceeds the limit; None for "probability"
+        and "rate", of which `value` says all.
     """
 
     name: str
@@ -154,20 +154,20 @@ class Clearance:
 
 @dataclass(frozen=True, kw_only=True)
 class ThreeSigma:
-    """Risk and hits in the mission at the clearance of the rule "three times the linear rms".
+    """Risk and impacts in the mission at the clearance of the rule "three times the linear rms".
 
     Parameters
     ----------
     clearance
         3 sigma, m per side.
     probability
-        Chance of any hit in the mission.
+        Probability of any impact in the mission.
     first_hits
-        Expected bursts of hits in the mission: the rate of first hits times the mission.
+        Expected impact clusters in the mission: the rate of first impacts times the mission.
     rice_hits
-        Expected hits in the mission by Rice, as if hits changed nothing.
+        Expected impacts in the mission by Rice, as if impacts changed nothing.
     hits
-        Expected hits in the mission, simulated with the stop law; None without a law.
+        Expected impacts in the mission, simulated with the stop law; None without a law.
     impact_speed_mean
         Mean impact speed, m/s, simulated; None without a law.
     """
@@ -189,7 +189,7 @@ class Sizing(Result):
     scene
         The scene that was sized, as it was given.
     target, mission
-        What was asked for, and seconds of exposure.
+        The target of the sizing, and seconds of exposure.
     clearance
         The calculated clearance for the scene as stated, m per side from the static equilibrium;
         `made` is the one to make.
@@ -198,20 +198,20 @@ class Sizing(Result):
     curve
         One row per clearance, from one run: `clearance` (m), `clearance_in_sigma`, `rice_rate`
         (1/s, both sides), `first_hit_rate`, `first_hit_rate_low`, `first_hit_rate_high` (1/s, the
-        limit that the rate of first hits tends to), `probability`, `probability_low`,
-        `probability_high` (of any hit in the mission, 95 % limits).
+        limit that the rate of first impacts tends to), `probability`, `probability_low`,
+        `probability_high` (of any impact in the mission, 95 % limits).
     three_sigma
-        Risk and hits at the clearance of the rule "three times the linear rms".
+        Risk and impacts at the clearance of the rule "three times the linear rms".
     required
-        One row per accepted chance of any hit in the mission (10, 1, 0.1 %): `probability`,
+        One row per accepted probability of any impact in the mission (10, 1, 0.1 %): `probability`,
         `clearance`, `clearance_low`, `clearance_high` (m), `clearance_in_sigma`.
     simulated
         One row per clearance simulated with the stop law: `clearance` (m), `clearance_in_sigma`,
         `hit_rate`, `hit_rate_low`, `hit_rate_high` (1/s), `impact_speed_mean` (m/s).
     exceeding
-        Of a target with a limit, one row per clearance that was tried: `clearance` (m), and the
-        `probability` that any hit of the mission exceeds the limit, with `probability_low` and
-        `probability_high` (95 %; NaN, 0 and the upper limit where hardly any hit did).
+        For a target with a limit, one row per clearance that was tried: `clearance` (m), and the
+        `probability` that any impact of the mission exceeds the limit, with `probability_low` and
+        `probability_high` (95 %; NaN, 0 and the upper limit where hardly any impact did).
     evidence
         Responses simulated with the stop law, by "three_sigma" and "recommended".
     screening
@@ -222,8 +222,8 @@ class Sizing(Result):
         Whether a measured record that shakes the isolator moves it as Gaussian noise would, and the
         clearance that the record itself needs; None without a record.
     kept_with
-        Chance that the limit of the target is exceeded in the mission, where the clearance is the
-        smallest that can be judged and keeps the target with a margin; else None.
+        Probability that the limit of the target is exceeded in the mission. Given where the
+        clearance is the smallest that can be judged and keeps the target with a margin; else None.
     allowed
         The tolerances that were asked for, within all of which `made` keeps the target.
     probability_of_stops
@@ -274,7 +274,7 @@ class Sizing(Result):
 
     @property
     def gap(self) -> StopPositions:
-        """Where the stops lie, and the chance of a hit on the stops of the scene."""
+        """Where the stops lie, and the probability of an impact on the stops of the scene."""
         return gap_of(self)
 
     @property
@@ -346,7 +346,7 @@ class Sizing(Result):
 
     def calculated(self) -> str:
         """What the clearance to make rests on: the calculated one for the scene as stated, the
-        hits to expect there, and what three sigma would do to the same quantity."""
+        impacts to expect there, and what three sigma would do to the same quantity."""
         three, hits = self.three_sigma, self.expected_hits()
         place = f"3 sigma = {1e3 * three.clearance:.4g} mm"
         mission = spoken_mission(self.mission)
@@ -360,7 +360,8 @@ class Sizing(Result):
         return "; ".join(filter(None, [self._answer(), joint.join([*there, *rule])]))
 
     def expected_hits(self) -> Estimate | None:
-        """Expected hits in the mission at the clearance, simulated; None where they are unknown."""
+        """Expected impacts in the mission at the clearance, simulated; None where they are
+        unknown."""
         table = self.simulated
         near = table[np.isclose(table["clearance"], self.clearance.value)] if len(table) else table
         if not len(near) or not math.isfinite(near["hit_rate"].iloc[0]):
@@ -384,8 +385,8 @@ class Sizing(Result):
         return f"{first}, {in_sigma}, {shown}"
 
     def kept_chance(self) -> str:
-        """The chance with which the limit of the target may be exceeded at the clearance, in words:
-        that which was accepted, below it, or none that is known well enough."""
+        """The probability with which the limit of the target may be exceeded at the clearance, in
+        words: that which was accepted, below it, or none that is known well enough."""
         accepted = spoken_percent(self.target.exceedance or 0.0)
         if self.kept_with is None:
             return accepted

@@ -29,11 +29,12 @@ class BoxOverview:
     modes
         Natural modes without stops.
     pairs
-        One row per pair: its name `pair`; `one_axis_three_sigma`, three times the rms of the gap
-        (m) if the centre of mass moved along each axis as an oscillator of its own, on all mounts
-        together, and nothing turned; `chance_at_one_axis` of a hit of this pair alone in the
-        mission with its stops at that distance from the mean gap, and `chance_as_given` with those
-        of the scene; both by Rice's rate of crossings of the gap as it really moves.
+        One row per pair: its name `pair`, `one_axis_three_sigma`, `chance_at_one_axis` and
+        `chance_as_given`. The second is three times the rms of the gap (m) if nothing turned: the
+        centre of mass then moves along each axis as an oscillator of its own, on all mounts
+        together. The others are probabilities of an impact of this pair alone in the mission. Its
+        stops are at that distance from the mean gap, or as in the scene. Both use Rice's rate of
+        crossings of the gap as it really moves.
     """
 
     modes: Sequence[NaturalMode]
@@ -79,8 +80,8 @@ def box_overview(scene: Scene, mission: float) -> BoxOverview | None:
 
 
 def _chances(sigma: np.ndarray, speed: np.ndarray, stops: np.ndarray, mission: float) -> np.ndarray:
-    """Chance that each pair is hit in the mission, stops (2, pairs) at distances from the mean, m:
-    1 where one of them lies beyond it."""
+    """Probability that each pair is hit in the mission, stops (2, pairs) at distances from the
+    mean, m: 1 where one of them lies beyond it."""
     moving = sigma > 0.0
     size = np.where(moving, sigma, 1.0)
     level = np.maximum(stops, 0.0) / size

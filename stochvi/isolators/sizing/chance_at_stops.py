@@ -1,6 +1,6 @@
-"""Where the stops of a sizing lie, and the chance of any hit there.
+"""Where the stops of a sizing lie, and the probability of any impact there.
 
-This module reads the chance of even stops off the curve of risk against clearance, which
+This module reads the probability of even stops off the curve of risk against clearance, which
 `risk_curve` makes. That of uneven stops is in the sizing, as their first crossings have it.
 """
 
@@ -34,8 +34,8 @@ class StopPositions:
     distances
         Clearance of each stop of the scene: its distance from the static equilibrium.
     probability
-        Chance of any hit in the mission with the stops of the scene; None where it is not known, or
-        the scene has no stops.
+        Probability of any impact in the mission with the stops of the scene; None where it is not
+        known, or the scene has no stops.
     """
 
     mean_position: float
@@ -57,7 +57,8 @@ def gap_of(sizing: Sizing) -> StopPositions:
 
 
 def probability_at(sizing: Sizing, clearance: float) -> float | None:
-    """Chance of any hit in the mission at a clearance of the curve; None before its start."""
+    """Probability of any impact in the mission at a clearance of the curve; None before its
+    start."""
     if sizing.target.name == "probability" and clearance == sizing.clearance.value:
         return sizing.target.value
     found = _bursts_at(sizing, clearance)
@@ -114,7 +115,8 @@ def _bursts_at(sizing: Sizing, clearance: float) -> float | None:
 
 
 LEAST, CERTAIN = 1e-300, 1.0 - 1e-15
-"""Smallest and largest chance of which a logarithm is taken; others are moved to these limits."""
+"""Smallest and largest probability of which a logarithm is taken; others are moved to these
+limits."""
 
 
 def two_sided(scene: Scene) -> bool:

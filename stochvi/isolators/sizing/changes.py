@@ -74,7 +74,7 @@ class Tolerances:
 
     def felt(self, scene: Scene, *, by_hits: bool) -> Tolerances:
         """These tolerances without that of the stiffness of the stops where no answer depends on
-        it: no hit is simulated, or a stop is rigid."""
+        it: no impact is simulated, or a stop is rigid."""
         return self if by_hits and ends_of_stops(scene, self) else replace(self, stiffness=0.0)
 
     def limits(self) -> dict[str, float]:
@@ -165,7 +165,7 @@ def ends_of(tolerances: Tolerances) -> list[Change]:
 
 
 def ends_of_stops(scene: Scene, tolerances: Tolerances) -> list[Change]:
-    """Both ends of the stiffness of the stops, where all of them give way."""
+    """Both ends of the stiffness of the stops, where all of them are compliant."""
     laws = [law for pair in scene.impact_pairs for _, law in pair.stops()]
     if not tolerances.stiffness or not laws or any(law.rigid for law in laws):
         return []
@@ -218,8 +218,8 @@ def moved_centre(scene: Scene, shift: Sequence[float]) -> Scene:
 
 
 def changed_stops(scene: Scene, *, stiffness: float = 1.0, restitution: float = 0.0) -> Scene:
-    """The scene with the stiffness of all stops that give way multiplied by a factor, and with a
-    number added to the restitution of all that do not."""
+    """The scene with the stiffness of all compliant stops multiplied by a factor, and with a number
+    added to the restitution of all rigid ones."""
 
     def changed(law: Law) -> Law:
         if isinstance(law, Restitution):

@@ -1,7 +1,7 @@
-"""Clatter: what stops that give way do to the acceleration of what they protect.
+"""Clatter: what compliant stops do to the acceleration of what they protect.
 
-With stops the rms hides the trouble: hits are short. A restitution gives hits and their speeds
-but no acceleration; that needs a stiffness.
+With stops the rms hides the trouble: impacts are short. A restitution gives impacts and their
+speeds but no acceleration; that needs a stiffness.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def clatter(
     Parameters
     ----------
     scene
-        An isolator on a noisy base between stops that give way, whose laws are kept.
+        An isolator on a noisy base between compliant stops, whose laws are kept.
     clearances
         Metres per side from the static equilibrium.
     stiffness_ratios
@@ -79,11 +79,11 @@ def clatter(
     pandas.DataFrame
         A row per clearance and stiffness, SI units, standard errors in columns with `_error`:
         `clearance`, `clearance_in_sigma`, `stiffness_ratio` (NaN for the scene's own),
-        `hit_rate` (all contacts; with `hit_rate_upper_95` where these were seen in too few windows
-        for an interval, else NaN), `acceleration_rms`, `largest_acceleration` (mean over windows),
-        `rms_amplification`, `peak_amplification` (over the same without stops, from the same
-        random numbers), and `largest_acceleration_bias` (a third of what half as many samples
-        change).
+        `hit_rate` (all contacts), `acceleration_rms`, `largest_acceleration` (mean over windows),
+        `rms_amplification` and `peak_amplification`. The last two are ratios to the same without
+        stops, from the same random numbers. `hit_rate_upper_95` is given where contacts were seen
+        in too few windows for an interval, else it is NaN. `largest_acceleration_bias` is a third
+        of the change with half as many samples.
 
     Raises
     ------
@@ -198,7 +198,7 @@ def plan_windows(scene: Scene, window: float) -> TabulatedPlan:
 
 @dataclass(frozen=True)
 class _Averages:
-    """Averages of windows: hits per second, mean square and largest absolute acceleration."""
+    """Averages of windows: impacts per second, mean square and largest absolute acceleration."""
 
     hits: Vector
     mean_square: Vector

@@ -1,7 +1,7 @@
-"""Chances that the hardest hit of a mission exceeds a limit, over limits and clearances.
+"""Probabilities that the hardest impact of a mission exceeds a limit, over limits and clearances.
 
-Where first hits are rare, bursts are simulated from first hits on, and fast first hits are drawn
-more often and weighted; where hits hardly pause, windows of the whole motion are.
+Where first impacts are rare, clusters are simulated from first impacts on, and fast first impacts
+are drawn more often and weighted; where impacts hardly pause, windows of the whole motion are.
 """
 
 from __future__ import annotations
@@ -36,32 +36,32 @@ if TYPE_CHECKING:
 
 
 LIMITS = 16
-"""Number of limits on a curve of chances; each is the same multiple of the one before."""
+"""Number of limits on a curve of probabilities; each is the same multiple of the one before."""
 
 WIDENING = 2.5
-"""Factor on the speeds of every second first hit, so that rare hard hits are seen as well."""
+"""Factor on the speeds of every second first impact, so that rare hard impacts are seen as well."""
 
 MARKS = 3
 """Number of limits that are followed over all clearances where the caller gives none."""
 
 FEWEST = 5
-"""Smallest number of bursts, or windows, with a hit as hard as a limit for which its chance is
-given."""
+"""Smallest number of clusters, or windows, with an impact as hard as a limit for which its
+probability is given."""
 
 REL_ERROR = 0.1
-"""Relative standard error to which the rate of hits, or of hits beyond the first mark, is
+"""Relative standard error to which the rate of impacts, or of impacts beyond the first mark, is
 simulated."""
 
 MOST_ERROR = 0.5
-"""Relative standard error above which a chance is left out."""
+"""Relative standard error above which a probability is left out."""
 
 WINDOW, MOST_WINDOWS = 18.0, 4096
-"""Length (s) and largest number of the windows of the whole motion that are simulated where hits
+"""Length (s) and largest number of the windows of the whole motion that are simulated where impacts
 come without a pause."""
 
 
 def event_of(scene: Scene) -> str:
-    """The quantity by which the hardest hit is judged: its peak acceleration or, where a stop is
+    """The quantity by which the hardest impact is judged: its peak acceleration or, where a stop is
     rigid and has no stiffness, its speed."""
     rigid = any(stop.rigid for stop in model_of(scene).stops)
     return "impact_speed" if rigid else "peak_acceleration"
@@ -77,7 +77,7 @@ def exceedances(
     marks: Sequence[float] = (),
     **options: Unpack[RunOptions],
 ) -> pd.DataFrame:
-    """Chance that any hit of a mission exceeds a limit: over limits, at each clearance.
+    """Probability that any impact of a mission exceeds a limit: over limits, at each clearance.
 
     Parameters
     ----------
@@ -88,9 +88,9 @@ def exceedances(
     event
         "peak_acceleration" (absolute, m/s^2) or "impact_speed" (m/s); by default `event_of`.
     marks
-        Limits for which every clearance has a row where their chance is known; that of the first
-        one is found to `REL_ERROR` if the budget allows it. By default, and where no clearance
-        exceeds any of them often enough, limits that most clearances have in common.
+        Limits for which every clearance has a row where their probability is known; that of the
+        first one is found to `REL_ERROR` if the budget allows it. By default, and where no
+        clearance exceeds any of them often enough, limits that most clearances have in common.
     **options
         `RunOptions`: `budget` is that of all clearances together.
 
@@ -129,7 +129,7 @@ def exceedances(
 
 
 Chance = tuple[float, float, float]
-"""A chance and its 95 % limits."""
+"""A probability and its 95 % limits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,7 @@ class TrialExtremes(ABC):
 
     @abstractmethod
     def chance(self, limit: float) -> Chance | None:
-        """Chance that the limit is exceeded in the mission; None where that is not known."""
+        """Probability that the limit is exceeded in the mission; None where that is not known."""
 
     def ends(self) -> tuple[float, float] | None:
         """A limit that nearly every trial exceeds, and one that few do."""
@@ -160,7 +160,7 @@ class TrialExtremes(ABC):
 
 @dataclass(frozen=True, eq=False)
 class _Bursts(TrialExtremes):
-    """Bursts from first hits on, each with a weight."""
+    """Clusters from first impacts on, each with a weight."""
 
     event: str
     bursts: Bursts
@@ -193,7 +193,7 @@ class _Windows(TrialExtremes):
         return int((self.largest > limit).sum())
 
     def estimate(self, limit: float) -> Estimate:
-        """The chance in the mission, or its upper limit where few windows exceed the limit."""
+        """The probability in the mission, or its upper limit where few windows exceed the limit."""
         value, low, high = self.interval(limit)
         how = f"{self.exceeding(limit)} of {len(self.largest)} windows"
         if self.exceeding(limit) < FEWEST:
@@ -201,7 +201,8 @@ class _Windows(TrialExtremes):
         return Estimate(value=value, standard_error=(high - low) / (2.0 * GAUSSIAN_95), how=how)
 
     def interval(self, limit: float) -> Chance:
-        """The chance in the mission and its 95 % limits, however few windows exceed the limit."""
+        """The probability in the mission and its 95 % limits, however few windows exceed the
+        limit."""
         count, trials = self.exceeding(limit), len(self.largest)
         windows = self.mission / self.window
         value, low, high = (
@@ -212,7 +213,7 @@ class _Windows(TrialExtremes):
 
 
 def _common(seen: Sequence[TrialExtremes]) -> tuple[float, ...]:
-    """Limits of two digits whose chance is known at as many clearances as possible."""
+    """Limits of two digits whose probability is known at as many clearances as possible."""
     ends = [each for each in (one.ends() for one in seen) if each is not None]
     if not ends:
         return ()
@@ -227,7 +228,7 @@ def _common(seen: Sequence[TrialExtremes]) -> tuple[float, ...]:
 def _by_bursts(
     scene: Scene, event: str, mission: float, marks: Sequence[float], run: Run
 ) -> _Bursts | None:
-    """Trials by bursts; None where bursts do not end, or overlap."""
+    """Trials by clusters; None where clusters do not end, or overlap."""
     wanted: Callable[[Bursts], Estimate] = Bursts.hit_rate
     if marks:
         wanted = partial(Bursts.exceedance_rate, name=event, limit=marks[0])
@@ -253,9 +254,9 @@ def chance_in_windows(
     scene: Scene, event: str, limit: float, mission: float, *, accepted: float,
     **options: Unpack[RunOptions],
 ) -> Estimate | None:  # fmt: skip
-    """Chance that any hit of a mission exceeds a limit, by windows of the whole motion, however
-    closely hits follow each other: sampled until its interval lies on one side of an `accepted`
-    chance, or the budget ends. None where windows are not simulated.
+    """Probability that any impact of a mission exceeds a limit, by windows of the whole motion,
+    however closely impacts follow each other: sampled until its interval lies on one side of an
+    `accepted` probability, or the budget ends. None where windows are not simulated.
     """
     window, run = min(WINDOW, mission), Run.of(options)
     try:
@@ -274,7 +275,7 @@ def chance_in_windows(
 
 
 LEAST_WINDOWS = 1024
-"""Number of windows at the first look at a chance."""
+"""Number of windows at the first look at a probability."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,5 @@
-"""Hits at a clearance: by bursts where first hits are rare, else by simulating the whole motion."""
+"""Impacts at a clearance: by clusters where first impacts are rare, else by simulating the whole
+motion."""
 
 from __future__ import annotations
 
@@ -18,7 +19,8 @@ from stochvi.statistics.impact_counts import ImpactCounts, count_impacts
 
 @dataclass(frozen=True, kw_only=True)
 class ClearanceTrial:
-    """Rate and speed of the hits at one clearance, by bursts or by simulating the whole motion.
+    """Rate and speed of the impacts at one clearance, by clusters or by simulating the whole
+    motion.
 
     `unknown` names, in words, the accuracy that the budget did not suffice for.
     """
@@ -34,7 +36,7 @@ class ClearanceTrial:
 
 @dataclass(kw_only=True)
 class Hits:
-    """Hits of a scene at one clearance after the other, from the same random numbers.
+    """Impacts of a scene at one clearance after the other, from the same random numbers.
 
     `part` returns the run of the next calculation, by its relative error.
     """
@@ -47,11 +49,11 @@ class Hits:
 
     @property
     def window(self) -> float:
-        """Seconds for which a burst is simulated."""
+        """Seconds for which a cluster is simulated."""
         return WINDOWS * self.curve.crossings.horizon
 
     def at(self, clearance: float, rel_error: float | None = None) -> ClearanceTrial:
-        """The hits at a clearance: simulated unless they are known at least as accurately."""
+        """The impacts at a clearance: simulated unless they are known at least as accurately."""
         wanted = rel_error or self.rel_error
         if clearance not in self.tried or self.tried[clearance].rel_error > wanted:
             overlap = self.curve.first_rate(clearance) * self.window

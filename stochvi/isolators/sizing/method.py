@@ -46,21 +46,22 @@ def size(
         pairs. The laws of the stops are kept, their places are not: they go to equal distances from
         the static equilibrium, where the mass hangs.
     probability
-        Chance of any hit in the mission. Needs no stops.
+        Probability of any impact in the mission. Needs no stops.
     rate
-        Hits per second on both stops.
+        Impacts per second on both stops.
     impact_speed, peak_acceleration
-        The largest of all hits of the mission (m/s; m/s^2, of the mass, absolute), which is to be
-        exceeded with the chance `exceedance` alone. An acceleration needs stops with a stiffness.
+        The largest of all impacts of the mission (m/s; m/s^2, of the mass, absolute), which is to
+        be exceeded with the probability `exceedance` alone. An acceleration needs stops with a
+        stiffness.
     exceedance
-        Accepted chance that the hardest hit of a mission exceeds the limit.
+        Accepted probability that the hardest impact of a mission exceeds the limit.
     at
-        Of several coordinates, the one, or the named point, whose acceleration is limited; by
-        default any of them that is a length.
+        The coordinate, or the named point, whose acceleration is limited; by default every
+        coordinate that is a length.
     pair
-        Of several pairs, the one whose clearance is searched for while the stops of the others stay
-        where they are; by default all pairs share the risk equally: each alone would be hit with
-        the same chance.
+        The one of several pairs whose clearance is searched for; the stops of the others stay where
+        they are. By default all pairs share the risk equally: each alone would be hit with the same
+        probability.
     tolerances
         Tolerances within all of which the clearance to make keeps the target; by default those
         that the scene states (`Tolerances.of`), which may be none.
@@ -74,21 +75,21 @@ def size(
     Returns
     -------
     Sizing | PairsSizing
-        The clearance, its interval and its evidence; of several pairs that of each.
+        The clearance, its interval and its evidence; with several pairs, for each of them.
 
     Raises
     ------
     NotApplicable
         If the scene is not covered, or no clearance keeps the target.
     NotConverged
-        If the rate at which a speed or an acceleration is exceeded was not known to `rel_error` in
-        the budget, or bursts of hits do not end, or `Interrupted` after Ctrl-C; `partial` holds
-        the `Sizing` with the clearance that it got to.
+        If the rate of exceedances of a speed or an acceleration does not reach `rel_error` in the
+        budget, or if impact clusters do not end. After Ctrl-C it is `Interrupted`. `partial` holds
+        the `Sizing` with the clearance reached by then.
 
     See Also
     --------
     stochvi.screen : The linear answer.
-    stochvi.reliability : The chance that a mission goes wrong.
+    stochvi.reliability : The probability that a mission goes wrong.
 
     Examples
     --------

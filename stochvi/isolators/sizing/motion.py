@@ -40,11 +40,11 @@ class PathSettings:
     ----------
     periods
         Length of the path in natural periods: it takes seconds to simulate, and has some hundred
-        hits on stops at 3 sigma of a light mount.
+        impacts on stops at 3 sigma of a light mount.
     burn_in_share
         Share of the path that is left out at its start, where it is not stationary.
     fewest_hits
-        Number of hits from which on percentiles of their speeds are given.
+        Number of impacts from which on percentiles of their speeds are given.
     percentiles
         Percentiles of the impact speed.
     bins, reach
@@ -56,8 +56,8 @@ class PathSettings:
         Share of half the sampling rate up to which the density of a path is taken: above it, a
         synthesised path carries power that is folded from higher frequencies.
     exact_ranks, rank_ratio
-        Number of the fastest hits that the table of exceedances holds one by one, and ratio of the
-        numbers of hits of the rows that follow: few rows show the same curve.
+        Number of the fastest impacts that the table of exceedances holds one by one. In the rows
+        that follow the number of impacts grows by the ratio: few rows show the same curve.
     """
 
     periods: float = 20_000.0
@@ -81,7 +81,7 @@ class MotionBetweenStops:
     scene
         The scene that was simulated, its stops at 3 sigma from the static equilibrium.
     duration, hits
-        Seconds of the path and number of its hits.
+        Seconds of the path and number of its impacts.
     kurtosis
         E x^4 / (E x^2)^2 of the displacement about its mean; 3 for a Gaussian motion.
     mean_position
@@ -89,11 +89,11 @@ class MotionBetweenStops:
     displacement
         Histogram of the displacement.
     faster_hits
-        `impact_speed` (m/s) and the `rate` (1/s) of hits at least so fast; None for few hits.
+        `impact_speed` (m/s) and the `rate` (1/s) of impacts at least so fast; None for few impacts.
     impacts
         One row per percentile of the impact speed: `percentile`, `impact_speed` and, for stops
-        that give way, `peak_acceleration` (m/s^2), `deflection` (m) and `contact_time` (s) of the
-        harder side, the base at rest meanwhile. None for few hits.
+        that are compliant, `peak_acceleration` (m/s^2), `deflection` (m) and `contact_time` (s) of
+        the harder side, the base at rest meanwhile. None for few impacts.
     transmissibility
         `frequency_hz` and the apparent `transmissibility`: root of the density of
         -(b v + omega^2 x), the part of the acceleration that spring and damper cause, over that of
@@ -190,7 +190,8 @@ def _kurtosis(samples: Vector) -> float:
 
 
 def _faster_hits(speeds: Vector, duration: float, settings: PathSettings) -> pd.DataFrame:
-    """Rate of hits at least as fast as each of the sorted speeds, thinned where they are many."""
+    """Rate of impacts at least as fast as each of the sorted speeds, thinned where they are
+    many."""
     fastest = min(settings.exact_ranks, len(speeds))
     steps = math.log(len(speeds) / fastest) / math.log(settings.rank_ratio)
     more = np.geomspace(fastest, len(speeds), math.ceil(steps) + 1).round().astype(int)
@@ -199,7 +200,7 @@ def _faster_hits(speeds: Vector, duration: float, settings: PathSettings) -> pd.
 
 
 def _impacts(scene: Scene, speeds: Vector, settings: PathSettings) -> pd.DataFrame:
-    """Percentiles of impact speed and, of stops that give way, what the mass then feels."""
+    """Percentiles of impact speed and, of compliant stops, what the mass then feels."""
     model = model_of(scene)
     stops = [
         (abs(stop.position - model.rest), stop.law)

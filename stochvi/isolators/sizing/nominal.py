@@ -1,8 +1,8 @@
 """The clearance that a scene needs as it is stated, without its tolerances.
 
-The chance of any hit needs no impact (`first_crossings`). What a hit leads to needs the stop law:
-where first hits are rare, bursts are simulated from the first hit on (`bursts`), else everything
-(`simulate`).
+The probability of any impact needs no impact (`first_crossings`). What an impact leads to needs the
+stop law: where first impacts are rare, clusters are simulated from the first impact on (`bursts`),
+else everything (`simulate`).
 """
 
 from __future__ import annotations
@@ -61,23 +61,24 @@ class SearchSettings:
         The first clearance of the curve and the distance to the next, in standard deviations of the
         linear displacement.
     required
-        Chances of any hit in the mission whose clearances every answer lists.
+        Probabilities of any impact in the mission whose clearances every answer lists.
     most_clearances
         Largest number of clearances that are tried for a target that needs impacts.
     rough_looks
         Number of clearances that are looked at roughly before each is looked at accurately.
     least_sigma
-        The smallest clearance that is tried for a rate of hits, in standard deviations.
+        The smallest clearance that is tried for a rate of impacts, in standard deviations.
     most_overlap
-        Largest number of first hits in the time that a burst is followed for which two bursts are
-        taken for separate ones.
+        Largest number of first impacts in the time that a cluster is followed for which two
+        clusters are taken for separate ones.
     closer
-        Ratio of a clearance to the one before it, where clearances below those of bursts are tried.
+        Ratio of a clearance to the one before it, where clearances below those of clusters are
+        tried.
     near_enough
         That ratio from which on no closer one is tried.
     rough_error, share_of_limit
-        Relative error, and share of the remaining time, of the chance that a limit is exceeded
-        where no burst exceeds it.
+        Relative error, and share of the remaining time, of the probability that a limit is exceeded
+        where no cluster exceeds it.
     share_of_windows
         Share of the remaining time for windows of the whole motion at one clearance.
     share_of_tolerances
@@ -95,18 +96,18 @@ class SearchSettings:
     least_seconds
         Seconds that every calculation gets, even where the budget is spent.
     share_of_hits
-        Share of the budget that is kept for simulating the hits.
+        Share of the budget that is kept for simulating the impacts.
     most_error
-        Relative error of the chance of a hit above which no clearance is given.
+        Relative error of the probability of an impact above which no clearance is given.
     reach
         Logarithm of a rate over the wanted one, in magnitude, up to which a clearance is
         extrapolated from the place of that rate.
     divisor_on_the_way, divisor_of_last
-        A clearance that is tried on the way gets the remaining time divided by the first number,
-        the clearance that the answer rests on gets it divided by the second.
+        Divisors of the remaining time: the first gives the time of a clearance that is tried on the
+        way, the second that of the clearance that the answer rests on.
     pumped, more_than_rice
-        Hits per first hit, and hits over their number by Rice's rate, above both of which a warning
-        says that the stops pump the mount.
+        Impacts per first impact, and impacts over their number by Rice's rate. Above both limits a
+        warning says that the stops pump the mount.
     """
 
     lowest_sigma: float = 1.0
@@ -139,7 +140,7 @@ class SearchSettings:
 SEARCH = SearchSettings()
 
 ACCEPTED = 0.01
-"""Default chance that a limit of speed or acceleration is exceeded in the mission."""
+"""Default probability that a limit of speed or acceleration is exceeded in the mission."""
 
 BY_FIRST_CROSSINGS = (
     "first crossings of the Gaussian response without stops (records around outcrossings); no "
@@ -156,7 +157,7 @@ BY_BURSTS = (
 
 METHODS = {"probability": BY_FIRST_CROSSINGS, "rate": BY_HITS}
 """How the clearance is found, by the name of the target; for a target that is not here, by
-bursts."""
+clusters."""
 
 SIMULATED = (
     "clearance", "clearance_in_sigma", "hit_rate", "hit_rate_low", "hit_rate_high",
@@ -185,8 +186,8 @@ def nominal_sizing(scene: Scene, asked: Question) -> Sizing | PairsSizing:
 
 
 def risk_curve(scene: Scene, target: Target, mission: float, run: Run) -> RiskCurve:
-    """Chance of any hit against clearance, from 1 sigma to a clearance that is more than the target
-    needs."""
+    """Probability of any impact against clearance, from 1 sigma to a clearance that is more than
+    the target needs."""
     free = scene.model_copy(update={"impact_pairs": ()})
     s_x, s_v = deviations(free)
     chances = [*SEARCH.required, target.exceedance or 1.0]
@@ -226,7 +227,7 @@ def chance_between(
 
 @dataclass(kw_only=True)
 class _Job:
-    """One sizing: what was asked for, and what was found on the way."""
+    """One sizing: its target, run and tolerances, and the findings on the way."""
 
     scene: Scene
     target: Target
@@ -253,7 +254,7 @@ class _Job:
         if reached > SEARCH.most_error:
             raise self.deadline.fell_short(
                 f"at a relative error of {reached:.3g} of the probability of an impact: hardly any "
-                "first hit was seen",
+                "first impact was seen",
                 "raise budget",
             )
         if reached > self.rel_error:
@@ -364,7 +365,7 @@ class _Job:
 
         The logarithm of the rate is nearly straight in the square of the clearance. The search
         follows the slope of Rice's rate until two clearances have the wanted rate between them.
-        Where few bursts decide, the rate jumps from one clearance to the next: after some rough
+        Where few clusters decide, the rate jumps from one clearance to the next: after some rough
         looks each is accurate, and the answer is extrapolated from farther away.
         """
         place = self._first_guess(wanted)
@@ -417,8 +418,8 @@ class _Job:
     def _answer(self, place: float, found: Estimate, excess: float, slope: float) -> Clearance:
         """The clearance, extrapolated from a place near it that was tried.
 
-        A rate of hits is a mean, and a standard error that is larger than asked for widens the
-        interval. A rate of exceedances may rest on so few bursts that its standard error is too
+        A rate of impacts is a mean, and a standard error that is larger than asked for widens the
+        interval. A rate of exceedances may rest on so few clusters that its standard error is too
         small as well: then no interval can be given, and `NotConverged` carries the clearance.
         """
         per_metre = 2.0 * place * slope
@@ -465,8 +466,8 @@ class _Job:
 
     @cached_property
     def _least(self) -> float:
-        """The smallest clearance that is tried, m; for a limit, one at which bursts do not overlap
-        yet."""
+        """The smallest clearance that is tried, m; for a limit, one at which clusters do not
+        overlap yet."""
         if self.target.exceedance is None:
             return self.nearest
         clearances = self.curve.clearances
@@ -489,7 +490,8 @@ class _Job:
             chance = _more_telling(chance, self._by_windows(place))
         if not _within(chance, target.exceedance):
             chance = _more_telling(chance, self._by_splitting(place))
-        # closer stops, where hits come without the pauses that separate one burst from the next
+        # closer stops, where impacts come without the pauses that separate one cluster from the
+        # next
         too_near = 0.0
         while _within(chance, target.exceedance) and place > self.nearest:
             closer = max(SEARCH.closer * place, self.nearest)
@@ -528,7 +530,8 @@ class _Job:
         return SEARCH.least_sigma * self.sigma
 
     def _by_windows(self, place: float) -> Estimate | None:
-        """The chance that the limit is exceeded at a clearance, by windows of the whole motion."""
+        """The probability that the limit is exceeded at a clearance, by windows of the whole
+        motion."""
         assert self.target.exceedance is not None
         found = chance_in_windows(
             at_clearances(self.scene, place), self.target.name, self.target.value, self.mission,
@@ -539,8 +542,8 @@ class _Job:
         return found
 
     def _by_splitting(self, place: float) -> Estimate | None:
-        """The chance that the limit is exceeded at a clearance where counted bursts show nothing,
-        by the splitting of `reliability`; None where that finds no better limit."""
+        """The probability that the limit is exceeded at a clearance where counted clusters show
+        nothing, by the splitting of `reliability`; None where that finds no better limit."""
         limits = {self.target.name: self.target.value}
         try:
             found = reliability(
@@ -558,7 +561,7 @@ class _Job:
 
     def _first_guess(self, wanted: float) -> float:
         """The first clearance to try: where Rice's rate is the wanted one or, for a limit, a little
-        below the clearance at which any hit has the accepted chance."""
+        below the clearance at which any impact has the accepted probability."""
         if self.target.exceedance is not None:
             return max(0.9 * self.curve.clearance(self.target.exceedance).value, self._least)
         crossings = self.curve.crossings
@@ -573,7 +576,7 @@ class _Job:
         return found
 
     def _exceedance_rate(self, clearance: float, rel_error: float) -> Estimate:
-        """Rate of bursts with a hit beyond the limit of the target."""
+        """Rate of clusters with an impact beyond the limit of the target."""
         name, limit = self.target.name, self.target.value
         scene = at_clearances(self.scene, clearance)
         assert self.target.exceedance is not None
@@ -600,7 +603,7 @@ class _Job:
         return rate
 
     def _hits_or_warning(self, clearance: float) -> ClearanceTrial | None:
-        """Hits for information alone; None and a warning where they are not found."""
+        """Impacts for information alone; None and a warning where they are not found."""
         if self.deadline.interrupted:
             self.warnings.append(f"the impacts at {1e3 * clearance:.4g} mm were not simulated")
             return None
@@ -697,7 +700,7 @@ class _Job:
         return pd.DataFrame(rows, columns=list(SIMULATED))
 
     def _warn(self, clearance: float) -> None:
-        """Add the warnings that concern the scene and the hits at both clearances."""
+        """Add the warnings that concern the scene and the impacts at both clearances."""
         scene = self.scene
         if scene.impact_pairs:
             scene = at_clearances(scene, clearance)
@@ -732,13 +735,13 @@ def _excess(found: Estimate, wanted: float) -> tuple[float, float]:
 
 
 def _within(chance: Estimate, accepted: float) -> bool:
-    """Whether a chance, or its upper limit where it has one, is at most the accepted one."""
+    """Whether a probability, or its upper limit where it has one, is at most the accepted one."""
     return (chance.value if chance.upper_95 is None else chance.upper_95) <= accepted
 
 
 def _more_telling(known: Estimate, found: Estimate | None) -> Estimate:
-    """A chance that was found in another way, unless it is a limit that says less than what was
-    known: one without time for a single window is at most 1."""
+    """A probability that was found in another way, unless it is a limit that says less than what
+    was known: one without time for a single window is at most 1."""
     if found is None or found.upper_95 is None:
         return found or known
     most = known.value + known.half_width_95() if known.upper_95 is None else known.upper_95

@@ -1,10 +1,10 @@
 """Sizing of several pairs: the clearances at which all take an equal share of the risk.
 
 Each pair alone has its curve of risk against clearance. Pairs share the risk equally where each
-alone would be hit with the same chance p; the chance that any of them is hit then follows from the
-first outcrossings of all gaps together (`statistics.pair_crossings`), and p is the one number that
-is searched for. For a rate of hits, or a limit of speed or acceleration, the hits at one p after
-the other are simulated with all stops (`statistics.structure_hits`).
+alone would be hit with the same probability p. The probability that any of them is hit follows from
+the first outcrossings of all gaps together (`statistics.pair_crossings`). So p is the one number
+that is searched for. For a rate of impacts, or a limit of speed or acceleration, the impacts at one
+p after the other are simulated with all stops (`statistics.structure_hits`).
 """
 
 from __future__ import annotations
@@ -56,18 +56,18 @@ if TYPE_CHECKING:
 
 
 REQUIRED = (0.1, 0.01, 0.001)
-"""Chances of any hit in the mission whose clearances every answer lists."""
+"""Probabilities of any impact in the mission whose clearances every answer lists."""
 
 LOWEST_SIGMA, SIGMA_STEP = 1.0, 0.25
 """Smallest clearance of the curve of a pair and distance to the next, in standard deviations."""
 
 CLUSTERED = 1e3
-"""Largest number of crossings per first hit for which the curve of a pair leaves room."""
+"""Largest number of crossings per first impact for which the curve of a pair leaves room."""
 
 RISK_STEP, HITS_STEP = 2.5, 6.0
-"""Largest factor from one risk per pair to the next, where a chance of any hit is asked for, and
-where hits decide and that chance is only reported: the chance over the risk changes slowly, and is
-interpolated between them."""
+"""Largest factor from one risk per pair to the next. The first is for a target of the probability
+of any impact; the second is for targets that impacts decide, where that probability is only
+reported. The probability over the risk changes slowly, and is interpolated between them."""
 
 ROOM = 1.25
 """Factor by which the risks that are looked at reach beyond those that can be the answer."""
@@ -77,7 +77,7 @@ SHARE_OF_CURVES, SHARE_OF_ALL = 0.4, 0.8
 for all pairs together."""
 
 MOST_ERROR = 1.0
-"""Relative error of the chance of a hit above which no clearance is given."""
+"""Relative error of the probability of an impact above which no clearance is given."""
 
 SMALL_SHARE = 1e3
 """Risk of all pairs over the smallest risk that is looked at of a pair that is sized alone."""
@@ -87,9 +87,9 @@ STEEP = 1e-3
 which an error is divided: below it no clearance of the sized pairs changes the risk of all."""
 
 UNSEEN, FARTHEST, MAX_TRIALS = -8.0, 4.0, 12
-"""Three numbers of the search by hits: the logarithm of a rate over the wanted one that is assumed
-where no hit was seen, the largest change of the logarithm of the risk from one place to the next,
-and the largest number of places."""
+"""Three numbers of the search by impacts. The first is the logarithm of a rate over the wanted one
+that is assumed where no impact was seen. The others are the largest change of the logarithm of the
+risk from one place to the next, and the largest number of places."""
 
 FIRST_LOOK = 3.0
 """Relative error of the first look at a risk, as a multiple of the error asked for."""
@@ -104,7 +104,7 @@ CLOSE = 0.05
 """Logarithm of a rate over the wanted one from which the risk is extrapolated."""
 
 SHARE_OF_LOOK = 0.3
-"""Share of the time still left that the hits at one risk of a search may take."""
+"""Share of the time still left that the impacts at one risk of a search may take."""
 
 METHOD = (
     "first outcrossings of all gaps together, Gaussian and correlated as they are without stops "
@@ -119,8 +119,8 @@ BY_HITS = (
 
 
 def size_pairs(scene: Scene, limit: Limit | None, asked: Question) -> PairsSizing:
-    """The clearances that keep a target; `limit` is what a hit must not exceed, None for a target
-    without one; see `size`."""
+    """The clearances that keep a target; `limit` is what an impact must not exceed, None for a
+    target without one; see `size`."""
     return _PairsJob(
         scene=scene, target=asked.target, limit=limit, mission=asked.mission, pair=asked.pair,
         run=asked.run,
@@ -131,7 +131,7 @@ def size_pairs(scene: Scene, limit: Limit | None, asked: Question) -> PairsSizin
 
 @dataclass(kw_only=True)
 class _PairsJob:
-    """One sizing: what was asked for, and what was found on the way."""
+    """One sizing: its target, run and tolerances, and the findings on the way."""
 
     scene: Scene
     target: Target
@@ -232,7 +232,7 @@ class _PairsJob:
         return self.run.part(*self.stage, self.deadline.share(share), **changed)
 
     def _hits_at(self, stops: Matrix, overlap: float) -> ImpactCounts | None:
-        """Hits at the clearances of the answer; None and a note where they are not found."""
+        """Impacts at the clearances of the answer; None and a note where they are not found."""
         self._stage(0.9, 1.0, "impacts at the clearances found")
         try:
             if self.deadline.passed():
@@ -253,8 +253,8 @@ class _PairsJob:
         return found
 
     def _by_hits(self, risks: Vector, overlaps: Vector) -> tuple[float, float]:
-        """The risk of each sized pair at which hits keep the target, and the 95 % half width of its
-        logarithm: by secants of the logarithm of their rate over that of the risk."""
+        """The risk of each sized pair at which impacts keep the target, and the 95 % half width of
+        its logarithm: by secants of the logarithm of their rate over that of the risk."""
         self._check_without_stops()
         low, high = np.log(risks[[0, -1]])
         wanted = self.target.value * self.mission
@@ -283,7 +283,7 @@ class _PairsJob:
                     if error > MISSED * self.rel_error:
                         note = (
                             f"the budget ended at a relative error of {error:.3g} of the "
-                            f"{'rate of hits' if self.limit is None else 'chance of the limit'}"
+                            f"{'rate' if self.limit is None else 'probability of the limit'}"
                         )
                         self.notes.append(note)
                         self.short.append(note)
@@ -308,7 +308,7 @@ class _PairsJob:
             )  # fmt: skip
 
     def _expected(self, risk: float, overlap: float, rel_error: float) -> Estimate:
-        """Hits, or -ln(1 - P) of an exceedance, of a mission, at one risk per pair."""
+        """Impacts, or -ln(1 - P) of an exceedance, of a mission, at one risk per pair."""
         scene = at_clearances(self.scene, self._stops_of_risk(risk))
         part = self._part(SHARE_OF_LOOK, rel_error=rel_error)
         if self.limit is None:
@@ -357,7 +357,7 @@ class _PairsJob:
         return found
 
     def _curve(self, number: int, k: int) -> RiskCurve:
-        """The chance that a pair is hit, if it alone had stops, against their distance."""
+        """The probability that a pair is hit, if it alone had stops, against their distance."""
         step = 0.4 / len(self.sized)
         self._stage(step * number, step * (number + 1), self.names[k])
         sigma, speed = self.sigma[k], self.speed[k]
@@ -377,8 +377,8 @@ class _PairsJob:
         return RiskCurve.of(self._crossings(rows, share).of_one(k), self.mission)
 
     def _as_given(self) -> tuple[Estimate | None, list[Estimate]]:
-        """Chance of a hit between the stops of the scene, None where a mean gap lies beyond one;
-        and that of each pair that is not sized, alone."""
+        """Probability of an impact between the stops of the scene, None where a mean gap lies
+        beyond one; and that of each pair that is not sized, alone."""
         given = bool(np.all(self.own > 0.0))
         rows = [*([self.own] if given else []), *map(self._only, self.fixed)]
         if not rows:
@@ -388,9 +388,9 @@ class _PairsJob:
 
     @cached_property
     def _hazards(self) -> Vector:
-        """-ln(1 - P) of all chances whose clearances are wanted, the smallest first. Where hits
-        decide, two numbers of first hits in the mission: one so small that the target is kept even
-        if each leads to many hits, and the largest that there can be."""
+        """-ln(1 - P) of all probabilities whose clearances are wanted, the smallest first. Where
+        impacts decide, two numbers of first impacts in the mission: one so small that the target is
+        kept even if each leads to many impacts, and the largest that there can be."""
         if self.target.name == "probability":
             return np.asarray(-np.log1p(-np.sort([*REQUIRED, self.target.value])))
         wanted = self.target.exceedance or -math.expm1(-self.target.value * self.mission)
@@ -406,7 +406,7 @@ class _PairsJob:
         return float(self._hazards[0]) / share
 
     def _risks(self) -> Vector:
-        """Risks per pair, -ln(1 - p), among which those of all wanted chances are."""
+        """Risks per pair, -ln(1 - p), among which those of all wanted probabilities are."""
         most, step = float(self._hazards[-1]) * ROOM, RISK_STEP
         if self.target.name == "probability":
             most = min(most, *(curve.largest_hazard for curve in self.curves))
@@ -515,7 +515,7 @@ class _PairsJob:
         if reached > MOST_ERROR:
             raise self.deadline.fell_short(
                 f"at a relative error of {reached:.3g} of the probability of an impact: hardly any "
-                "first hit was seen",
+                "first impact was seen",
                 "raise budget",
             )
         late = []
@@ -530,8 +530,8 @@ class _PairsJob:
 
 @dataclass(frozen=True)
 class _Total:
-    """-ln(1 - P) of a hit of any pair against the risk of each, logarithmic, between the risks that
-    were looked at (monotone cubic); with the 95 % half widths of the logarithm."""
+    """-ln(1 - P) of an impact of any pair against the risk of each, logarithmic, between the risks
+    that were looked at (monotone cubic); with the 95 % half widths of the logarithm."""
 
     risks: Vector
     logs: Vector
@@ -539,8 +539,8 @@ class _Total:
 
     @classmethod
     def of(cls, risks: Vector, chances: Sequence[Estimate]) -> _Total:
-        """The curve from the chances at these risks; chances of 0 or 1 are left out, as their
-        logarithms are infinite."""
+        """The curve from the probabilities at these risks; probabilities of 0 or 1 are left out, as
+        their logarithms are infinite."""
         values = np.array([each.value for each in chances])
         half = np.array([each.half_width_95() for each in chances])
         usable = (values > 0.0) & (values < KNOWN)
@@ -550,12 +550,12 @@ class _Total:
 
     @property
     def least(self) -> float:
-        """The smallest chance that was looked at."""
+        """The smallest probability that was looked at."""
         return -math.expm1(-math.exp(self.logs[0]))
 
     @property
     def most(self) -> float:
-        """The largest chance that was looked at."""
+        """The largest probability that was looked at."""
         return -math.expm1(-math.exp(self.logs[-1]))
 
     @cached_property
@@ -564,8 +564,8 @@ class _Total:
         return lambda place: float(curve(place))
 
     def risk(self, probability: float) -> tuple[float, float]:
-        """Risk of each pair at which the chance of any hit is `probability`, and the 95 % half
-        width of its logarithm."""
+        """Risk of each pair at which the probability of any impact is `probability`, and the 95 %
+        half width of its logarithm."""
         wanted = math.log(-math.log1p(-probability))
         if not self.logs[0] <= wanted <= self.logs[-1]:
             raise ValueError(
@@ -582,7 +582,8 @@ class _Total:
         return math.exp(place), min(half, WIDEST_HALF)
 
     def at(self, risk: float) -> Probability:
-        """The chance of any hit at a risk of each pair; 1 where it cannot be told from 1."""
+        """The probability of any impact at a risk of each pair; 1 where it cannot be told from
+        1."""
         place = math.log(risk)
         if place > self.risks[-1]:
             return Probability(value=1.0, lower=self.most, upper=1.0)
@@ -590,14 +591,14 @@ class _Total:
         return self._with_interval(place, self._curve(place))
 
     def probability(self, value: float) -> Probability:
-        """A chance between those looked at, with its interval."""
+        """A probability between those looked at, with its interval."""
         return self._with_interval(math.log(self.risk(value)[0]), math.log(-math.log1p(-value)))
 
     def _with_interval(self, place: float, log: float) -> Probability:
-        """The chance of which `log` is ln(-ln(1 - P)), at the logarithm of a risk."""
+        """The probability of which `log` is ln(-ln(1 - P)), at the logarithm of a risk."""
         hazard = math.exp(log)
         value = -math.expm1(-hazard)
-        # next to 1 the half width of the logarithm tends to infinity, that of the chance to 0
+        # next to 1 the half width of the logarithm tends to infinity, that of the probability to 0
         half = float(np.interp(place, self.risks, self.halves)) * math.exp(-hazard) * hazard
         return Probability(value=value, lower=max(value - half, 0.0), upper=min(value + half, 1.0))
 
@@ -608,7 +609,7 @@ def _value(estimate: Estimate | None) -> float:
 
 
 def _at(risks: Vector, overlaps: Vector, risk: float) -> float:
-    """The overlap of bursts at a risk, logarithmic between those at the risks looked at."""
+    """The overlap of clusters at a risk, logarithmic between those at the risks looked at."""
     logs = np.log(np.maximum(overlaps, np.finfo(float).tiny))
     return float(np.exp(np.interp(math.log(risk), np.log(risks), logs)))
 
@@ -622,6 +623,6 @@ def _slope(known: list[tuple[float, float]], before: float) -> float:
 
 
 def _between(risks: Vector, risk: float, shares: Matrix) -> Vector:
-    """Shares of the first hits (pairs,) at a risk, from those at the risks looked at."""
+    """Shares of the first impacts (pairs,) at a risk, from those at the risks looked at."""
     logs = np.log(risks)
     return np.array([np.interp(math.log(risk), logs, column[: len(risks)]) for column in shares.T])

@@ -32,7 +32,7 @@ MOST_NAMED = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Probability:
-    """A chance and the 95 % interval of its calculation."""
+    """A probability and the 95 % interval of its calculation."""
 
     value: float
     lower: float
@@ -40,7 +40,7 @@ class Probability:
 
     @classmethod
     def of(cls, estimate: Estimate) -> Probability:
-        """A chance with its statistical error and its stated bias."""
+        """A probability with its statistical error and its stated bias."""
         half = estimate.half_width_95()
         value = estimate.value
         return cls(value=value, lower=max(value - half, 0.0), upper=min(value + half, 1.0))
@@ -48,14 +48,14 @@ class Probability:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PairsSizing(Result):
-    """Clearances that keep the chance of a hit of any pair, and what they rest on.
+    """Clearances that keep the probability of an impact of any pair, and what they rest on.
 
     Parameters
     ----------
     scene
         The scene that was sized, as it was given.
     target, mission
-        What was asked for, and seconds of exposure.
+        The target of the sizing, and seconds of exposure.
     pair
         The one pair that was sized, the stops of the others fixed as in the scene; None where all
         pairs share the risk equally.
@@ -63,32 +63,33 @@ class PairsSizing(Result):
         By pair, m per side from the mean gap, each with the 95 % interval of the calculation; of
         the sized pair alone where there is one.
     probability
-        Chance that any pair is hit in the mission at these clearances.
+        Probability that any pair is hit in the mission at these clearances.
     expected_hits
-        Hits on all pairs in the mission there, simulated with all stops; None where unknown.
+        Impacts on all pairs in the mission there, simulated with all stops; None where unknown.
     pairs
-        One row per pair: `pair`, `sigma` (rms of the gap without stops, m), `lower` and `upper`
-        (distances of its stops from the mean gap in the answer, m), `clearance_in_sigma` (of the
-        nearer one), `probability_alone` (chance of a hit if this pair alone had stops),
-        `share_of_first_hits`, and the `expected_hits` on it in the mission with their
+        One row per pair: `pair`; `sigma` (rms of the gap without stops, m); `lower` and `upper`
+        (distances of its stops from the mean gap in the answer, m); `clearance_in_sigma` (of the
+        nearer one); `probability_alone` (of an impact if this pair alone had stops);
+        `share_of_first_hits`; and the `expected_hits` on it in the mission with their
         `impact_speed_mean` (m/s; NaN where unknown).
     curve
-        One row per risk: `probability_alone` of each sized pair, the clearance of each sized pair
-        under its name (m), `probability` with `probability_low` and `probability_high` of a hit of
-        any pair, and `independent`, the chance of any hit if hits of the pairs were independent.
+        One row per risk: `probability_alone` of each sized pair; the clearance of each sized pair
+        under its name (m); `probability` with `probability_low` and `probability_high` of an impact
+        of any pair; and `independent`, the same if impacts of the pairs were independent.
     three_sigma
-        Chance of any hit where every stop is at three times the rms of its gap.
+        Probability of any impact where every stop is at three times the rms of its gap.
     as_given
-        Chance of any hit between the stops of the scene; None where a mean gap lies beyond a stop.
+        Probability of any impact between the stops of the scene; None where a mean gap lies beyond
+        a stop.
     required
-        One row per accepted chance of any hit (10, 1, 0.1 %): `probability`, and the clearance of
-        each sized pair under its name, m (NaN where none keeps it).
+        One row per accepted probability of any impact (10, 1, 0.1 %): `probability`, and the
+        clearance of each sized pair under its name, m (NaN where none keeps it).
     tolerances
-        One row per end of the tolerances that were asked for and, last, the largest of each column
-        over their whole region, each for itself, by linear theory: `change`, the clearance of each
-        sized pair for the same risk under its name (m, from the nominal mean gap), `factor`, the
-        largest of them over the nominal one, and `probability` of any hit at the nominal
-        clearances. Without tolerances the first row, "as stated", is the only one.
+        One row per end of the tolerances and, last, the largest of each column over their whole
+        region, each for itself, by linear theory. Columns: `change`; under its name the clearance
+        of each sized pair for the same risk (m, from the nominal mean gap); `factor`, the largest
+        of them over the nominal one; and `probability` of any impact at the nominal clearances.
+        Without tolerances the first row, "as stated", is the only one.
     screening
         Linear screening.
     method
@@ -197,8 +198,8 @@ class PairsSizing(Result):
         )
 
     def calculated(self) -> str:
-        """What the clearances to make rest on: those calculated for the scene as stated, the hits
-        to expect there, and what three sigma would do."""
+        """What the clearances to make rest on: those calculated for the scene as stated, the
+        impacts to expect there, and what three sigma would do."""
         mission = spoken_mission(self.mission)
         low, high = (self.clearances[name] for name in self.extremes())
         stated = " as stated" if len(self.tolerances) > 1 else ""

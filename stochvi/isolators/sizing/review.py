@@ -67,15 +67,16 @@ class ReviewSettings:
     closure_points
         Number of clearances on the curve of the closure.
     clearances
-        Number of clearances, from 3 sigma on, at which chances of hard hits are found; where the
-        budget has ended before, these are 3 sigma, the recommended one and a larger one.
+        Number of clearances, from 3 sigma on, at which probabilities of hard impacts are found;
+        where the budget has ended before, these are 3 sigma, the recommended one and a larger one.
     budget
         Seconds for all simulations together, without the long path; where they do not suffice,
-        chances of hard hits have wider intervals.
+        probabilities of hard impacts have wider intervals.
     periods_when_late
         Natural periods of the long path where the budget has ended before it.
     exceedance_share
-        Share of that time for the chances of hard hits; the rest is for the peak accelerations.
+        Share of that time for the probabilities of hard impacts; the rest is for the peak
+        accelerations.
     """
 
     path: PathSettings = field(default_factory=PathSettings)
@@ -122,8 +123,8 @@ TINY = 1e-12
 
 @dataclass(frozen=True, kw_only=True)
 class Exceeding:
-    """Chance in the mission that a hit exceeds a limit, at one clearance; None where it is not
-    known."""
+    """Probability in the mission that an impact exceeds a limit, at one clearance; None where it is
+    not known."""
 
     clearance: float
     probability: float | None
@@ -146,14 +147,14 @@ class Mount:
 
 @dataclass(frozen=True, kw_only=True)
 class Chance:
-    """Chance of any hit in the mission, and of no hit; None where they are not known."""
+    """Probability of any impact in the mission, and of no impact; None where they are not known."""
 
     any_hit: float | None
     no_hit: float | None
 
     @classmethod
     def of(cls, any_hit: float | None) -> Chance:
-        """Both chances, from the chance of any hit."""
+        """Both probabilities, from the probability of any impact."""
         return cls(any_hit=any_hit, no_hit=None if any_hit is None else 1.0 - any_hit)
 
 
@@ -166,7 +167,7 @@ class LinearMotion:
     miles_error
         Miles' equation over the integral of the response, less 1; None where it is not valid.
     rice_rate_at_three_sigma
-        Hits per second at 3 sigma by Rice, as if hits changed nothing.
+        Impacts per second at 3 sigma by Rice, as if impacts changed nothing.
     largest_displacement, largest_in_sigma
         Expected largest distance from the static equilibrium in the mission, m and standard
         deviations (Davenport 1964).
@@ -180,11 +181,11 @@ class LinearMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class HitsAt:
-    """Simulated hits at one clearance, on all stops; None where a number is not known, because no
-    hit was seen for one.
+    """Simulated impacts at one clearance, on all stops; None where a number is not known, because
+    no impact was seen for one.
 
     `rate` is in 1/s and `expected` the number in the mission, each with its 95 % limits. `by` says
-    whether bursts or the whole motion was simulated.
+    whether clusters or the whole motion was simulated.
     """
 
     rate: float | None
@@ -228,9 +229,9 @@ class Review:
     closure
         Hit rates by the moment closure, as `predicted_rates`; None unless both stops are rigid.
     chances
-        Chance of any hit, and of none, in the mission at each of `PLACES`.
+        Probability of any impact, and of none, in the mission at each of `PLACES`.
     hits
-        Hits at each of `PLACES`; None where they were not simulated.
+        Impacts at each of `PLACES`; None where they were not simulated.
     comparisons
         Quantities with and without stops.
     motion
@@ -243,7 +244,8 @@ class Review:
     exceedances
         The table of `exceedances`; None where it does not apply.
     exceeding
-        Chance of exceeding the limit of the target at each of `PLACES`; empty where it has none.
+        Probability of exceeding the limit of the target at each of `PLACES`; empty where it has
+        none.
     balances
         Balances of the simulations, judged.
     peaks
@@ -349,16 +351,18 @@ def review(
 
 
 MORE = 1.15
-"""Ratio of the largest clearance at which chances of hard hits are found to the recommended one."""
+"""Ratio of the largest clearance at which probabilities of hard impacts are found to the
+recommended one."""
 
 MARK_RATIOS = (1.0, 0.5, 2.0)
-"""Limits whose chances are drawn against clearance, as multiples of the limit of the target."""
+"""Limits whose probabilities are drawn against clearance, as multiples of the limit of the
+target."""
 
 
 def _exceedances(
     sizing: Sizing, number: int, threads: int | None, budget: float | None
 ) -> pd.DataFrame | None:
-    """Chances of hard hits from 3 sigma on; None where they do not apply."""
+    """Probabilities of hard impacts from 3 sigma on; None where they do not apply."""
     target, nominal = sizing.target, sizing.clearance.value
     if not sizing.scene.impact_pairs:
         return None
@@ -381,7 +385,7 @@ def _exceedances(
 
 
 def _with_limits(sizing: Sizing, hard: pd.DataFrame | None) -> Sizing:
-    """The sizing with the chances of its limit at the clearances of `exceedances`, too."""
+    """The sizing with the probabilities of its limit at the clearances of `exceedances`, too."""
     import pandas as pd
 
     table = sizing.exceeding
@@ -393,7 +397,8 @@ def _with_limits(sizing: Sizing, hard: pd.DataFrame | None) -> Sizing:
 
 
 def _exceeding(sizing: Sizing, hard: pd.DataFrame | None) -> dict[str, Exceeding]:
-    """Chance of exceeding the limit of the target at 3 sigma and as recommended, by one method."""
+    """Probability of exceeding the limit of the target at 3 sigma and as recommended, by one
+    method."""
     if sizing.target.exceedance is None or hard is None:
         return {}
     places = (sizing.three_sigma.clearance, sizing.clearance.value)

@@ -1,4 +1,4 @@
-"""Chance of any hit against clearance, between the levels of one run of first crossings."""
+"""Probability of any impact against clearance, between the levels of one run of first crossings."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ if TYPE_CHECKING:
 
 
 CERTAIN = 0.999
-"""Largest chance of a hit that a target may have."""
+"""Largest probability of an impact that a target may have."""
 
 KNOWN = 1.0 - 1e-12
-"""Largest chance of a hit whose ln(1 - P) still has four digits after rounding."""
+"""Largest probability of an impact whose ln(1 - P) still has four digits after rounding."""
 
 RARE_ENOUGH = 10.0
-"""Number of first hits in a mission up to which a clearance is read from the curve of chances; for
-more, it is read from the rate of first hits."""
+"""Number of first impacts in a mission up to which a clearance is read from the curve of
+probabilities; for more, it is read from the rate of first impacts."""
 
 LIKELY = 0.5
-"""Chance of a hit above which its error may be taken from that of the rate of first hits, where
-that is smaller."""
+"""Probability of an impact above which its error may be taken from that of the rate of first
+impacts, where that is smaller."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RiskCurve:
-    """Chance of any hit in a mission against clearance, between the levels of one run.
+    """Probability of any impact in a mission against clearance, between the levels of one run.
 
     -ln(1 - P), over what Rice's rate gives for it, changes slowly with the clearance: it is
     interpolated (monotone cubic, logarithmic) and P follows. Clearances in m per side.
@@ -63,16 +63,17 @@ class RiskCurve:
 
     @property
     def largest_hazard(self) -> float:
-        """-ln(1 - P) at the smallest clearance whose chance of a hit is below 1."""
+        """-ln(1 - P) at the smallest clearance whose probability of an impact is below 1."""
         return math.exp(self._logarithms()[1][0])
 
     @property
     def most_first_hits(self) -> float:
-        """First hits of a mission at the smallest clearance, by their limiting rate."""
+        """First impacts of a mission at the smallest clearance, by their limiting rate."""
         return 0.99 * self.first_rate(float(self.clearances[0])) * self.mission
 
     def clearance(self, probability: float) -> Clearance:
-        """The clearance at which the chance of any hit is `probability`, with its 95 % interval."""
+        """The clearance at which the probability of any impact is `probability`, with its 95 %
+        interval."""
         wanted = math.log(-math.log1p(-probability))
         usable, logs, errors = self._logarithms()
         curve = self._interpolated(usable, logs)
@@ -98,11 +99,12 @@ class RiskCurve:
         return Clearance(value=value, lower=value - half, upper=value + half)
 
     def place(self, hazard: float) -> float:
-        """The clearance (m) at which -ln(1 - P) is `hazard`, however close to 1 the chance P is."""
+        """The clearance (m) at which -ln(1 - P) is `hazard`, however close to 1 the probability P
+        is."""
         if hazard <= RARE_ENOUGH:
             return self.clearance(-math.expm1(-hazard)).value
-        # in a mission with many first hits the chance of none follows from their limiting rate
-        # alone
+        # in a mission with many first impacts the probability of none follows from their limiting
+        # rate alone
         wanted = hazard / self.mission
         low, high = self.clearances[[0, -1]]
         if wanted > self.first_rate(low):
@@ -113,15 +115,15 @@ class RiskCurve:
         return float(brentq(lambda c: self.first_rate(c) - wanted, low, high))
 
     def probability(self, clearance: float) -> float:
-        """Chance of any hit at a clearance; beyond the levels, the ratio to Rice's rate is held
-        constant."""
+        """Probability of any impact at a clearance; beyond the levels, the ratio to Rice's rate is
+        held constant."""
         usable, logs, _ = self._logarithms()
         if clearance < self.clearances[usable][0]:
             return 1.0
         return -math.expm1(-math.exp(self._interpolated(usable, logs)(clearance)))
 
     def first_rate(self, clearance: float) -> float:
-        """Limiting rate of first hits, 1/s."""
+        """Limiting rate of first impacts, 1/s."""
         rates = np.array([rate.value for rate in self.first_rates])
         share = np.log(np.maximum(rates, 1e-300) / self.crossings.rice_rate)
         return float(
@@ -135,7 +137,8 @@ class RiskCurve:
         return float(rate * math.exp(0.5 * (levels[0] ** 2 - levels[1] ** 2)))
 
     def _logarithms(self) -> tuple[NDArray[np.bool_], Vector, Vector]:
-        """Levels with a chance between 0 and 1, ln(-ln(1 - P)) there, and its 95 % half width."""
+        """Levels with a probability between 0 and 1, ln(-ln(1 - P)) there, and its 95 % half
+        width."""
         chance = np.array([estimate.value for estimate in self.probabilities])
         usable = (chance > 0.0) & (chance < KNOWN)
         if usable.sum() < 2:
@@ -149,7 +152,7 @@ class RiskCurve:
         chance = chance[usable]
         hazard = -np.log1p(-chance)
         errors = half / ((1.0 - chance) * hazard)
-        # near 1 the paths show hardly any survivor, but the rate of first hits is known there
+        # near 1 the paths show hardly any survivor, but the rate of first impacts is known there
         errors = np.where(chance > LIKELY, np.minimum(errors, of_rates), errors)
         return usable, np.log(hazard), errors
 
@@ -184,9 +187,9 @@ def _half_widths(estimates: Sequence[Estimate]) -> Vector:
 
 
 def _falling(estimates: Sequence[Estimate]) -> list[Estimate]:
-    """Rates, or chances, raised so that none is below that of a farther stop: where hardly any
-    motion outlasts the memory, the estimate is mostly noise. A raised value has the larger error of
-    the two."""
+    """Rates, or probabilities, raised so that none is below that of a farther stop: where hardly
+    any motion outlasts the memory, the estimate is mostly noise. A raised value has the larger
+    error of the two."""
     found: list[Estimate] = []
     for own in reversed(estimates):
         farther = found[-1] if found else own

@@ -46,7 +46,7 @@ LEAST_SECONDS = 0.2
 as long all the same (measured)."""
 
 CURVE_SHARE = 0.3
-"""Share of the time of a row for the chances of a hit."""
+"""Share of the time of a row for the probabilities of an impact."""
 
 KURTOSIS = 5.0
 """Kurtosis of an input that is not Gaussian; Gaussian noise has 3."""
@@ -64,21 +64,21 @@ ROUNDS = 10
 """Number of rounds in which first the law and then the density of a record is set."""
 
 MODULATION_NODES = 200
-"""Nodes of the Gauss-Laguerre rule over the variance of slow bursts."""
+"""Nodes of the Gauss-Laguerre rule over the variance of slow changes of the level."""
 
 
 @calculation
 @sampled(rel_error=0.1)
 def sensitivity(sizing: Sizing | PairsSizing, **options: Unpack[AccuracyOptions]) -> pd.DataFrame:
-    """Clearance for the same target, and chance of any hit at the old one, for a changed scene.
+    """Clearance for the same target, and risk at the old clearance, for changed scenes.
 
     Rows: natural frequency +-10 %, damping ratio +-30 % (or the tolerances of the isolator), level
-    +-3 dB, and, where the target depends on impacts, the restitution +-0.1 or the stiffness of the
-    stops times 2 and 1/2; all rows use the same random numbers. Where the target is a chance of any
-    hit of one mass, the input is also taken as not Gaussian, with a kurtosis of 5 at the same
-    density: by fast peaks (a monotone transform of the input, of which the mount averages many),
-    and by slow bursts (the level itself changes, slowly against the memory of the response; see
-    `slow_bursts`).
+    +-3 dB. Where the target depends on impacts, there is also the restitution +-0.1, or the
+    stiffness of the stops times 2 and 1/2. All rows use the same random numbers. Where the target
+    is the probability of any impact of one mass, two more rows take the input as not Gaussian: a
+    kurtosis of 5 at the same density. It comes from fast peaks, by a monotone transform of the
+    input; the mount averages many of them. Or the level itself changes, slowly against the memory
+    of the response: see `slow_bursts`.
 
     Parameters
     ----------
@@ -91,12 +91,12 @@ def sensitivity(sizing: Sizing | PairsSizing, **options: Unpack[AccuracyOptions]
     Returns
     -------
     pandas.DataFrame
-        `change`, `sigma` (m), `clearance` (m, from the mean position of the sizing, so that the
-        stops reach a mean position that has moved), `clearance_change` (relative to that of the
-        sizing), `probability` (of any hit in the mission at the clearance of the sizing), `note`:
-        why a row has no numbers (NaN), or not the accuracy that was asked for; else empty. Of
-        several pairs the clearance of each sized one stands under its name in the place of `sigma`
-        and `clearance`, and `clearance_change` is the largest of them.
+        `change`; `sigma` (m); `clearance` (m, from the mean position of the sizing, so that the
+        stops reach a mean position that has moved); `clearance_change` (relative to that of the
+        sizing); `probability` (of any impact in the mission at the clearance of the sizing); `note`
+        (why a row has no numbers, or not the accuracy wanted; else empty). With several pairs the
+        clearance of each sized one stands under its name, in place of `sigma` and `clearance`, and
+        `clearance_change` is the largest.
 
     See Also
     --------
@@ -291,8 +291,8 @@ def _other_laws(scene: Scene) -> Iterator[tuple[str, Scene]]:
 def _not_gaussian(
     sizing: Sizing, curve: RiskCurve, seed: int, deadline: Deadline
 ) -> list[dict[str, Any]]:
-    """Rows for the two ways in which an input can have a larger kurtosis than Gaussian noise, from
-    the risk curve of the scene under Gaussian noise."""
+    """Rows for the two ways in which an input can exceed the kurtosis of Gaussian noise. They
+    follow from the risk curve of the scene under Gaussian noise."""
     sigma, old = curve.crossings.displacement_std, sizing.clearance.value
     rows = []
     try:
@@ -430,11 +430,12 @@ def _kurtosis(record: Vector) -> float:
 
 
 def slow_bursts(curve: RiskCurve, clearance: float, kurtosis: float, mission: float) -> float:
-    """Chance of any hit where the variance of the input changes slowly, as in a gamma law.
+    """Probability of any impact where the variance of the input changes slowly, as in a gamma law.
 
-    With the variance m of unit mean and shape n, the kurtosis is 3 (1 + 1 / n). Where it changes
-    slowly against the memory of the response, and often in the mission, the rate of first hits is
-    the mean of lambda(clearance / sqrt m) over m: an upper limit for what a kurtosis may do.
+    With the variance m of unit mean and shape n, the kurtosis is 3 (1 + 1 / n). Let m change slowly
+    against the memory of the response, and often in the mission. The rate of first impacts is then
+    the mean of lambda(clearance / sqrt m) over m. This is an upper limit for the effect of a
+    kurtosis.
 
     Examples
     --------

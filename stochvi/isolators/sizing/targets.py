@@ -52,7 +52,7 @@ def target_of(
 
 
 def widening(scene: Scene, target: Target, velocity_std: float, clearance: float) -> float:
-    """Factor by which first hits are drawn faster than usual, so that some exceed the limit."""
+    """Factor by which first impacts are drawn faster than usual, so that some exceed the limit."""
     model = model_of(scene)
     speed = target.value
     if target.name == "peak_acceleration":
@@ -69,7 +69,7 @@ def widening(scene: Scene, target: Target, velocity_std: float, clearance: float
 
 
 def limit_of_pairs(scene: Scene, target: Target, at: str | None) -> Limit | None:
-    """The limit that hits of several pairs must not exceed; None for a target that has none.
+    """The limit that impacts of several pairs must not exceed; None for a target that has none.
 
     Raises `NotApplicable` for targets that cannot be sized where there are several coordinates or
     pairs.

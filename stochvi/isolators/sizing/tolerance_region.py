@@ -2,7 +2,7 @@
 
 The response over frequency is known, so that rms, rate of crossings and mean of every gap are cheap
 at any point of the region. The clearance for the same risk is the one at which stops are crossed at
-the same rate (Rice); the distance by which the mean has moved is added to it. Hits are taken to
+the same rate (Rice); the distance by which the mean has moved is added to it. Impacts are taken to
 cluster as in the nominal scene. Inside the region a resonance may meet a peak of the excitation:
 the ends of the tolerances do not suffice.
 """
@@ -99,8 +99,8 @@ class SameRisk:
         (2, pairs): distances of the lower and the upper stops from the mean gaps, m; infinite for
         none.
     harm
-        Where a limit is to be kept instead of hits avoided, the share of the first hits that exceed
-        it: those faster than some speed w, a share of exp(-w^2 / (2 s_v^2)).
+        Where a limit is to be kept instead of impacts avoided, the share of the first impacts that
+        exceed it: those faster than some speed w, a share of exp(-w^2 / (2 s_v^2)).
     """
 
     nominal: Gaps
@@ -108,8 +108,9 @@ class SameRisk:
     harm: float = 1.0
 
     def __call__(self, changed: Gaps) -> Vector:
-        """(pairs,): clearances from the nominal mean gap that each stop of a pair needs to be
-        crossed as often as its nearer stop in the nominal scene: the larger of the two."""
+        """(pairs,): clearances from the nominal mean gap. At this clearance a stop is crossed as
+        often as the nearer stop of the pair in the nominal scene; the larger of the two stops
+        counts."""
         before, distance = self.nominal, self.stops.min(axis=0)
         shift = changed.mean - before.mean
         sides = np.where(np.isfinite(self.stops), [-shift, shift], -math.inf).max(axis=0)
@@ -213,7 +214,7 @@ class Region:
 
     @staticmethod
     def _combinations(names: list[str]) -> list[tuple[float, ...]]:
-        """Ends and middles of the other quantities: of the centre of mass the corners and the
+        """Ends and middles of the other quantities; for the centre of mass the corners and the
         middle alone."""
         axes = [name for name in names if name.startswith(CENTRE)]
         plain = itertools.product((-1.0, 0.0, 1.0), repeat=len(names) - len(axes))
@@ -266,7 +267,7 @@ def tolerance_table(
     sized
         Numbers of the pairs whose clearances were searched for.
     probability
-        Chance of any hit there.
+        Probability of any impact there.
     """
     import pandas as pd
 
@@ -275,7 +276,7 @@ def tolerance_table(
     same = SameRisk(nominal=region.nominal, stops=stops, harm=harm)
 
     def needs(gaps: Gaps) -> Vector:
-        """The clearance of each pair, and the risk of any hit where the stops are."""
+        """The clearance of each pair, and the risk of any impact where the stops are."""
         return np.append(same(gaps), _hazard(region.nominal, gaps, stops, probability))
 
     def row(words: str, found: Vector) -> dict[str, str | float]:
@@ -291,7 +292,7 @@ def tolerance_table(
     rows += [row(worded(changes), found) for changes, found in ends]
     places: dict[str, str] = {}
     if ends:
-        # of one quantity alone the refinement may end a rounding error below its row
+        # with one quantity alone the refinement may end a rounding error below its row
         known = [[(found[k], changes) for changes, found in ends] for k in range(len(names) + 1)]
         worst = [
             max(*each, searched, key=lambda one: one[0])
@@ -303,7 +304,7 @@ def tolerance_table(
 
 
 def _hazard(nominal: Gaps, changed: Gaps, stops: Matrix, probability: float) -> float:
-    """-ln(1 - P) of any hit with the stops where they are: it changes as Rice's rate of all
+    """-ln(1 - P) of any impact with the stops where they are: it changes as Rice's rate of all
     crossings does."""
     shift = changed.mean - nominal.mean
     before = sum(_rice(nominal, each) for each in stops)

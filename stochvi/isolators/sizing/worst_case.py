@@ -45,9 +45,9 @@ def worst_case(
     """Clearances for the target of a sizing with mount, level and stops within their tolerances.
 
     Every row is a scene of its own that is sized for the target, with the seed of the sizing. The
-    last row is the largest
-    requirement of the whole region: the place where linear theory asks for most (`Region.worst`) is
-    sized like the others, with the stiffness of the stops at both ends, and no row is larger.
+    last row is the largest requirement of the whole region. The place where linear theory asks for
+    most (`Region.worst`) is sized like the others, with the stiffness of the stops at both ends. No
+    row is larger.
 
     Parameters
     ----------

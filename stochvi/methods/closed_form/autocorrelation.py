@@ -30,8 +30,8 @@ def autocorrelation(scene: Scene, lag: ArrayLike) -> Vector:
         R = (theta / omega^2) e^(-b t / 2) (cos w t + (b / 2 w) sin w t),  t = |lag|,
 
     hyperbolic functions where damping is above critical. A mass without a spring between two
-    rigid stops that lose nothing, a distance 2 D apart, is the mirror image of a free one,
-    whose displacement over a time has the variance s2 = 2 (theta / b^2)(b t - 1 + e^(-b t)); the
+    elastic rigid stops, a distance 2 D apart, is the mirror image of a free one. The displacement
+    of the free mass over a time t has the variance s2 = 2 (theta / b^2)(b t - 1 + e^(-b t)). The
     Fourier series of the mirror gives
 
         R = (32 D^2 / pi^4) sum over odd k of k^-4 exp(-(k pi / 2 D)^2 s2 / 2).

@@ -42,7 +42,7 @@ MOST_SWEEPS = 1000
 """Largest number of times that every coordinate is put where the energy is least."""
 
 STEPS_INTO_A_STOP = (1.0, 3.0, 9.0)
-"""Edges of panels within a stop that gives way, in deflections that an impact at the rms speed
+"""Edges of panels within a compliant stop, in deflections that an impact at the rms speed
 causes."""
 
 
@@ -257,7 +257,7 @@ class CoupledLaw:
         return math.exp(plane.log_mass - self._fine_rule.log_mass)
 
     def contact(self, place: int, side: str) -> ContactStatistics | None:
-        """Contact with one stop that gives way, per unit of the reduced mass."""
+        """Contact with one compliant stop, per unit of the reduced mass."""
         marginal = _marginal(self._fine_rule, place)
         for stop, law in self._soft(place):
             if stop.name == side:

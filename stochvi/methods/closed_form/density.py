@@ -91,14 +91,14 @@ class ExactDensity:
 
     @property
     def contact_probability(self) -> float | None:
-        """Share of time in contact with stops that give way; None where none does."""
+        """Share of time in contact with compliant stops; None where none does."""
         for pair in self.response.impact_pairs.values():
             share = pair["contact_probability"]
             return share.value if isinstance(share, Estimate) else None
         return None
 
     def peak_force_exceedance(self, side: str, force: ArrayLike) -> Vector:
-        """P(largest force of a contact > force), N, with one stop that gives way.
+        """P(largest force of a contact > force), N, with one compliant stop.
 
         The mass turns where U has risen by w^2 / 2, w the Rayleigh speed of the contact's onset:
         P = exp(-(U(y) - U(0)) / theta), y the deflection of that force. Noise and damping during

@@ -25,14 +25,14 @@ def exact(
 
         p(q, q') = Z exp(-(q' M q' / 2 + U(q)) / theta),        (B 13.38 for one coordinate)
 
-    with U the potential of springs, load and stops that lose nothing, infinite beyond rigid ones;
-    of one oscillator theta = S0 / 2 b per unit mass. Returns every moment, the rate of hitting
-    each stop nu = p(stop) sqrt(E y'^2 / 2 pi), y the coordinate of the impact pair, and F1, F2 of
-    the Rayleigh law of impact speeds. Of stops that give way also the share of time in contact
-    and the mean force; of one oscillator the mean of the largest force of a contact, in which noise
-    and damping are neglected (`bias` bounds the error of that). Without stops the response of a
-    linear structure to Gaussian noise is Gaussian: white and filtered noise through the Lyapunov
-    equation, tables as integrals over frequency.
+    with U the potential of springs, load and elastic stops, infinite beyond rigid ones; for one
+    oscillator theta = S0 / 2 b per unit mass. The answer holds every moment and, by stop, the
+    impact rate nu = p(stop) sqrt(E y'^2 / 2 pi), y the coordinate of the impact pair. Impact speeds
+    are Rayleigh distributed, which gives F1 and F2. Compliant stops also have the share of time in
+    contact and the mean force. One oscillator has the mean of the largest force of a contact as
+    well; it neglects noise and damping, and `bias` bounds the error of that. Without stops the
+    response of a linear structure to Gaussian noise is Gaussian: white and filtered noise through
+    the Lyapunov equation, tables as integrals over frequency.
 
     Parameters
     ----------

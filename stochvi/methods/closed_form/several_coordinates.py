@@ -105,8 +105,8 @@ def _not_gibbs(model: Model) -> list[str]:
     meet."""
     if model.temperature is None:
         return [
-            "white noise must match damping, S = 2 theta C with one theta for all coordinates "
-            "(noise of the base, or on a part of what is damped, does not)"
+            "white noise must match damping, S = 2 theta C with one theta for all coordinates: "
+            "noise of the base, or on a part of what is damped, does not"
         ]
     if not _reached(model):
         return ["damping and noise must reach every motion, directly or through springs and stops"]
@@ -373,8 +373,8 @@ def _positive(matrix: Matrix) -> bool:
 def _reached(model: Model) -> bool:
     """Whether damping acts in every mode, with a spring of some stiffness in place of each stop.
 
-    The stiffnesses are of the structure's size and have no simple ratio, so that no symmetry of
-    the springs hides a motion that impacts would reach.
+    The stiffnesses are of the structure's size and have no simple ratio. No symmetry of the springs
+    can then hide a motion that impacts would reach.
     """
     stiffness = model.stiffness.copy()
     size = float(np.trace(stiffness)) or 1.0

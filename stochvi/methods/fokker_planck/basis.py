@@ -179,8 +179,8 @@ class VelocityBasis:
     def wall(self, restitution: Array) -> tuple[Array, Array]:
         """Matrices of what arrives at a stop and of what leaves it, one pair per restitution R.
 
-        integral over u > 0 of g u N_l(u) N_k(u), and of g u N_l(u) N_k(R u), the second by Gauss
-        between mesh points and mesh points / R, where its integrand is smooth.
+        These are the integrals over u > 0 of g u N_l(u) N_k(u) and of g u N_l(u) N_k(R u). The
+        second is by Gauss between mesh points and mesh points / R, where its integrand is smooth.
         """
         with np.errstate(divide="ignore"):
             images = np.minimum(self.breaks[1:] / restitution[:, None], self.breaks[-1])

@@ -11,9 +11,9 @@ and integrated over the box (n: outwards) this is
     + int M (diffusion q_u + (damping - diffusion) u q) phi_u
     + sum over ends of int over w > 0 of w p(end, n w) [phi(end, n w) - phi(end, -n R w)] dw = 0.
 
-q is a polynomial in xi on every element times piecewise polynomials in u that are continuous but
-may have a kink at u = 0, and phi runs through the same functions. Between elements the flux is
-taken from the side that it comes from.
+On every element q is a polynomial in xi times piecewise polynomials in u, which are continuous but
+may have a kink at u = 0. phi runs through the same functions. Between elements the flux is taken
+from the side that it comes from.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ def box_moments(boxes: Boxes, mesh: Mesh, threshold: Array) -> BoxMoments:
 def _density(boxes: Boxes, mesh: Mesh) -> list[Array]:
     """Coefficients of q, (box, Legendre, velocity) for each element, not yet normalised.
 
-    All that lies beyond one end of an element acts on it like a wall: as a matrix that says what
-    comes back. The stops are the first such walls; each element met on the way to the middle one
-    is eliminated into the next.
+    All that lies beyond one end of an element acts on it as a boundary condition: a matrix of the
+    returned flux. The stops are the first of them. Each element on the way to the middle one is
+    eliminated into the next.
     """
     elements = mesh.displacement
     last = len(elements) // 2
@@ -131,7 +131,7 @@ def _stop(boxes: Boxes, mesh: Mesh, side: int) -> Array:
 def _with_walls(
     boxes: Boxes, element: DisplacementElement, velocity: VelocityBasis, left: Array, right: Array
 ) -> Array:
-    """The equations of an element between two walls, as square matrices."""
+    """The equations of an element with the conditions at both ends, as square matrices."""
     signs = np.outer(element.at_left, element.at_left)[None, :, None, :, None]
     block = _block(boxes, element, velocity)
     block += signs * left[:, None, :, None, :]
@@ -141,7 +141,7 @@ def _with_walls(
 
 
 def _pass(boxes: Boxes, mesh: Mesh, e: int, step: int, behind: Array) -> tuple[Array, Array]:
-    """Eliminate an element: the wall that it and all behind it are, and its response.
+    """Eliminate an element: the boundary condition of it and all behind it, and its response.
 
     `step` is 1 if the elimination runs to the right. The response maps the trace of q that comes
     in through the open end to the coefficients of q.

@@ -1,8 +1,9 @@
 """How many passages there can be at most, before any equation is solved.
 
-A path that passes before t crosses a barrier outwards at least once, so its chance is at most the
-mean number of such crossings (S. O. Rice, Bell Syst. Tech. J. 24 (1945) 46, for a law that changes
-in time: M. R. Leadbetter and H. Cramer, Stationary and Related Stochastic Processes, 1967, ch. 13).
+A path that passes before t crosses a barrier outwards at least once. Its probability is therefore
+at most the mean number of such crossings. Sources: S. O. Rice, Bell Syst. Tech. J. 24 (1945) 46;
+for a distribution that changes in time M. R. Leadbetter and H. Cramer, Stationary and Related
+Stochastic Processes, 1967, ch. 13.
 """
 
 from __future__ import annotations
@@ -32,9 +33,9 @@ def passages_at_most(model: Model, start: Start, lower: float, upper: float, tim
 
         exp(-z^2 / 2) / (sqrt(2 pi) s_x) (r + (1 + z) s_v),    z = (d - r / omega) / s_x >= sqrt 2,
 
-    where d is the distance of B from the position of rest, r^2 = v^2 + omega^2 x^2 of the mean
-    motion, which never grows, and s_x, s_v the deviations, which never fall, of a path from a
-    point. Each panel of time takes r from where it begins and the deviations from where it ends.
+    where d is the distance of B from the position of rest. r^2 = v^2 + omega^2 x^2 of the mean
+    motion never grows; the standard deviations s_x, s_v of a path from a point never fall. Each
+    panel of time takes r from where it begins and the deviations from where it ends.
 
     Parameters
     ----------

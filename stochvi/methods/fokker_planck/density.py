@@ -30,7 +30,7 @@ MARGINS = ErrorMargins(safety=1.5, shared=0.2, floor=1e-9)
 class Averages(NamedTuple):
     """Stationary averages, SI units per unit mass, or errors of them.
 
-    Each stop has its hits per second above the threshold, F1 and F2; one that gives way also has
+    Each stop has its impacts per second above the threshold, F1 and F2; a compliant one also has
     the share of time in contact, its mean force and the mean power that it takes.
     """
 
@@ -93,8 +93,8 @@ class StripDensity:
         return place, np.clip(local, -1.0, 1.0)
 
     def _groups(self, x: Array) -> Iterator[tuple[Strip, Indices, Array]]:
-        """Strip by strip, the indices of the places in it, and q as a function of velocity at each
-        of them, with the weight of the place, per metre."""
+        """For each strip, the indices of the places in it, and q at each of them: a function of
+        velocity, with the weight of the place, per metre."""
         strips, local = self._inside(x)
         for e in np.unique(strips):
             some = np.flatnonzero(strips == e)
@@ -237,9 +237,8 @@ class StripDensity:
         mean = scaled.left if scaled.halved else sum(float(x @ w) for x, w, _, _ in parts)
         both = 1.0 / self._share
         stops = {f"{name}_{side}": 0.0 for name in OF_STOPS for side in ("lower", "upper")}
-        for stop in reversed(
-            scaled.reached
-        ):  # of a symmetric scene the lower one is like the upper
+        # in a symmetric scene the lower stop is like the upper one, which therefore comes first
+        for stop in reversed(scaled.reached):
             if stop.side > 0 or not scaled.halved:
                 found = self._stop(stop, slowest)
             stops |= {f"{name}_{stop.name}": value for name, value in found.items()}
@@ -258,7 +257,7 @@ class StripDensity:
         found = dict.fromkeys(OF_STOPS, 0.0)
         for power, name in enumerate(("rate", "speed_rate", "speed_square_rate"), start=1):
             limit = slowest if power == 1 else 0.0
-            # of a stop that is hardly ever hit it may come out below 0, within its error
+            # for a stop that is hardly ever hit it may come out below 0, within its error
             found[name] = max(float(self.flux(stop.position, stop.side, power, limit)), 0.0)
         if isinstance(stop.law, CompliantLaw):
             found |= self._contact(stop, stop.law)
@@ -300,10 +299,10 @@ class StripDensity:
     def balances(self) -> dict[str, float]:
         """Residuals of the balances of energy, virial and force, relative to their largest term.
 
-        S0 / 2 = E v drag(v) + loss in stops; E v^2 = E (x - m) (drag(v) - force(x)) + sum of
-        |stop - m| push; E (force(x) - drag(v)) = push of the upper stop less that of the lower,
-        with m = E x, push and loss those of rigid stops. The virial is left out where a damper in
-        a stop adds to it.
+        S0 / 2 = E v drag(v) + loss in stops; E v^2 = E (x - m) (drag(v) - force(x)) + sum of |stop
+        - m| push; E (force(x) - drag(v)) = push of the upper stop less that of the lower. Here m =
+        E x; push and loss are those of rigid stops. The virial is left out where a damper in a stop
+        adds to it.
         """
         scaled, motion = self.scaled, self.scaled.motion
         found = self.averages(0.0)
@@ -464,9 +463,9 @@ class StationaryDensity:
     def limit_rate(self, side: str) -> Estimate | None:
         """Impacts of any speed on a stop, 1/s; None where the rate has no limit.
 
-        Below a speed w that is small to everything else the density of impact speeds goes as
-        w^(1 - beta), which adds w^2 p(stop, w) / (2 - beta) to the rate above w. `bias` is 1.5
-        times the difference of the two meshes, which resolve different speeds.
+        Below a speed w that is small against all others the density of impact speeds goes as w^(1 -
+        beta). This adds w^2 p(stop, w) / (2 - beta) to the rate above w. `bias` is 1.5 times the
+        difference of the two meshes, which resolve different speeds.
         """
         fine, coarse = self._all_impacts(self.fine, side), self._all_impacts(self.coarse, side)
         if fine is None or coarse is None:

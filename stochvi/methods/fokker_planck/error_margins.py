@@ -13,8 +13,8 @@ class ErrorMargins(NamedTuple):
     safety
         Factor on the difference of the two meshes.
     shared
-        Share of the largest relative difference in a group of quantities that every member of the
-        group is granted, because two meshes may agree on one of them by chance.
+        Share of the largest relative difference in a group of quantities. Every member gets at
+        least this error, because two meshes may agree on one of them by chance.
     floor
         Relative error that every number is granted, for the ends of the box and for rounding.
     """

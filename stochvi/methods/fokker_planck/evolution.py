@@ -2,10 +2,10 @@
 
 mass dy/dt = -matrix y + source is projected on the Krylov space of (matrix + shift mass)^-1 (I.
 Moret and P. Novati, BIT 44 (2004) 595; V. Druskin, L. Knizhnerman, SIAM J. Matrix Anal. Appl. 19
-(1998) 755): the slow modes, which are all that is left at long times, are found first, the fastest,
-which a stiff solver in time would have to damp, hardly enter. Some dozens of solutions with one
-factorisation give all times at once, and the change from one size of the space to a larger one is
-the error that the projection leaves.
+(1998) 755). The slow modes are found first; they alone are left at long times. The fastest hardly
+enter, which a stiff solver in time would have to damp. Some dozens of solutions with one
+factorisation give all times at once. The change from one size of the space to a larger one measures
+the error of the projection.
 """
 
 from __future__ import annotations
@@ -180,5 +180,5 @@ def slowest_mode(operator: Operator, factors: Factors) -> SlowestMode:
         before, rate = rate, float(outflow @ ahead)
         if abs(rate - before) <= SETTLED * rate:
             break
-    # of the function 1, the part along the mode: (ahead, 1) = 1 = (ahead, mass back) scale
+    # the part of the function 1 along the mode: (ahead, 1) = 1 = (ahead, mass back) scale
     return SlowestMode(rate, ahead, back / (ahead @ (mass @ back)))

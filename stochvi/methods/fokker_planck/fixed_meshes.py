@@ -60,8 +60,8 @@ finer ones are solved on strips. The third has other elements than the first two
 and in velocity: what those have in common shows in its difference to them."""
 
 LEAST_FALL = 0.5
-"""Share of the difference of the two levels before that counts where the last two agree, as they
-may do by chance."""
+"""Share of the difference of the two levels before that counts where the last two agree, which may
+happen by chance."""
 
 
 class Moments(NamedTuple):
@@ -134,9 +134,9 @@ def unreached(scenes: OscillatorArrays, speed: Array, upcrossing_rate: Array) ->
     crossing.
 
     That is Rice's rate with Rayleigh's law of speeds; 0 for the other quantities, and for the
-    stops that a box reaches. t is s^2 or, for a mass that leans on a lossy stop, the mean square
-    velocity S0 / (2 b) that the damper alone leaves, since fast bounces last longer and lose less
-    in the same time.
+    stops that a box reaches. t is s^2. For a mass that is pressed onto an inelastic stop it is S0 /
+    (2 b), the mean square velocity with the damper alone: fast flights last longer and lose less in
+    the same time.
     """
     lowest = scenes.lowest()
     far = scenes.climb(speed**2 * FARTHEST_STOP**2 / 2.0)
@@ -172,8 +172,8 @@ def _damper_alone(scenes: OscillatorArrays) -> Array:
 
 
 MARGINS = ErrorMargins(safety=2.5, shared=0.3, floor=1e-06)
-"""Safety factors of the error bounds, chosen on random scenes against much finer meshes, where all
-of 1500 bounds hold, and with half of `LEAST_FALL` 8 of them do not."""
+"""Safety factors of the error bounds, chosen on random scenes against much finer meshes. All of
+1500 bounds hold there; with half of `LEAST_FALL` 8 of them fail."""
 
 
 def errors(
@@ -182,7 +182,7 @@ def errors(
     """Bounds on the errors of `fine`, from the two levels before, coarsest first, and from stops
     out of reach.
 
-    Of the impacts too slow for the mesh a part (1 - R)^2 is taken for wrong, as was found against
+    A part (1 - R)^2 of the impacts too slow for the mesh counts as wrong; this was found against
     much finer meshes.
     """
     sizes = fine.moments._replace(mean=np.sqrt(fine.moments.variance))
@@ -192,7 +192,7 @@ def errors(
         for name in Moments._fields
     }
     for name in found:
-        # of rates each level sees slow impacts that the one before did not see at all
+        # each level sees slow impacts that the one before did not see at all, which changes rates
         if not name.startswith("rate_"):
             last = np.abs(getattr(coarse, name) - getattr(coarser, name))
             found[name] = np.maximum(found[name], LEAST_FALL * last)

@@ -89,7 +89,7 @@ class LinearBox(Generic[Number]):
 
 @dataclass(frozen=True, kw_only=True)
 class Boxes(LinearBox[Array]):
-    """Many boxes, each with a stop or an elastic wall at either end.
+    """Many boxes, each with a stop or an elastic boundary at either end.
 
     `mirrored` boxes run towards -x. Those that are `halved` hold one half of a symmetric scene: a
     path that leaves the half at the centre comes back as its mirror image, that is, reflected.
@@ -229,8 +229,8 @@ def boxes_of(scenes: OscillatorArrays, speed: Array, reach: float) -> Boxes:
 def _widening(scenes: OscillatorArrays, speed: Array) -> Array:
     """Factor on the width of the weight of a mass that presses on an inelastic stop, 1 or more.
 
-    Such a mass lies near the stop most of the time, at a lower speed than s, with rare excursions
-    that reach far beyond what exp(-energy / s^2) allows.
+    Such a mass lies near the stop most of the time, at a lower speed than s. Its rare excursions
+    reach much farther than exp(-energy / s^2) allows.
     """
     lowest = scenes.lowest()
     restitution: Array = np.where(lowest == scenes.positions, scenes.restitutions, 1.0).min(axis=0)
@@ -245,5 +245,5 @@ Found on preloads up to 2 standard deviations, where it lowers the error of the 
 quarter."""
 
 SYMMETRIC = 1e-12
-"""Largest force of spring and load midway between two stops times their distance, in units of s^2,
-with which the stops count as symmetric, because rounding may leave so much."""
+"""Stops count as symmetric up to this force of spring and load midway between them, times their
+distance, in units of s^2. Rounding may leave so much."""

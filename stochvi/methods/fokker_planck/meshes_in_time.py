@@ -26,9 +26,9 @@ class ExtentSettings:
     Parameters
     ----------
     reach
-        Speeds are left out that exceed the one needed to reach a barrier by more than this number
-        of scales, added as squares, or that noise would have to add so many standard deviations
-        for: exp(-reach^2 / 2) = 2e-8 of the density lies there.
+        Largest speed beyond the one needed to reach a barrier, in scales, added as squares; or
+        number of standard deviations that noise may add. Faster states are left out: exp(-reach^2 /
+        2) = 2e-8 of the density.
     widest
         Largest velocity in units of the scale. Further out the weight is too small to be a good
         scale of the density.
@@ -59,8 +59,8 @@ class ElementSettings:
     Parameters
     ----------
     x_ratio, u_ratio
-        Length of each thin element towards an absorbing wall, and towards zero velocity, relative
-        to the one before it.
+        Length of each thin element towards an absorbing end, and towards zero velocity, relative to
+        the one before it.
     growth
         Ratio of the lengths of neighbouring elements of velocity outside the core, where the
         density falls.
@@ -68,7 +68,7 @@ class ElementSettings:
         Smallest number of elements along a box, times the element size of the level.
     layer_share
         Largest element of velocity at a level of the size 1, in units of the speed that noise gives
-        to a path behind an absorbing wall.
+        to a path behind an absorbing end.
     steepest
         Largest fall of the potential energy per unit mass along one unit of length, in squares of
         the scale of speed.
@@ -90,7 +90,8 @@ ELEMENTS = ElementSettings()
 
 
 class Layout(NamedTuple):
-    """A box with its walls, and the scales that its mesh has to resolve, in units of its speed.
+    """A box with the conditions at its ends, and the scales that its mesh has to resolve, in units
+    of its speed.
 
     `reach` is the largest velocity, `core` the velocity up to which the mesh stays fine; `length`
     is the number of scales to be resolved along the box; `finest` is the smallest scale of
@@ -114,7 +115,7 @@ class Layout(NamedTuple):
 
 class Level(NamedTuple):
     """Element size in units of the scales to be resolved, polynomial degrees, and number of layers
-    towards a wall."""
+    towards an end."""
 
     size: float
     x_degree: int
@@ -151,8 +152,8 @@ def rise(model: Model, x: float, base: float) -> float:
 def passage_layout(model: Model, lower: float, upper: float, start: Start) -> Layout:
     """Layout between absorbing barriers; for an infinite one the box ends far from the other.
 
-    The scale of speed is that of the stationary law, or, if that is larger, the speed that takes a
-    path to a barrier or that noise gives it on the way there.
+    The scale of speed is the largest of three: that of the stationary distribution, the speed that
+    takes a path to a barrier, and the speed that noise adds on the way there.
     """
     base = lowest(model, lower, upper)
     lower, upper = _relevant_barriers(model, lower, upper, base)
@@ -299,7 +300,7 @@ def _end(model: Model, base: float, speed: float, side: float) -> float:
 
 
 def mesh(layout: Layout, level: Level) -> Mesh:
-    """Mesh of a level, with narrow elements where slow paths meet a wall that absorbs them."""
+    """Mesh of a level, with narrow elements where slow paths meet an absorbing end."""
     size = level.size * layout.finest
     count = max(_whole(ELEMENTS.fewest / level.size), _whole(layout.length / size))
     if count > MOST_UNKNOWNS:

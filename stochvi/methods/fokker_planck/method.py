@@ -272,7 +272,7 @@ def _response(
     if reached > rtol:
         raise NotConverged(
             f"fokker-planck reached a relative error of {reached:.2g} on its finest mesh, not "
-            f"{rtol:g}; raise rtol, or simulate. Rare hits of a lightly damped mass, and stiff "
+            f"{rtol:g}; raise rtol, or simulate. Rare impacts of a lightly damped mass, and stiff "
             "dampers in stops, are the hardest cases.",
             response,
         )

@@ -66,7 +66,7 @@ class _Ray:
 
     def up_to(self, height: float) -> tuple[Array, Array]:
         """Places and energies until the energy is `height` above the lowest on the way and stays
-        there, or up to a wall."""
+        there, or up to a rigid stop."""
         while True:
             lowest = np.minimum.accumulate(self.energies)
             low = np.flatnonzero(self.energies - lowest < height)

@@ -1,4 +1,4 @@
-"""The Fokker-Planck equation of one box as sparse matrices: in time, with walls that may absorb.
+"""The Fokker-Planck equation of one box as sparse matrices: in time, with ends that may absorb.
 
 Symbols: xi in [-1, 1] displacement and u velocity in the units of the box (`LinearBox`), as in
 `box_solver`: the density is p = M q with M = exp(-u^2 / 2 - energy(xi)), N_i are the functions that
@@ -6,11 +6,11 @@ both q and the tests are made of. Then
 
     mass dq/dt = -matrix q,    mass_ij = int M N_i N_j,
 
-and the transpose is Kolmogorov's backward equation: mass dy/dt = -matrix' y for the mean
-y(xi, u, t) of any function of the state at t of a path that is at (xi, u) now. A wall with a
-restitution gives back what it takes; one without absorbs it. Unknowns are scaled by the size of
-their functions under M, which may be 1e-30 of others, so that the smallest are solved for with as
-many digits as the largest.
+and the transpose is Kolmogorov's backward equation, mass dy/dt = -matrix' y. y(xi, u, t) is the
+mean of any function of the state at t of a path that is at (xi, u) now. An end with a restitution
+gives back what it takes; one without absorbs it. Unknowns are scaled by the size of their functions
+under M, which may be 1e-30 of others. The smallest are then solved for with as many digits as the
+largest.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ class Factors:
 
 PIVOT_THRESHOLD = 0.1
 """Smallest diagonal pivot relative to the largest entry of its column. Pivots that respect the
-symmetry of the pattern leave a sixth of the fill and a tenth of the time of free ones, with the
-same residuals."""
+symmetry of the pattern need a sixth of the fill and a tenth of the time of free ones. The residuals
+are the same."""
 
 
 def _kron(of_displacement: Array, of_velocity: Array) -> sparse.csr_array:
@@ -167,7 +167,7 @@ class Operator:
         return velocity.both(half, half)
 
     def _given_back(self, restitution: float, side: int) -> Array:
-        """Matrix of the flux that a wall gives back, (test, trial) in velocity."""
+        """Matrix of the flux that an end gives back, (test, trial) in velocity."""
         velocity = self.mesh.velocity
         outward, inward = velocity.plus, velocity.minus
         if side < 0:

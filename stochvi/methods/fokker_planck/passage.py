@@ -191,7 +191,7 @@ def first_passage(
 
     See Also
     --------
-    stochvi.reliability : The chance that a mission goes wrong.
+    stochvi.reliability : The probability that a mission goes wrong.
     stochvi.transient : Density and moments in time.
 
     Examples
@@ -308,8 +308,8 @@ class _Values(NamedTuple):
 
 
 EARLY = 20.0
-"""Delay by which the settled rate must have acted, as a phase of the inner dynamics (three natural
-periods), in the probability that errors are relative to."""
+"""Errors are relative to a probability in which the settled rate has acted for this delay: a phase
+of the inner dynamics, three natural periods."""
 
 
 def _refined(

@@ -134,8 +134,8 @@ def _degrees(stage: int) -> Degrees:
 def _first(motion: Motion) -> tuple[ScaledMotion, tuple[Patch, ...], StripDensity]:
     """The coarsest mesh, of a box beyond which there is hardly any probability.
 
-    A mass that leans on a lossy stop reaches further than the law exp(-energy / s^2) says: a fast
-    bounce takes longer than a slow one, so that it loses less energy per unit of time.
+    A mass that is pressed onto an inelastic stop reaches farther than exp(-energy / s^2) says. A
+    fast flight lasts longer than a slow one, so it loses less energy per unit of time.
     """
     stretch, hit = 1.0, set[Stop]()
     for _ in range(MOST_STRETCHES + len(motion.stops)):
@@ -224,9 +224,10 @@ def _ratio(change: Averages, sizes: Averages, name: str) -> float:
 def _unreached(field: StripDensity, crossing_rate: float) -> dict[str, float]:
     """Bounds on the quantities of stops that count as out of reach.
 
-    The bound is Rice's rate at the temperature of the law, with Rayleigh's speeds, or the flux of
-    the solution at the place of the box next to the stop, if that is larger. Between that place and
-    the stop the flux falls at least as fast as it would with the damper alone.
+    The bound is the larger of two. One is Rice's rate at the temperature of the distribution, with
+    Rayleigh's speeds. The other is the flux of the solution at the place of the box next to the
+    stop. Between that place and the stop the flux falls at least as fast as it would with the
+    damper alone.
     """
     motion = field.scaled.motion
     square, hottest = motion.squares
@@ -264,7 +265,7 @@ def _rounding_between_wells(scaled: ScaledMotion) -> dict[str, float]:
 
 
 def _cut(field: StripDensity) -> dict[str, float]:
-    """The parts of the first two moments that lie beyond the ends of the box, x^2 p / (n - 2) and
+    """The parts of the first two moments beyond the ends of the box. They are x^2 p / (n - 2) and
     x^3 p / (n - 3), where the density p falls as x^-n."""
     scaled = field.scaled
     found = {"mean": 0.0, "variance": 0.0}

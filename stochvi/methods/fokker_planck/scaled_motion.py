@@ -27,7 +27,7 @@ Law = Callable[[Array], Array]
 
 REACH = 7.2
 """A box ends at the energy t REACH^2 / 2 above the energy of its farthest stop, and so do its
-velocities, t being that of the weight exp(-energy / t): the part of F2 beyond is 2e-10."""
+velocities. t is that of the weight exp(-energy / t); the part of F2 beyond is 2e-10."""
 
 SYMMETRIC = 1e-10
 """Share of the largest force by which the forces on both sides may differ in a symmetric scene,
@@ -296,9 +296,9 @@ BARRIER_TOO_HIGH = (
 
 
 def _barrier(motion: Motion, left: float, right: float, weight: float) -> tuple[float, float]:
-    """Height of the highest barrier between wells of a spring that is a function, above the
-    shallower well and above the lowest place, in units of the weight's energy; 0 if there is
-    none."""
+    """Height of the highest barrier between the wells of a spring that is a function, in units of
+    the weight's energy. It is given above the shallower well and above the lowest place; 0 without
+    a barrier."""
     if motion.model.restoring is None:
         return 0.0, 0.0
     energy = motion.energy(np.linspace(left, right, BARRIER_PLACES)) / weight

@@ -1,8 +1,8 @@
 """Strips and velocity cells of a box: first from its scales, then refined where needed.
 
-Near the corner of a lossy stop and zero velocity the density goes as |v|^-beta on the scale
-v^3 ~ S0 times the distance from the stop: strips narrow geometrically towards the stop, and the
-cells of each towards 0 down to that scale; so they do where a viscoelastic stop is first touched,
+At an inelastic stop and near zero velocity the density goes as |v|^-beta, on the scale v^3 ~ S0
+times the distance from the stop. Strips narrow geometrically towards the stop, and the cells of
+each towards 0 down to that scale. They do so as well where a viscoelastic stop is first touched,
 down to the speed below which noise hides its damper. Everything else is found by refinement: a
 strip or cell is split where its highest polynomials still contribute much.
 """

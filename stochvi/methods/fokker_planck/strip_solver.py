@@ -3,8 +3,8 @@
 Symbols and equation are those of `scaled_motion`. In every strip q is a
 Legendre polynomial in xi times the functions of `VelocityCells`; it may jump from strip to
 strip, where the flux is taken from the side that it comes from, exactly also between different
-cells. Each strip is reduced to the matrix from what enters it to what leaves it, and strips are
-joined like walls.
+cells. Each strip is reduced to the matrix from the flux that enters it to the flux that leaves it.
+To its neighbours a strip is then a boundary condition.
 """
 
 from __future__ import annotations
@@ -97,9 +97,11 @@ def solve_strips(motion: ScaledMotion, strips: tuple[Strip, ...]) -> Solved:
 
 
 def _gathered(pieces: list[_Piece], wall: Array, side: int) -> tuple[Array, list[Array]]:
-    """The wall that all but the last of some strips form, in their order towards `side`.
+    """The boundary condition that all but the last of some strips form, in their order towards
+    `side`.
 
-    With it, for each of them, what its own wall sends in for what comes in through its open end.
+    With it, for each strip, the flux that its own closed end returns for what comes in through its
+    open end.
     """
     kept = []
     for piece, following in itertools.pairwise(pieces):
@@ -128,10 +130,10 @@ def _handed(source: _Piece, target: _Piece, side: int) -> Array:
 
 
 def _reduced(piece: _Piece, wall: Array, side: int) -> tuple[Array, Array]:
-    """A strip with a wall behind it, open towards `side`.
+    """A strip with a boundary condition behind it, open towards `side`.
 
-    Returns two matrices that act on what comes in through the open end: one gives what comes in
-    from the wall, the other what goes out through the open end.
+    Returns two matrices that act on the flux that comes in through the open end. One gives the flux
+    that comes in through the closed end, the other the flux that leaves through the open end.
     """
     out, through, back, into = piece.through(side)
     inward = np.linalg.solve(np.eye(len(wall)) - wall @ out, wall @ through)
@@ -273,9 +275,9 @@ class _Piece:
         return q
 
     def through(self, side: int) -> tuple[Array, Array, Array, Array]:
-        """Matrices from what enters to what leaves, with a wall opposite to `side`: from the
-        wall to the wall, from the open end to the wall, from there back, and through from the
-        wall."""
+        """Matrices from the entering to the leaving flux, with the closed end opposite to `side`.
+        In order: closed end to itself, open end to closed end, open end to itself, closed end to
+        open end."""
         cells, n = self.strip.cells, self.size
         plus, minus = self.incoming
         unit = np.eye(plus + minus)

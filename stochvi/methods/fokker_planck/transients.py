@@ -1,9 +1,9 @@
 """Transients: the probability density in time, from any start, between rigid stops.
 
-p_t = -v p_x + [(b v + omega^2 x - load) p]_v + S0 / 2 p_vv with the wall term of the stationary
-equation, by the same functions of displacement and velocity and all times from one factorisation
-(`evolution`). A start at a point is a Gaussian law until the stops can be felt; it is followed from
-there.
+The equation is p_t = -v p_x + [(b v + omega^2 x - load) p]_v + S0 / 2 p_vv, with the term of the
+stops of the stationary equation. It is solved by the same functions of displacement and velocity.
+All times follow from one factorisation (`evolution`). A start at a point is a Gaussian law until
+the stops can be felt; it is followed from there.
 """
 
 from __future__ import annotations
@@ -211,7 +211,7 @@ def transient(
 
     See Also
     --------
-    stochvi.first_passage : The chance of a first passage.
+    stochvi.first_passage : The probability of a first passage.
     stochvi.fokker_planck : The same from the Fokker-Planck equation.
 
     Examples

@@ -2,11 +2,11 @@
 
 The stop force in x'' + b x' + omega^2 x = f + g + stop force is replaced by
 
-    -(m_F + k (x - m) + beta x'),        m = E x,                              (B 13.3, 13.4)
+    -(m_F + k (x - m) + beta x'),        m = E x.                              (B 13.3, 13.4)
 
-the linear system x'' + (b + beta) x' + (omega^2 + k)(x - m) = f is solved exactly, for white or
-tabulated noise, and m_F, k and beta follow from the response that they are to produce. Four
-forms of that last step:
+The linear system x'' + (b + beta) x' + (omega^2 + k)(x - m) = f is solved exactly, for white or
+tabulated noise. m_F, k and beta follow from the response that they are to produce. Four forms of
+that last step:
 
 * "closure": x has the density C exp(lambda x - kappa x^2 / 2) between the stops and x' is
   Gaussian; both obey the balances of force, virial and energy. Exact for elastic stops and
@@ -14,8 +14,9 @@ forms of that last step:
 * "motion": x has a normal law cut at the stops (B 8.58-8.77, 13.12-13.20).
 * "force": the force of spring and stops together is Gaussian, and x follows from it through
   the inverse characteristic (B 8.79-8.87, 13.24-13.33).
-* "clumps": the closure, between two stops that with the hits of a box (variant "box"), corrected
-  by the law of a slowly varying energy where light damping lets hits come in clumps.
+* "clumps": the closure corrected by the law of a slowly varying energy, where light damping lets
+impacts come in clumps. Between two stops it is the closure with the impacts of a box (variant
+"box").
 
 `linearise_many` is the closure for arrays; `atlas` holds the errors that `linearise` states.
 """

@@ -1,8 +1,9 @@
 """The closure for arrays of oscillators between rigid stops under white noise.
 
 Per unit mass, in units in which the elastic law exp(-U / s^2) has mean 0, deviation 1 and s = 1.
-With p_i the density at stop i, A_i = (1 + R_i) / 2, g = omega^2 / E v^2 and s_v^2 = E v^2, the law
-C exp(lambda x - kappa x^2 / 2) and s_v obey (balances of force, virial about the mean, energy)
+Symbols: p_i the density at stop i, A_i = (1 + R_i) / 2, g = omega^2 / E v^2 and s_v^2 = E v^2. The
+law C exp(lambda x - kappa x^2 / 2) and s_v obey the balances of force, of virial about the mean and
+of energy:
 
     g m - load / s_v^2 + A_u p_u - A_l p_l = 0,
     1 - g Var x - A_u p_u (upper - m) - A_l p_l (m - lower) = 0,

@@ -23,7 +23,7 @@ class Candidate(NamedTuple):
 
     `stop_force`, `stiffness` and `damping` are m_F, k and beta; `density_at_mean` is the density of
     x at its mean.
-    `hits` holds the impacts by the side of the stop, `contacts` those with stops that give way,
+    `hits` holds the impacts by the side of the stop, `contacts` those with compliant stops,
     with forces and powers per unit mass. `rise` is the factor by which the density right at a stop
     exceeds the density there in the family of laws.
     """

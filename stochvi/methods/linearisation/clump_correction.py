@@ -1,4 +1,4 @@
-"""The closure corrected for hits that come in clumps.
+"""The closure corrected for impacts that come in clumps.
 
 A lightly damped mass keeps its energy for some 1 / zeta cycles: once it reaches stops that are far
 away it hits them again and again, at speeds that no Gaussian velocity has. The closure does not
@@ -7,11 +7,11 @@ describes nothing but them. This form takes the weighted mean of both,
 
     E = (1 - w) E_closure + w E_energy,      w = gap / (gap + CLUMPING zeta),
 
-of mean forces, losses and moments alike, where gap is the distance of the nearest stop from the
-position of rest, in standard deviations of the motion without stops. Between two stops the closure
-is that of the variant "box". The balance of energy is linear in these numbers and holds for both
-laws, so that it holds for their mean; the linear model with the m_F, k and beta that follow from
-the mean obeys it, too.
+for mean forces, losses and moments alike. gap is the distance of the nearest stop from the position
+of rest, in standard deviations of the motion without stops. Between two stops the closure is that
+of the variant "box". The balance of energy is linear in these numbers and holds for both laws, so
+that it holds for their mean; the linear model with the m_F, k and beta that follow from the mean
+obeys it, too.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from stochvi.model.model import Model
 
 CLUMPING = 50.0
 """A gap of one deviation is described half by the closure and half by the energy at zeta = 1 /
-CLUMPING. Chosen on the grid of the atlas, where it brings the mean error of F1 between two stops
-from 11 to 3 %, and at zeta up to 0.05 with gaps from 2 deviations from 36 to 3 %; with 25 or 100
-the error of sigma_v or of F1 grows by half (studies/13_linearisation_atlas)."""
+CLUMPING. Chosen on the grid of the atlas. There it lowers the mean error of F1 between two stops
+from 11 to 3 %; at zeta up to 0.05 with gaps from 2 deviations, from 36 to 3 %. With 25 or 100 the
+error of sigma_v or of F1 grows by half (studies/13_linearisation_atlas)."""
 
 UNSEEN = 1e-6
 """Weight of the law of the energy below which it is not computed."""

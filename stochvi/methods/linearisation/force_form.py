@@ -1,6 +1,6 @@
 """The form "force": spring and stops together push with a Gaussian force.
 
-The force F of spring and stops is N(load, s_F^2), and x = X(F) the inverse of the characteristic
+The force F of spring and stops is N(load, s_F^2). x = X(F) is the inverse of the characteristic
 F(x) = omega^2 x + Phi(x), which rigid stops cut off (B 8.79, 8.80):
 
     E x = E X(F),        1 / k = E X'(F) = int p_F(F(x)) dx,
@@ -61,7 +61,7 @@ class Inverse:
     mean
         Mean displacement, E x.
     contacts
-        Share of time in contact and mean force, by the side of a stop that gives way.
+        Share of time in contact and mean force, by the side of a compliant stop.
     """
 
     log_compliance: float

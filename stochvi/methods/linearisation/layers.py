@@ -1,4 +1,4 @@
-"""Averages over the motion within a stop that gives way, relative to the density at its surface.
+"""Averages over the motion within a compliant stop, relative to the density at its surface.
 
 The density at a deflection y is that at the surface times e^L(y), L(0) = 0. L may rise to a peak
 within the stop, where a load presses the mass in, and may be narrow there; everything is computed

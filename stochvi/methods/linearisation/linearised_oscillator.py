@@ -93,7 +93,7 @@ class LinearisedOscillator:
         """One-sided density of the absolute acceleration of the mass, (m/s^2)^2/Hz.
 
         w^4 |H|^2 G of what pushes the mass, and ((omega^2 + k)^2 + (b + beta)^2 w^2) |H|^2 G of
-        the base. The hits of stops are in it only as the spring and damper that stand for them.
+        the base. The impacts of stops are in it only as the spring and damper that stand for them.
         """
         w = 2.0 * np.pi * np.asarray(frequency_hz, dtype=float)
         carried = self.total_stiffness**2 + (self.total_damping * w) ** 2
@@ -148,7 +148,7 @@ def linearised_oscillators(
     See Also
     --------
     stochvi.linearise : The response.
-    stochvi.methods.linearisation.linearised_structures : Of several masses.
+    stochvi.methods.linearisation.linearised_structures : The same for several masses.
 
     Examples
     --------

@@ -101,7 +101,7 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
     See Also
     --------
     stochvi.linearise : The response.
-    stochvi.methods.linearisation.linearised_oscillators : Of one oscillator.
+    stochvi.methods.linearisation.linearised_oscillators : The same for one oscillator.
 
     Examples
     --------

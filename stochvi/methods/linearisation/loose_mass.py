@@ -1,12 +1,12 @@
 """One mode with a loose mass in a box: the box linearised at every amplitude, averaged over them.
 
-A spring cannot stand for the box of a loose mass: the mass would have a frequency of its own, and
-be at rest where no noise reaches that, while it really flies from wall to wall in step with the
-structure. Here the structure swings with a slowly varying amplitude A at its own frequency w, as
-under a lightly damped mode it does, and what a mass does in a box that moves as A cos w t, a
-function of play / A and R alone, is read from a table. Its impacts take the power P(A), which is
-the linearised damper beta = 2 P / (w A)^2 of that amplitude; with E = w^2 A^2 / 2, b = c / m and
-D = S / m^2 the averaged energy has the density
+A spring cannot stand for the box of a loose mass. The mass would have a frequency of its own, and
+be at rest where no noise reaches that; a real one moves from stop to stop in step with the
+structure. Here the structure swings with a slowly varying amplitude A at its own frequency w, as a
+lightly damped mode does. A table holds the motion of a mass in a box that moves as A cos w t. It is
+a function of play / A and R alone. Its impacts take the power P(A), which is the linearised damper
+beta = 2 P / (w A)^2 of that amplitude; with E = w^2 A^2 / 2, b = c / m and D = S / m^2 the averaged
+energy has the density
 
     p(E) = C exp(-(2 / D) int (b + P / E) dE),
 

@@ -62,7 +62,7 @@ def linearise(
         oscillator between rigid stops in white noise; the best at light damping or in wide gaps.
     variant
         "consistent"; "book": the factors of m_F and k as in (B 13.12) for "motion", and of beta
-        as in (B 8.54) for "force"; "box" for the closure between two rigid stops: hits as those
+        as in (B 8.54) for "force"; "box" for the closure between two rigid stops: impacts as those
         of a free mass in a box as far as impacts take the energy, nearly everywhere better.
     budget
         Seconds after which `NotConverged` is raised; None for no limit.
@@ -117,10 +117,10 @@ def linearise_all(
     """All responses that are their own linearisation; the first is that of `linearise`.
 
     White noise has one. In coloured noise the linearised resonance may pass a peak or an edge of
-    the density more than once, as that of a hardening spring under a sine: which solution is
+    the density more than once. A hardening spring under a sine does the same. Which solution is
     seen then depends on how the motion began, and each warns of the others. The one next to the
-    response without stops comes first. Of several coordinates those are returned that starts at
-    several speeds lead to. Parameters and exceptions are those of `linearise`.
+    response without stops comes first. With several coordinates the answers are those that starts
+    at several speeds lead to. Parameters and exceptions are those of `linearise`.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ _HOW = {
 
 _RAYLEIGH = "impact speeds are Rayleigh distributed, mean square 2 E v^2"
 _CLUMPS = (
-    "hits come in clumps as a slowly varying energy has them, in the measure of "
+    "impacts come in clumps, as under a slowly varying energy, with the weight "
     "gap / (gap + 50 zeta), gap in deviations without stops"
 )
 _ASSUMPTIONS = {
@@ -226,13 +226,13 @@ _ASSUMPTIONS = {
     ),
     ("closure", "box"): (
         "x has the density C exp(lambda x - kappa x^2 / 2) between the stops",
-        "hits have the strength and the speeds of those of a free mass in a box as far as impacts "
-        "take the energy",
+        "as far as impacts take the energy, they have the strength and speeds of those of a free "
+        "mass in a box",
     ),
     ("clumps", "consistent"): (
         "x has the density C exp(lambda x - kappa x^2 / 2) between the stops; v is Gaussian and "
-        "independent of x; impact speeds are Rayleigh distributed at a single stop, between two as "
-        "those of a free mass in a box as far as impacts take the energy",
+        "independent of x; impact speeds are Rayleigh distributed at a single stop; between two, "
+        "as far as impacts take the energy, they are those of a free mass in a box",
         _CLUMPS,
     ),
     ("motion", "consistent"): (
@@ -260,7 +260,7 @@ _ASSUMPTIONS = {
 def _is_structure(model: Model) -> bool:
     """Whether the closure for several coordinates, pairs or signals is the one to use.
 
-    One oscillator under filtered noise counts among these as long as no stop gives way.
+    One oscillator under filtered noise counts among these as long as no stop is compliant.
     """
     if functions(model) or not beyond_one_oscillator(model):
         return False
@@ -269,8 +269,8 @@ def _is_structure(model: Model) -> bool:
 
 
 _WITHIN = {
-    "closure": "within a stop that gives way the density falls off with the energy stored there",
-    "motion": "the normal law goes on within a stop that gives way",
+    "closure": "within a compliant stop the density falls off with the energy stored there",
+    "motion": "the normal law goes on within a compliant stop",
     "force": "spring and stop together have one inverse characteristic",
 }
 

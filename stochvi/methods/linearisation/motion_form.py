@@ -5,8 +5,8 @@ With the force Phi of a stop as a function of x (B 8.46, 8.47),
     m_F = E Phi(x),        k = E Phi(x) (x - E x) / s^2,
 
 s the deviation of the normal law: where it is not cut, k = E Phi'(x). At a rigid stop the mean
-force is A p s_v^2 with the density p of the cut law at the stop and the factor A of
-`motion_factor`. For an elastic stop Phi = K (x - c)+ and u = (c - m) / s this is (B 8.48, 8.49)
+force is A p s_v^2. p is the density of the cut law at the stop, A the factor of `motion_factor`.
+For an elastic stop Phi = K (x - c)+ and u = (c - m) / s this is (B 8.48, 8.49)
 
     m_F = K [s phi(u) - (c - m) Q(u)],        k = K Q(u),
 
@@ -50,10 +50,11 @@ def motion_form(book: bool) -> Form:
 def _start(gap: Gap, book: bool) -> Unknowns:
     """The start of rigid stops that govern the motion, or else that of the elastic law.
 
-    In a narrow gap, and at a stop far inside the rest position r, the stop force has the slope
-    k = A s_v^2 / s_x^2 and the mean k (m - c), A its factor and c the mean between the stops: of a
-    narrow gap the cut law is even, of a deep preload exponential. The balances are then
-    m = c + (1 - A) (r - c) and s_x^2 = (1 - A) s_v^2 / omega^2. Here c = 0 and s_v = 1.
+    Rigid stops govern in a narrow gap, and where a stop is far inside the rest position r. The stop
+    force then has the slope k = A s_v^2 / s_x^2 and the mean k (m - c). A is its factor, c the mean
+    between the stops. In a narrow gap the cut law is even, under a deep preload exponential. The
+    balances are then m = c + (1 - A) (r - c) and s_x^2 = (1 - A) s_v^2 / omega^2. Here c = 0 and
+    s_v = 1.
     """
     if gap.soft:
         return np.zeros(3)
@@ -130,7 +131,7 @@ def _candidate(gap: Gap, unknowns: Unknowns, book: bool) -> Candidate:
         mean=mean,
         variance=deviation**2,
         velocity_mean_square=speed**2,
-        # of the cut law at its own mean, since m may lie beyond a stop (B 13.20 where m = 0)
+        # that of the cut law at its own mean, since m may lie beyond a stop (B 13.20 where m = 0)
         density_at_mean=law.density_at(law.mean),
         stop_force=force,
         stiffness=covariance / deviation**2,
@@ -157,5 +158,6 @@ def _within(
 
 
 def book_speeds(hits: StopStatistics, speed: float) -> StopStatistics:
-    """Hits at the same rate whose mean square speed is E v^2 (B 8.52); no more is known of it."""
+    """Impacts at the same rate whose mean square speed is E v^2 (B 8.52); nothing else is known of
+    that speed."""
     return StopStatistics(hits.rate, None, hits.rate * speed**2)  # type: ignore[arg-type]

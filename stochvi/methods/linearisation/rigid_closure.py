@@ -1,14 +1,14 @@
 """The moment closure between rigid stops.
 
-In the variant "box" the law of what meets a stop is taken from a free mass in a box: without
-spring and damper, under white noise, a mass between two stops of restitution R has one law up to
-units. There F1 = A p s^2 / 2 and F2 = A g p s^3 sqrt(2 / pi), with the density p at the stop of
-the family of this closure, and A and g that depend on R alone (the slow rebounds of an inelastic
-stop fill the density near it, but hardly add to the force). Both fade where damping makes the
-speeds Gaussian: where impacts take the share h of all losses, A^sqrt(h) stands in place of A, and
-g^h in place of g, which belongs to the law of speeds. With A itself in any gap, the mean error of
-F1 for zeta > .05 in gaps above a deviation is 9.1 % (2.5 % with sqrt(h)); with A to the power of h,
-that of sigma_x in narrower gaps is .7 % (.4 %), on the grid of the atlas.
+In the variant "box" the distribution of impact speeds is that of a free mass in a box. Without
+spring and damper, under white noise, a mass between two stops of restitution R has one distribution
+up to units. There F1 = A p s^2 / 2 and F2 = A g p s^3 sqrt(2 / pi), p the density at the stop in
+the family of this closure. A and g depend on R alone: the slow rebounds of an inelastic stop fill
+the density near it, but hardly add to the force. Both fade where damping makes the speeds Gaussian.
+Where impacts take the share h of all losses, A^sqrt(h) stands in place of A; g, which belongs to
+the distribution of speeds, becomes g^h. With A itself in any gap, the mean error of F1 for zeta >
+.05 in gaps above a deviation is 9.1 % (2.5 % with sqrt(h)); with A to the power of h, that of
+sigma_x in narrower gaps is .7 % (.4 %), on the grid of the atlas.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ BOX_RESTITUTION = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 1.0)
 BOX_DENSITY = (
     0.7974, 0.7515, 0.7564, 0.7933, 0.8483, 0.9093, 0.9650, 1.0061, 1.0269, 1.0253, 1.0160, 1.0,
 )  # fmt: skip
-"""A of a box by restitution, found by `fokker_planck` to four digits from A = 1 / ((1 + R) D p),
-the balance of virial, with the half width D and the displacement variance there; 1 for elastic
-stops, where x is uniform."""
+"""A of a box by restitution, found by `fokker_planck` to four digits from the balance of virial, A
+= 1 / ((1 + R) D p). D is the half width; p follows from the displacement variance there. A is 1 for
+elastic stops, where x is uniform."""
 
 BOX_SPEED = (
     0.9554, 1.0382, 1.0935, 1.1217, 1.1262, 1.1121, 1.0845, 1.0480, 1.0061, 0.9615, 0.9388, 0.9154,
@@ -169,10 +169,9 @@ def _boxed(gap: Gap, hits: list[StopStatistics], speed: float) -> list[StopStati
 class OneStopLaw(NamedTuple):
     """Density of the distance y >= 0 from a single stop, scaled to unit deviation.
 
-    The normal laws cut at the stop are a one-parameter family that ends in the exponential law,
-    as their mean before the cut moves far beyond the stop. It is continued by exponential laws
-    that stand `rise` times higher right at the stop: a thin layer, made of the ever lower
-    bounces on an inelastic stop.
+    The truncated normal laws are a one-parameter family. It ends in the exponential law, as their
+    mean before the cut moves far beyond the stop. It is continued by exponential laws that stand
+    `rise` times higher right at the stop: a thin layer, made by chatter on an inelastic stop.
     """
 
     mean: float

@@ -117,9 +117,9 @@ def gibbs_law(gap: Gap, speed: float) -> TruncatedNormal | GibbsLaw:
 def _gibbs_stops(gap: Gap, speed: float) -> tuple[float, float]:
     """Stiffness and damping of stops under the elastic law at a speed s.
 
-    s^2 = (omega^2 + k) Var x, and the loss of a stop is (1 - R^2) p_c s^3 / sqrt(2 pi) with
-    p_c = 2 p / (1 + R), the density at the stop that the balance of forces then calls for; of a
-    viscoelastic stop c s^2 P(contact).
+    The stiffness follows from s^2 = (omega^2 + k) Var x. The loss of a rigid stop is (1 - R^2) p_c
+    s^3 / sqrt(2 pi), that of a viscoelastic one c s^2 P(contact). p_c = 2 p / (1 + R) is the
+    density at the stop that the balance of forces then calls for.
     """
     law = gibbs_law(gap, speed)
     if not law.variance > 0.0:

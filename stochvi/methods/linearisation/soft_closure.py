@@ -1,15 +1,15 @@
-"""The moment closure for stops that give way, alone or opposite a rigid one.
+"""The moment closure for compliant stops, alone or opposite a rigid one.
 
-x has the density C exp(lambda x - kappa x^2 / 2) between the stops, and within a stop this times
-exp(-V(y) / tau), V the energy stored at the deflection y; x' is Gaussian with the mean square s^2.
-lambda, kappa and s obey the balances of force, virial and energy. tau is s^2 where a stop loses
-nothing: with white noise the law is then the Gibbs law exp(-U / s^2), and exact (B 13.38).
+Between the stops x has the density C exp(lambda x - kappa x^2 / 2). Within a stop this is
+multiplied by exp(-V(y) / tau), V the energy stored at the deflection y. x' is Gaussian with the
+mean square s^2. lambda, kappa and s obey the balances of force, virial and energy. tau is s^2 for
+an elastic stop: with white noise the law is then the Gibbs law exp(-U / s^2), and exact (B 13.38).
 
 A viscoelastic stop loses energy. A brief contact leaves with R = exp(-2 z arccos z / sqrt(1 - z^2))
 times its speed (B App. I); the mean push of such contacts is (1 + R) / 2 p s^2, p the density at
 the surface, and that of the layer p tau: hence tau = (1 + R) / 2 s^2. They lose (1 - R^2) / 2 F2 =
-(1 - R^2) p s^3 / sqrt(2 pi); the damper alone, c = 2 z sqrt(K), would take c s^2 P(contact), P =
-p sqrt(pi tau / (2 K)), so that its power is to be multiplied by
+(1 - R^2) p s^3 / sqrt(2 pi). The damper alone, c = 2 z sqrt(K), would take c s^2 P(contact), P = p
+sqrt(pi tau / (2 K)). Its power is therefore multiplied by
 
     g = (1 - R^2) / (pi z sqrt(2 (1 + R))),
 
@@ -19,13 +19,13 @@ as it is: tau = s^2 and g = 1, and the law is a Gibbs law again. In between the 
     r = sqrt(pi s^2 / (2 K)) / (time in contact per density at the surface), at most 1,
 
 1 for a stop that nothing presses, 0 for one that is never left. So the closure is exact in white
-noise where no stop takes energy and where the mass never leaves the stop, and tends to that of
-rigid stops of the same restitution as they stiffen.
+noise where no stop takes energy, and where the mass never leaves the stop. As stops stiffen it
+tends to that of rigid ones of the same restitution.
 
-Where a lossy stop is pressed there may be no such law: what bounces ever lower stays close to the
-stop. Then kappa is kept at its limit, and a factor from 1 upwards takes its place as the unknown.
-Where contacts are brief it multiplies the densities at and within the stop, as for rigid stops;
-where they are not it multiplies tau.
+Where a mass is pressed onto an inelastic stop there may be no such law: chatter keeps the mass
+close to the stop. Then kappa is kept at its limit, and a factor from 1 upwards takes its place as
+the unknown. Where contacts are brief it multiplies the densities at and within the stop, as for
+rigid stops; where they are not it multiplies tau.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ calls for a density that is higher right at the stop."""
 
 
 def soft_closure(gap: Gap, coloured: bool = False) -> Form:
-    """The closure where at least one stop gives way; `coloured` says that what shakes is not
+    """The closure where at least one stop is compliant; `coloured` says that what shakes is not
     white, or reaches the mass through others.
 
     The law may not exist with a curvature above the least one between two stops. Two others are
@@ -159,7 +159,7 @@ class SoftLaw:
 
     @cached_property
     def layers(self) -> dict[int, _Within]:
-        """Layer within each stop that gives way, by its side."""
+        """Layer within each stop that is compliant, by its side."""
         return {
             stop.side: self._layer(stop, stop.law)
             for stop in self.gap.stops

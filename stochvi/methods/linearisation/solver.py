@@ -40,10 +40,10 @@ def solve(gap: Gap, form: Form, method: str) -> list[Candidate]:
     """The responses that are their own linearisation, the most likely one first.
 
     Newton's method starts from the elastic law, at the speed that balances its power. In coloured
-    noise there may be several solutions, or none near that speed, where the linearised resonance
-    passes a peak or an edge of the density: the method then starts from every speed at which the
-    power is balanced. The solution next to the response without stops comes first, since a motion
-    that starts from rest settles there.
+    noise there may be several solutions, or none near that speed: the linearised resonance may pass
+    a peak or an edge of the density. The method then starts from every speed at which the power is
+    balanced. The solution next to the response without stops comes first, since a motion that
+    starts from rest settles there.
 
     Raises
     ------
@@ -65,9 +65,9 @@ def solve(gap: Gap, form: Form, method: str) -> list[Candidate]:
         return solve(gap, form.others[0]._replace(others=form.others[1:]), method)
     if not found:
         raise NotConverged(
-            f"{method} did not converge: from none of its starts did the iteration reach a "
-            "response that the linearised oscillator answers with, as where a preload holds the "
-            "mass on a stop; try another form, or simulate this scene."
+            f"{method} did not converge: from none of its starts did the iteration reach the "
+            "response of the linearised oscillator. This happens where a preload holds the mass "
+            "on a stop; try another form, or simulate this scene."
         )
     return found
 

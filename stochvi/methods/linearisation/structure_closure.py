@@ -1,11 +1,11 @@
 """The moment closure for several coordinates and pairs: every gap keeps its own balances.
 
-Each pair's stops are replaced by m_F + k (y - E y) + beta y' on its gap y (B 17.3, 17.38), and the
-linear structure that is left is solved exactly. As for one oscillator, the gap has the density
-C exp(lambda y - kappa y^2 / 2) between its stops and a Gaussian speed; m_F, k and beta are the mean
-force of the stops, its covariance with y over the variance of y, and the power that impacts take
-over E y'^2; lambda, kappa and the speed are those with which the linear structure answers. With
-them the balances of energy and virial of the whole hold, and of the force on every coordinate.
+The stops of each pair are replaced by m_F + k (y - E y) + beta y' on its gap y (B 17.3, 17.38). The
+linear structure that remains is solved exactly. As for one oscillator, the gap has the density C
+exp(lambda y - kappa y^2 / 2) between its stops and a Gaussian speed. m_F is the mean force of the
+stops; k is its covariance with y over the variance of y; beta is the power that impacts take over E
+y'^2; lambda, kappa and the speed are those with which the linear structure answers. With them the
+balances of energy and virial of the whole hold, and of the force on every coordinate.
 """
 
 from __future__ import annotations
@@ -91,8 +91,9 @@ def closure(scene: Scene, deadline: Deadline = NEVER) -> tuple[Response, ...]:
     and for one pair that loses nothing where noise matches damping. One loose mass in a box on one
     mode under white noise is linearised at every amplitude instead, see `loose_mass`.
 
-    White noise has one response. In coloured noise and under sines all are returned that are found
-    from starts at several speeds, the one next to the response without stops first.
+    White noise has one response. In coloured noise and under sines there may be several. Those
+    found from starts at several speeds are returned, the one next to the response without stops
+    first.
 
     Raises
     ------
@@ -335,7 +336,7 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
 
 
 def _accelerations(model: Model, one: _Solution) -> Sequence[float | None]:
-    """Mean squares of the absolute accelerations of all outputs, contacts of stops that give way by
+    """Mean squares of the absolute accelerations of all outputs, contacts of compliant stops by
     their linear substitutes; None where they are not known."""
     rigid = [all(stop.rigid for stop in pair.stops) for pair in model.pairs]
     mixed = any(
@@ -404,7 +405,7 @@ def _assumptions(model: Model) -> list[str]:
         "impact speeds are Rayleigh distributed, mean square 2 E y'^2",
     ]
     if not all(law.rigid for law in laws):
-        found.append("within a stop that gives way the density falls off with the energy there")
+        found.append("within a compliant stop the density falls off with the energy there")
     if not all(law.rigid or law.conservative for law in laws):
         found.append("a contact of a viscoelastic stop loses what that of a free mass does")
     return found

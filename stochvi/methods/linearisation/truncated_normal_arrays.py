@@ -1,8 +1,8 @@
 """Many laws C exp(slope x - curvature x^2 / 2) between stops at once: masses, moments, ends.
 
-They do for arrays what `TruncatedNormal` does for one law: relative to the largest value of each
-density, over panels that end where it has fallen by e^-CUT, so that tails and narrow gaps keep
-their digits.
+They do for arrays what `TruncatedNormal` does for one law. All numbers are relative to the largest
+value of each density; panels end where it has fallen by e^-CUT. So tails and narrow gaps keep their
+digits.
 """
 
 from __future__ import annotations

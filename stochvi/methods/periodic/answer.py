@@ -47,9 +47,9 @@ class Branch:
     impact_speed
         Incident speeds (points, impacts), m/s; of successive impacts that count as one the largest.
     multiplier
-        Largest modulus of the factors by which small disturbances change over the regime.
+        Largest modulus of the factors by which small perturbations change over the regime.
     stable, admissible
-        Whether disturbances die away; whether the motion meets no stop besides these impacts.
+        Whether perturbations die away; whether the motion meets no stop besides these impacts.
     names
         "fold", "grazing", "period doubling", "symmetry breaking", "torus" or "sticking", where
         rests on a stop begin or end, at a special point, else empty.
@@ -262,8 +262,8 @@ class HarmonicResponse(Result):
         What became of random starts; None of harmonic linearisation.
     model_error
         Errors of harmonic linearisation: "median" and "largest" relative difference of its impact
-        speeds from those of the fastest exact stable regime of a period, and "without_exact", the
-        share of its stable regimes for which there is no such exact one. None for exact regimes.
+        speeds from those of the fastest exact stable regime of a period; "without_exact", the share
+        of its stable regimes without such an exact one. None for exact regimes.
     simulated
         Sweeps by simulation that were asked for.
     assumptions

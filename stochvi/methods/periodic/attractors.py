@@ -19,12 +19,12 @@ from stochvi.methods.periodic.simulations import SETTLING, simulate
 from stochvi.methods.periodic.tracks import Track
 
 PERIODIC, REGULAR, CHAOTIC = "periodic", "other regular", "chaotic"
-"""Kinds of motion: a stable regime of the exact solver; another motion whose disturbances do not
+"""Kinds of motion: a stable regime of the exact solver; another motion whose perturbations do not
 grow, as one that rests on a stop for a while, has many impacts, or has two frequencies; and a
-motion whose disturbances grow."""
+motion whose perturbations grow."""
 
 UNDECIDED = -1
-"""Number of no motion: of a flight whose end has not been recognised."""
+"""Number of no motion, for a flight whose end has not been recognised."""
 
 ATTRACTING = 1.0 - 1e-7
 """Largest multiplier of a regime in which motions end: without damping and loss it is 1, but for
@@ -35,12 +35,12 @@ SAMPLES = 256
 
 LARGEST, HALVINGS = 16.0, 60
 """Limit of the first neighbourhood that is tried, in multiples of the largest eigenvalue of its
-form (states are of order 1), and largest number of times that it is halved until motions from it
-approach the regime."""
+form; states are of order 1. The limit is halved at most so often, until motions from the
+neighbourhood approach the regime."""
 
 CAPTURE_PERIODS = 4096
-"""Number of periods in which a flight may reach a known regime before its own motion is looked
-at."""
+"""Number of periods in which a flight may reach a known regime before its own motion is
+classified."""
 
 WATCHED = 4096
 """Number of periods over which the motion of a flight is looked at."""
@@ -49,7 +49,7 @@ BATCHES = 32
 """Number of parts of a flight whose means give the standard error of an exponent."""
 
 SIGNIFICANT = 4.0
-"""Number of standard errors above 0 from which on an exponent means chaos; chance alone gives this
+"""Number of standard errors above 0 from which on an exponent means chaos; scatter alone gives this
 with a probability of 3e-5."""
 
 REPEATED = 1e-6
@@ -60,8 +60,8 @@ BESIDE, DISTURBED = 16, 1e-6
 relative to its size: they show whether it attracts."""
 
 NEAR = 3.0
-"""Distance to the states of a long flight up to which a state lies among them, as a multiple of the
-largest distance from a state of one half of the flight to the other half."""
+"""A state lies among those of a long flight up to this distance from them. The unit is the largest
+distance from a state of one half of the flight to the other half."""
 
 LAST = 8
 """Number of last periods in which a flight must lie among the states of another one to have ended
@@ -88,7 +88,7 @@ class Attractor:
         For a periodic motion, quadratic forms around the points, and their values up to which
         flights end in it.
     growth
-        Logarithm by which small disturbances grow in each period of a long flight.
+        Logarithm by which small perturbations grow in each period of a long flight.
     impacts
         Phases, stops and speeds of the impacts of a long flight.
     """
@@ -122,12 +122,13 @@ class Attractor:
 
 
 def exponent(growth: Vector, before: int) -> tuple[float, float]:
-    """Mean growth per period of a disturbance that has been turned for some periods `before`, and
-    its standard error; -inf where disturbances vanish.
+    """Mean growth per period of a perturbation that has been turned for some periods `before`, and
+    its standard error; -inf where perturbations vanish.
 
-    The error joins that of the means of parts, the swing of the size of a disturbance that turns,
-    and what growth in proportion to the time adds, as that of a motion of two frequencies whose
-    exponent is 0: the logarithm of the share by which the time has grown.
+    The error joins three parts: that of the means of parts; the swing of the size of a perturbation
+    that turns; and the effect of growth in proportion to the time. The last is the logarithm of the
+    share by which the time has grown; it belongs to a motion of two frequencies, whose exponent is
+    0.
     """
     if not np.all(np.isfinite(growth)):
         return -math.inf, 0.0
@@ -138,7 +139,7 @@ def exponent(growth: Vector, before: int) -> tuple[float, float]:
     return mean, math.hypot(means.std(ddof=1) / math.sqrt(BATCHES), swing, drift)
 
 
-def unit_disturbance(size: int) -> Matrix:
+def unit_perturbation(size: int) -> Matrix:
     """A small change of a state in no direction of its own."""
     random = np.random.default_rng(1).normal(size=(size, 1))
     return np.asarray(random / np.linalg.norm(random))
@@ -146,7 +147,7 @@ def unit_disturbance(size: int) -> Matrix:
 
 @dataclass(frozen=True, eq=False)
 class TrackedPath:
-    """A flight that was watched: states after each period, impacts and growth of disturbances."""
+    """A flight that was watched: states after each period, impacts and growth of perturbations."""
 
     ends: Matrix
     impacts: Matrix
@@ -171,7 +172,7 @@ def watch(
     log, ends = np.zeros((most, 3)), np.empty((periods, len(state)))
     growth = np.empty(periods)
     hits = flights.watch_flight(
-        course, state, skipped, flights.Watched(log, ends, growth), unit_disturbance(len(state))
+        course, state, skipped, flights.Watched(log, ends, growth), unit_perturbation(len(state))
     )
     if hits < 0:
         return None
@@ -217,8 +218,8 @@ class KnownMotions:
         return np.array([*known, UNDECIDED], np.int64)
 
     def settle(self, states: Matrix, angle: float, periods: int) -> Whole:
-        """Fly states, in their place, over an angle up to the phase and some periods, or to a
-        periodic motion: the number of each, or UNDECIDED."""
+        """Simulate states, in their place, over an angle up to the phase and some periods, or to a
+        periodic motion. Returns the number of each motion, or UNDECIDED."""
         found = np.empty(len(states), np.int64)
         lead = flights.course_of(self.motion, self.phase - angle, angle)
         flights.settle_flights(lead, self.course, states, periods, self.targets, found)
@@ -311,7 +312,7 @@ class Attractors:
 
         Without impacts the energy of the difference falls as long as no stop is met: it cannot be
         met where it is too small. Elsewhere the form falls over the periods of the regime for small
-        differences, and the limit is lowered until it falls for many states within it.
+        differences. The limit is lowered until it falls for many states within it.
         """
         if not track.stops and (known := self._by_energy(float(track.margin[0]))) is not None:
             return known
@@ -432,8 +433,9 @@ class Attractors:
     def _attracts(self, motion: Attractor) -> bool:
         """Whether flights that start close to a motion that repeats itself come back to it.
 
-        A motion that rests on a stop forgets all that was disturbed, and repeats itself digit by
-        digit also where, between two rests, disturbances grow so much that its digits are rounding.
+        A motion that rests on a stop forgets every perturbation, and repeats itself digit by digit.
+        It does so even where, between two rests, perturbations grow so much that its digits are
+        rounding.
         """
         points = motion.points
         chosen = points[np.linspace(0, len(points) - 1, min(len(points), BESIDE)).astype(int)]

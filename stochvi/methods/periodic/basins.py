@@ -82,10 +82,10 @@ class BasinRegime:
         Number of periods after which the motion repeats itself (0: never), and of impacts in these
         periods.
     multiplier
-        Largest modulus of the factors by which disturbances change over its periods; None where it
+        Largest modulus of the factors by which perturbations change over its periods; None where it
         is not known exactly.
     lyapunov
-        Rate at which small disturbances grow, 1/s: exact for a periodic regime, else of one long
+        Rate at which small perturbations grow, 1/s: exact for a periodic regime, else of one long
         motion; None where they vanish at once, by resting on a stop.
     impact_speed_max
         Largest impact speed, m/s; 0 without impacts.
@@ -225,10 +225,10 @@ def basins(
 ) -> Basins:
     """Which of the motions that coexist under a sine a structure ends in, from a plane of starts.
 
-    The motion of every start is followed from impact to impact, with the exact linear motion
-    between them, until it reaches the surroundings of a stable regime of `harmonic_response`.
-    Starts that reach none reveal further motions: one of them is followed over thousands of
-    periods, and the others are compared with it.
+    Every initial state is followed from impact to impact, with the exact linear motion between
+    them. It is followed until it reaches the surroundings of a stable regime of
+    `harmonic_response`. Starts that reach none reveal further motions: one of them is followed over
+    thousands of periods, and the others are compared with it.
 
     Parameters
     ----------
@@ -432,7 +432,7 @@ class Place:
             multiplier = float(each.track.multiplier[0])
             periods, impacts = each.track.periods, len(each.track.stops)
             fastest = float(each.track.speeds.max(initial=0.0))
-            # of a superstable regime, disturbances vanish
+            # perturbations of a superstable regime vanish
             rate = math.log(multiplier) / periods if multiplier > 0.0 else -math.inf
             mean, error, how = rate, 0.0, "multipliers of the regime"
         else:
@@ -443,7 +443,7 @@ class Place:
             impacts = int(np.sum(kept)) if periods else 0
             fastest = float(each.impacts[:, 2].max(initial=0.0))
             mean, error = exponent(each.growth, WATCHED)
-            how = f"growth of a disturbance over {len(each.growth)} periods"
+            how = f"growth of a perturbation over {len(each.growth)} periods"
         return BasinRegime(
             name=name,
             kind=each.kind,
@@ -459,7 +459,7 @@ class Place:
 
 
 def rate_of(mean: float, error: float, period: float, how: str) -> Estimate | None:
-    """The growth of disturbances per second from that per period; None where they vanish."""
+    """The growth of perturbations per second from that per period; None where they vanish."""
     if not math.isfinite(mean):
         return None
     return Estimate(value=mean / period, standard_error=error / period, how=how)
@@ -567,7 +567,7 @@ class BasinRun:
             self.run.tell(*self._ended(0))
 
     def _settle(self, angle: float, periods: int) -> None:
-        """Fly the undecided starts over an angle and some periods, or to a periodic regime."""
+        """Simulate the undecided starts over an angle and some periods, or to a periodic regime."""
         self._sample(SettlingSampler, periods, angle, periods)
 
     def _sample(self, kind: Callable[..., StartSampler], periods: int, *fields: Any) -> None:

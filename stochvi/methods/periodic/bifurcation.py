@@ -17,7 +17,7 @@ from stochvi.methods.periodic.attractors import (
     SIGNIFICANT,
     TrackedPath,
     exponent,
-    unit_disturbance,
+    unit_perturbation,
     watch,
 )
 from stochvi.methods.periodic.basins import Place, rate_of
@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 
 
 LEAP = 64
-"""Number of periods over which disturbances are followed at once before a motion between stops that
-give way is watched; they grow by less than the range of floating-point numbers."""
+"""Number of periods over which perturbations are followed at once before a motion between stops
+that are compliant is watched; they grow by less than the range of floating-point numbers."""
 
 MOST_DRAWN = 8
 """Largest number of impacts that are kept for each period that is watched; of more impacts the last
@@ -68,7 +68,7 @@ class BifurcationSweep:
     impact_speed, stop
         Impact speeds (m/s) of the periods that were watched, and the stops, for each value.
     lyapunov, lyapunov_error
-        Rate at which small disturbances grow, 1/s, with its standard error; -inf where they vanish
+        Rate at which small perturbations grow, 1/s, with its standard error; -inf where they vanish
         by resting on a stop.
 
     See Also
@@ -171,7 +171,7 @@ class Bifurcation(Result):
         chaotic = int((growing & (table["periods"] == 0) & (table["lyapunov"] > 0.0)).sum())
         return (
             f"of {len(table)} values of {self.key}, the motion repeats itself within "
-            f"{self.watched // 2} periods at {regular}; small disturbances grow at {chaotic}"
+            f"{self.watched // 2} periods at {regular}; small perturbations grow at {chaotic}"
         )
 
 
@@ -309,7 +309,7 @@ def _watched(
     if not isinstance(finder, ContactFinder):
         course = flights.course_of(finder.motion(sigma), 0.0, 2.0 * math.pi)
         return watch(course, state, skipped, periods, most)
-    disturbance = unit_disturbance(len(state))[:, 0]
+    perturbation = unit_perturbation(len(state))[:, 0]
     ends, growth = np.empty((periods, len(state))), np.empty(periods)
     impacts = [np.empty((0, 3))]
     leaps = [LEAP] * (skipped // LEAP) + ([skipped % LEAP] if skipped % LEAP else [])
@@ -318,9 +318,9 @@ def _watched(
         if motion is None:
             return None
         state[:] = motion.ends[-1]
-        disturbance = motion.factors @ disturbance
-        size = float(np.linalg.norm(disturbance))
-        disturbance = disturbance / size
+        perturbation = motion.factors @ perturbation
+        size = float(np.linalg.norm(perturbation))
+        perturbation = perturbation / size
         if period >= 0:
             ends[period], growth[period] = state, math.log(size)
             impacts.append(motion.log[:, :3] + [2.0 * math.pi * period, 0.0, 0.0])
@@ -336,12 +336,12 @@ def lyapunov_exponent(
     periods: int = 4000,
     budget: float | None = None,
 ) -> Estimate:
-    """Rate at which a small disturbance of a motion under a sine grows, 1/s.
+    """Rate at which a small perturbation of a motion under a sine grows, 1/s.
 
-    The disturbance is turned by the linear motion between impacts, and at an impact as by its
-    saltation matrix, which knows that a disturbed motion is struck at another moment. The rate is
-    above 0 where the motion is chaotic, 0 where it has two frequencies, and the logarithm of the
-    largest multiplier per time where it approaches a stable regime.
+    Between impacts the linear motion turns the perturbation. At an impact its saltation matrix
+    does, which knows that a perturbed motion is struck at another moment. The rate is above 0 where
+    the motion is chaotic, and 0 where it has two frequencies. Where the motion approaches a stable
+    regime, it is the logarithm of the largest multiplier per time.
 
     Parameters
     ----------
@@ -357,14 +357,15 @@ def lyapunov_exponent(
     Returns
     -------
     Estimate
-        The rate. Its standard error joins that of the means of 32 parts of the motion, the swing of
-        the size of a disturbance that turns, and what growth in proportion to the time would add:
-        ln(1 + periods / settling) over that time, which no shorter motion can tell from chaos.
+        The rate. Its standard error joins three parts: that of the means of 32 parts of the motion;
+        the swing of the size of a perturbation that turns; and the effect of growth in proportion
+        to the time. The last is ln(1 + periods / settling) over that time; no shorter motion can
+        tell it from chaos.
 
     Raises
     ------
     NotApplicable
-        If the scene is not of that kind, or its motion rests on a stop, where disturbances vanish.
+        If the scene is not of that kind, or its motion rests on a stop, where perturbations vanish.
 
     See Also
     --------
@@ -388,10 +389,10 @@ def lyapunov_exponent(
     flight = _watched(place.finder, place.sigma, state, settling, periods, 1)
     if flight is None:
         raise NotApplicable("sine", ["impacts must not come too fast to be followed one by one"])
-    how = f"growth of a disturbance over {periods} periods"
+    how = f"growth of a perturbation over {periods} periods"
     found = rate_of(*exponent(flight.growth, settling), place.period, how)
     if found is None:
         raise NotApplicable(
-            "sine", ["the motion must not rest on a stop, where disturbances vanish at once"]
+            "sine", ["the motion must not rest on a stop, where perturbations vanish at once"]
         )
     return found

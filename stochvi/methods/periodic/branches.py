@@ -39,8 +39,8 @@ leave_out_of_budgets()
 
 
 SLOWEST = 1e-7
-"""Impact speed and following flight, in the units of the kernels, up to which impacts are taken for
-the end of bounces that come to rest, which no finite order of impacts describes."""
+"""Impact speed and following flight, in the units of the kernels, up to which impacts count as the
+end of chatter. No finite order of impacts describes chatter."""
 
 FREE = 1e-10
 """Distance of a multiplier from 1 up to which a motion counts as free to move without a force:
@@ -558,8 +558,8 @@ def _rotations(word: tuple[int, ...]) -> list[tuple[int, ...]]:
 
 
 def _settles(motion: solver.Motion, pattern: solver.Pattern, theta: Vector) -> bool:
-    """Whether Newton's iteration, in the place of theta, ends at a regime that has no further
-    impact, and none that is too slow or too soon followed by another."""
+    """Whether Newton's iteration, in the place of theta, ends at a regime without a further impact.
+    No impact may be too slow, or too soon followed by another."""
     states = np.empty((len(theta), 2 * motion.rows.shape[1]))
     return bool(
         solver.settle(motion, pattern, theta, states)

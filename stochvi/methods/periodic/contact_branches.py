@@ -1,7 +1,8 @@
-"""Branches of periodic regimes where stops give way: by shooting from the phase 0 of the force.
+"""Branches of periodic regimes where stops are compliant: by shooting from the phase 0 of the
+force.
 
 A regime is a state z that the flow F over its periods takes back to itself, F(z, sigma) = z. Its
-Jacobian, which the flow gives exactly, holds the factors of small disturbances; branches are
+Jacobian, which the flow gives exactly, holds the factors of small perturbations; branches are
 followed by length of arc in (z, sigma). Where a contact appears or vanishes the motion does not
 change at once: a branch is cut there into branches of one order of contacts each.
 """
@@ -40,16 +41,16 @@ RANDOM_STARTS = 12
 value; they are normal, of the size of the motions that simulations settle to."""
 
 REACH = 10.0
-"""Size of a state, in multiples of the largest one to which simulations settle, at which a Newton
-iteration from a random start is given up: it would lead to no regime, and take long."""
+"""Size of a state at which a Newton iteration from a random start is given up. Its unit is the
+largest state to which simulations settle. It would lead to no regime, and take long."""
 
 MOST_EDGES = 3
-"""Largest number of pairs of stable regimes at a value between which an unstable one is looked for,
-and largest number of values at which that is done."""
+"""An unstable regime is looked for between pairs of stable ones: largest number of pairs at a
+value, and largest number of such values."""
 
 EDGE_HALVINGS, EDGE_PERIODS = 30, 40
-"""Number of times that the line between two stable regimes is halved, and number of periods after
-which a start counts as leading to the nearer of the two."""
+"""Number of times that the line between two stable regimes is halved. After so many periods a start
+counts as leading to the nearer of the two."""
 
 CAPTURE_PERIODS = 8
 """Number of periods in which a motion that starts on the edge between two regimes comes close to
@@ -64,8 +65,8 @@ HALVINGS = 40
 """Number of times that the step to a grazing is halved."""
 
 NEAR = 0.3
-"""Largest distance of a state from a branch, relative to the size of the regime, from which
-Newton's iteration is started to see whether the regime belongs to it."""
+"""Newton's iteration shows whether a regime belongs to a branch. It is started up to this distance
+of a state from the branch, relative to the size of the regime."""
 
 
 class Orbit(NamedTuple):
@@ -98,7 +99,7 @@ class Motion(NamedTuple):
 
 
 class ContactFinder(Finder):
-    """Finds the branches of a family with stops that give way."""
+    """Finds the branches of a family with compliant stops."""
 
     random_starts = 96
 
@@ -322,8 +323,8 @@ class ContactFinder(Finder):
     def _bisected(
         self, start: Vector, end: Vector, word: tuple[int, ...], problem: Shooting
     ) -> tuple[Vector | None, Vector | None]:
-        """The last regime with an order of contacts, which is that at the first one of two points
-        of a branch, and the first regime beyond it."""
+        """The last regime with the order of contacts of the first of two points of a branch, and
+        the first regime beyond it."""
         normal = (end - start) / np.linalg.norm(end - start)
         low, high, last, beyond = 0.0, 1.0, None, None
         for _ in range(HALVINGS):
@@ -459,6 +460,6 @@ def _solved(matrix: Matrix, right: Vector) -> Vector | None:
 def finder_of(
     family: Family, grid: Vector, most_impacts: int, deadline: Deadline = NEVER
 ) -> Finder:
-    """The finder of a family: of rigid stops, or of some that give way."""
+    """The finder of a family: of rigid stops, or of some that are compliant."""
     kind = ContactFinder if any(family.pieces) else Finder
     return kind(family, grid, most_impacts, deadline)

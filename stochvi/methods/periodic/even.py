@@ -46,7 +46,7 @@ class EvenRegime:
     amplitude
         Amplitude of the first harmonic of the output, m.
     multiplier
-        Largest modulus of the factors of small disturbances over the period of the regime.
+        Largest modulus of the factors of small perturbations over the period of the regime.
     admissible
         Whether it meets no stop besides these impacts.
     """
@@ -76,7 +76,7 @@ def even_phases(motion: solver.Motion, stops: Sequence[int], periods: int) -> Ma
 
 def even_regimes(numbers: Numbers, stops: Sequence[int], periods: int = 1) -> list[EvenRegime]:
     """The regimes with impacts on the given stops, in this order and even in time, the fastest
-    first; of several impacts those that are symmetric between equal stops."""
+    first. Those of several impacts are symmetric between equal stops."""
     units, length, duration = numbers.units()
     motion, shapes = numbers.motion(units), numbers.shapes / units.shapes
     steps = 2.0 * math.pi * periods / motion.omega / solver.step_of(motion)

@@ -120,8 +120,9 @@ def amplitudes(
 ) -> Vector:  # fmt: skip
     """Amplitude of the first harmonic of the output of regimes, from their impulses.
 
-    q = (K - w^2 + i w C)^-1 (B_cos - i B_sin + w / (pi P) sum of J_k e^(-i theta_k)), with P
-    periods and the change J_k = -(1 + R) v_k row / (row . row) of q' by an impact.
+    They are `q = (K - w^2 + i w C)^-1 (B_cos - i B_sin + w / (pi P) sum of J_k e^(-i theta_k))`. P
+    is the number of periods, and J_k = -(1 + R) v_k row / (row . row) the change of q' by an
+    impact.
 
     Parameters
     ----------
@@ -203,7 +204,7 @@ def numbers_of(model: Model, coordinate: int) -> Numbers:
         part = slice(2 * order - 2, 2 * order)
         forces[:, part] += np.outer(whitening @ sine.direction, wave)
         if sine.on_base:
-            # of a rigid body, the base moves along one of the coordinates
+            # under a rigid body the base moves along one of the coordinates
             base[part] -= wave * np.linalg.solve(model.mass, sine.direction)[coordinate]
     forces[:, -1] = whitening @ model.constant_force
     stops = [(pair, stop) for pair in model.pairs for stop in pair.stops]

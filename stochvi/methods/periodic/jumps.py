@@ -19,9 +19,9 @@ go back with the value. Changes of speed are relative to the speed of the vibrat
 larger: that of a first contact grows from 0."""
 
 ABRUPT = 0.1
-"""Relative change right after the end of a branch from which on it is a jump in any case: the speed
-of first contacts grows as the root of the distance from the end, and is smaller than this at the
-first distance of BEYOND."""
+"""Relative change right after the end of a branch from which on it is a jump in any case. The speed
+of first contacts grows as the root of the distance from the end. At the first distance of BEYOND it
+is still smaller than this."""
 
 LEAP = 0.2
 """Relative change from which on a motion on no branch has jumped: where it does not repeat itself
@@ -32,9 +32,9 @@ BEYOND = (1e-6, 1e-4)
 one after the other: near a fold a motion takes long to leave."""
 
 PUSH, PUSHED = 1e-3, 6
-"""Share of its velocity that a motion loses which stays at a regime that no longer attracts it, and
-number of flights for which it is then followed: nothing else would disturb it, and just beyond a
-change of stability disturbances grow by some 0.1 % in a period."""
+"""A motion that stays at a regime which no longer attracts it is pushed: it loses this share of its
+velocity, and is then followed for so many flights. Nothing else would perturb it, and just beyond a
+change of stability perturbations grow by some 0.1 % in a period."""
 
 STRIDE = 4e-3
 """Relative distance of the varied number between two flights where a motion is on no branch."""
@@ -103,8 +103,8 @@ class Sweep:
             here = there
 
     def simulated(self) -> Iterator[tuple[float, float, float, int]]:
-        """Place, largest displacement and impact speed, and number of periods after which the
-        motion repeats itself (0 where it does not), at each value, each motion from the last."""
+        """For each value, its place, largest displacement and impact speed, and the number of
+        periods after which the motion repeats itself, or 0. Each motion starts from the last."""
         grid = self.finder.grid if self.upwards else self.finder.grid[::-1]
         state = np.zeros(2 * self.finder.family.sizes[0])
         for sigma in grid.tolist():
@@ -200,7 +200,7 @@ class Sweep:
         return (_step(end.sigma, end, there) if jumped else None), there
 
     def _pushed(self, end: SweepState, there: SweepState) -> SweepState:
-        """The motion to which a disturbance leads from the end of a branch."""
+        """The motion to which a perturbation leads from the end of a branch."""
         state = there.state.copy()
         state[len(state) // 2 :] *= 1.0 - PUSH
         for _ in range(PUSHED):

@@ -16,9 +16,10 @@ from stochvi.methods.periodic.family import unmet
 from stochvi.model.model import Model
 
 SMALLEST, LARGEST = 1e-9, 1e4
-"""Smallest and largest excess of the amplitude of a harmonic regime over the gap, in units of the
-larger of the gap and the amplitude that the sine would give a mass without a spring; of two stops,
-smallest and largest stiffness of the impacts in units of the squared frequency."""
+"""With one stop, smallest and largest excess of the amplitude of a harmonic regime over the gap.
+Its unit is the larger of the gap and the amplitude that the sine would give a mass without a
+spring. With two stops, smallest and largest stiffness of the impacts in units of the squared
+frequency."""
 
 SAMPLES = 400
 """Number of amplitudes at which the balance of a regime is looked at for a change of its sign."""

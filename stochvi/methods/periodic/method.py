@@ -66,24 +66,24 @@ def harmonic_response(
 ) -> HarmonicResponse:
     """The periodic regimes of a linear structure with stops under a sine or a sum of sines.
 
-    Between impacts the motion is linear and exact. Regimes with a given order of impacts in a
-    number of periods follow from the phases of the impacts by Newton's iteration; branches are
-    followed by length of arc, through folds. The multipliers are those of the map over a period,
-    in which an impact turns a disturbance as by its saltation matrix. In contact with a stop that
-    gives way the motion is linear, too, or linear piece by piece; Hertz's law is integrated to
-    rounding. Regimes are then states at the phase 0 that the flow takes back to themselves. They
-    are looked for by flights from several states and from random ones, by slow sweeps up and down,
-    and by Newton's iteration, over the range of the values and not at them: they say only where
-    branches are drawn. Bounces that come to rest on a rigid stop are followed by flights.
-    Percussion machines, free bodies under a feed, are among the structures: their impact speed (B
-    4.20), the range of their regimes (B 4.21) and of both branches (B 4.12, 4.28).
+    Between impacts the motion is linear and exact. Newton's iteration finds regimes with a given
+    order of impacts in a number of periods from the phases of the impacts. Branches are followed by
+    length of arc, through folds. The multipliers are those of the map over a period, in which an
+    impact turns a perturbation by its saltation matrix.  In contact with a compliant stop the
+    motion is linear, too, or linear piece by piece; Hertz's law is integrated to rounding. Regimes
+    are then states at the phase 0 that the flow takes back to themselves. Flights from several
+    states and from random ones look for them, slow sweeps up and down, and Newton's iteration. All
+    search over the range of the values; the values say only where branches are drawn. Chatter that
+    ends at rest on a rigid stop is followed by flights. Percussion machines, free bodies under a
+    feed, are among the structures: their impact speed (B 4.20), the range of their regimes (B 4.21)
+    and of both branches (B 4.12, 4.28).
 
     Parameters
     ----------
     scene
-        A linear structure with stops of any law whose numbers are given, of any gap or preload,
-        constant loads, and sines whose frequencies are multiples of one. Noise is left out, with a
-        warning.
+        A linear structure under constant loads and sines whose frequencies are multiples of one.
+        Its stops may have any law whose numbers are given, and any gap or preload. Noise is left
+        out, with a warning.
     frequency_hz
         Frequencies of the lowest common multiple of the sines, at which regimes are wanted; by
         default that of the scene.
@@ -212,7 +212,7 @@ HARMONIC = (
 SWEEPS: dict[str | None, tuple[bool, ...]] = {
     None: (), "up": (True,), "down": (False,), "both": (True, False)
 }  # fmt: skip
-"""Whether each sweep by simulation goes upwards, by what is asked for."""
+"""Whether each sweep by simulation goes upwards, by the value of `sweep`."""
 
 
 def varied(

@@ -38,7 +38,7 @@ class Regime:
 
     `impact_speed` is the incident one, m/s; `phase` that of the motion without stops at the impact
     on the upper stop, rad. `multiplier` is the largest factor, in modulus, by which a small
-    disturbance changes from one impact to the next; the regime is stable below 1. One that would
+    perturbation changes from one impact to the next; the regime is stable below 1. One that would
     pass through a stop between its impacts is not `admissible`.
     """
 
@@ -49,7 +49,7 @@ class Regime:
 
     @property
     def stable(self) -> bool:
-        """Whether small disturbances of the regime die away."""
+        """Whether small perturbations of the regime die away."""
         return self.multiplier < 1.0
 
 

@@ -1,8 +1,9 @@
 """Regimes in which a mass rests on a stop for a part of the period: followed by flights.
 
-Bounces that come to rest have no finite order of impacts. While a mass rests it forgets where it
-came from, so that a flight settles within a few periods, and each place of the range is flown from
-the motion at the last. Successive impacts on one stop count as one, of the speed of the fastest.
+Chatter that ends at rest has no finite order of impacts. While a mass rests it forgets where it
+came from, so a flight settles within a few periods. The flight at each place of the range starts
+from the motion at the last. Successive impacts on one stop count as one, of the speed of the
+fastest.
 """
 
 from __future__ import annotations
@@ -22,8 +23,9 @@ from stochvi.methods.periodic.tracks import OnBranch, Track
 from stochvi.results.deadline import Deadline
 
 EXACT, COARSE = 1e-7, 1e-4
-"""Difference of states a period apart, relative to the motion, at which it repeats itself (bounces
-end where they are 1e-9 of the fastest), and above which it does not after fewer periods."""
+"""Difference of states a period apart, relative to the motion. Up to the first it repeats itself:
+chatter ends where impacts have 1e-9 of the fastest speed. Above the second it does not repeat
+itself after fewer periods."""
 
 LOOKED_AT, LOOKS = 16, 12
 """Smallest number of periods of a flight between two values, and how often it goes on until it
@@ -272,7 +274,7 @@ def _rest_before(release: Vector, struck: Matrix, periods: int) -> float:
 
 
 def _factors(motion: solver.Motion, state: Vector, periods: int) -> Matrix:
-    """The factors by which small disturbances change over a number of periods."""
+    """The factors by which small perturbations change over a number of periods."""
     course = flights.course_of(motion, 0.0, 2.0 * math.pi)
     y, touch, none = state.copy(), solver.free_touch(), np.empty((0, 3))
     # a state on a stop is known to rest there after a period

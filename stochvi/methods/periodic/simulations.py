@@ -29,9 +29,10 @@ MOST_SIMULATED = 24
 
 @dataclass(frozen=True, eq=False)
 class FinalMotion:
-    """The end of a simulated motion: states after its periods, the phase of the force at which it
-    started, its last impacts and releases (phase, stop or -1 less the stop, speed), the largest
-    displacement and acceleration of the last period, and the stop that is rested on, or FREE.
+    """The end of a simulated motion: `ends`, the states after its periods, and the phase of the
+    force at which it started. `log` holds its last impacts and releases: phase, stop or -1 less the
+    stop, speed. Then come the largest displacement and acceleration of the last period, and the
+    stop that is rested on, or FREE.
     """
 
     ends: Matrix

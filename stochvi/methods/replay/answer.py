@@ -48,12 +48,12 @@ class PairReplay(Quantities[Estimate | None]):
     Parameters
     ----------
     hits, hits_lower, hits_upper
-        Number of impacts; on stops that give way, number of contacts that began. Bounces that
-        accumulate on a rigid stop are counted until the mass rests.
+        Number of impacts; on compliant stops, number of contacts that began. Chatter on a rigid
+        stop is counted until the mass rests.
     impact_speed_max, impact_speed_mean
-        Largest and mean impact speed, m/s; None without a hit.
+        Largest and mean impact speed, m/s; None without an impact.
     peak_force
-        Largest force of a contact, N; None of rigid stops.
+        Largest force of a contact, N; None for rigid stops.
     contact_time
         Time in contact, or at rest on a rigid stop, s. Contact with a stop that has a damper ends
         when its force returns to zero, which is before the mass is back at the stop.
@@ -242,7 +242,7 @@ class Replay(Result):
         return pd.concat(filled, ignore_index=True) if filled else tables[0]
 
     def summary(self) -> str:
-        """Displacement, hits and speeds, in a sentence; over several clearances the hits at
+        """Displacement, impacts and speeds, in a sentence; over several clearances the impacts at
         each."""
         if self.single is None:
             hits = [

@@ -6,9 +6,9 @@ In modal coordinates with unit masses, under forces f that are linear in time be
 
 w = phi / (phi . phi), so that F is the force of a stop per reduced mass. While no stop changes its
 state, the coefficients of q = sum of q_k t^k follow from each other, whatever the number of modes:
-the motion is exact but for rounding. Steps are short against the fastest motion, so that every
-condition for a change of state (a stop is met, is left, ...) is a series with few turns, whose
-first root is found.
+the motion is exact but for rounding. Steps are short against the fastest motion. Every condition
+for a change of state (a stop is met, is left, ...) is then a series with few turns, whose first
+root is found.
 
 States of a stop, FREE (d < 0) or
     rigid       0: at rest on the stop, phi . q'' = 0, while the stop has to push
@@ -97,8 +97,8 @@ class Stops(NamedTuple):
 
 
 class Series(NamedTuple):
-    """Coefficients by power: modal displacements and accelerations (powers, n), and of the stops
-    the deflections and forces (m, powers); of a Hertz stop d^(3/2) stands for the force."""
+    """Coefficients by power: modal displacements and accelerations (powers, n), deflections and
+    forces of the stops (m, powers). For a Hertz stop d^(3/2) stands in place of the force."""
 
     x: np.ndarray
     a: np.ndarray
@@ -107,9 +107,10 @@ class Series(NamedTuple):
 
 
 class Touch(NamedTuple):
-    """How the m stops are touched: states (m,), number of roots at the begin of a step of each way
-    out of the state (m, 2), depth of a Hertz contact below which there is no force (m,), its row in
-    the log of impacts (m,), speed inwards at the begin of a step (m,), and the tally (m, 2)."""
+    """How the m stops are touched: their states (m,); `zeros` (m, 2), the number of roots of each
+    way out of the state when a step begins; `depth` (m,) of a Hertz contact below which there is no
+    force; `entry` (m,), the row in the log of impacts; `speed` (m,) inwards when a step begins; and
+    the tally (m, 2)."""
 
     state: np.ndarray
     zeros: np.ndarray
@@ -143,11 +144,11 @@ class Samples(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Where bounces end and where the march does.
+    """Where chatter ends, and where the integration does.
 
     Parameters
     ----------
-    tick : a mass whose bounces on a rigid stop would end within this time (s) rests on it.
+    tick : a mass whose chatter on a rigid stop would end within this time (s) rests on it.
     most_impacts : number of impacts at which the march is given up.
     """
 
@@ -547,7 +548,7 @@ def march(samples, structure, stops, start, limits, keep):
     start
         (n,), modal displacements at the start.
     limits
-        Where bounces end and where the march does.
+        Where chatter ends, and where the integration does.
     keep
         Whether displacements, velocities, absolute accelerations and forces of samples are kept.
 

@@ -22,8 +22,8 @@ KINDS = {
 """Kinds of stops of the kernel, by the forms of impact laws."""
 
 REST_ANGLE = 1e-6
-"""A mass is taken to rest on a rigid stop once its bounces would end within this angle of the
-fastest motion of the structure, rad: they would still move it by 1e-12 of a displacement."""
+"""A mass rests on a rigid stop once its chatter would end within this angle of the fastest motion
+of the structure, rad. The chatter would still move it by 1e-12 of a displacement."""
 
 MOST_IMPACTS = 10_000_000
 """Number of impacts at which a march is given up; their log takes 320 MB."""
@@ -148,8 +148,8 @@ def integrate(
 
 
 def rest_of(model: Model) -> Vector:
-    """Displacements (m) at which the structure is at rest under its constant loads, on a stop if
-    one is in the way of a single coordinate."""
+    """Displacements (m) at which the structure is at rest under its constant loads. A single
+    coordinate rests on a stop that is in its way."""
     rest = model.modal.shapes @ model.modal.rest
     if len(model.coordinates) > 1 or not model.pairs:
         return rest
@@ -163,7 +163,7 @@ def rest_of(model: Model) -> Vector:
 
 
 def _pressed(model: Model, stop: Stop, rest: float) -> float:
-    """Displacement at which spring, load and a stop that gives way balance, m."""
+    """Displacement at which spring, load and a compliant stop balance, m."""
     from scipy.optimize import brentq
 
     law, stiffness = stop.law, float(model.stiffness[0, 0])

@@ -44,7 +44,7 @@ def replay(
     The motion starts from rest in the position of rest under the constant loads, at the start of
     each segment of a record. Accelerations are linear between samples, and the mean of a record is
     taken off, as it is for its density. The motion follows in exact steps; impacts are located
-    within a step as roots of its power series; contact with stops that give way is integrated.
+    within a step as roots of its power series; contact with compliant stops is integrated.
     Nothing is random: the same record gives the same answer.
 
     Parameters
@@ -63,7 +63,7 @@ def replay(
     Returns
     -------
     Replay
-        Motion and hits at each clearance.
+        Motion and impacts at each clearance.
 
     Raises
     ------

@@ -82,7 +82,7 @@ class BaseExcitation(Checked):
     ----------
     on
         What it acts on: a coordinate, as a force, or "base", as an acceleration of the base. May be
-        left out where only one place is meant: of an isolator the base, of an oscillator x.
+        left out where only one place is possible: the base of an isolator, x of an oscillator.
     between
         Instead: two coordinates or points; the force acts on the first, and its reaction on the
         second.
@@ -325,8 +325,8 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
 
 
 def unread_unit(columns: Columns, taken: Unit) -> tuple[str, ...]:
-    """A sentence on a text above the values that looks like a unit but is not a known one, and was
-    therefore not compared with the unit of the scene."""
+    """A sentence on a text above the values that looks like a unit but is unknown. Such a text is
+    not compared with the unit of the scene."""
     if not columns.unread or (
         columns.lines is not None and not re.search(r"[/^²]", columns.unread)
     ):

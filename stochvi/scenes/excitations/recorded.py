@@ -54,7 +54,7 @@ class RecordedNoise(DensityNoise):
         and `fs` given; a UFF file with a dataset 58 (`dataset` says which), a MATLAB or NumPy file
         (`variables`), or a logger's recording (.ide, `column`, with the package idelib).
     unit
-        Of the values: "g", "m/s2" or "N"; may be left out where the file states it.
+        Unit of the values: "g", "m/s2" or "N"; may be left out where the file states it.
     fs
         Sampling rate, Hz; needed where there are no times, and compared with them where there are.
     column
@@ -209,9 +209,9 @@ class RecordedNoise(DensityNoise):
         kurtosis, doubt = record.kurtosis()
         if kurtosis - 3.0 > SEEN * doubt:
             found.append(
-                "the record has larger peaks than Gaussian noise of the same rms: unless the "
-                "structure averages them out, which its motion under the record itself shows, hit "
-                "rates and clearances that are calculated from its density are too favourable"
+                "the record has larger peaks than Gaussian noise of the same rms; impact rates and "
+                "clearances from its density are too favourable, unless the structure averages "
+                "the peaks out, as its motion under the record itself shows"
             )
         if not omega or not damping_rate:
             return tuple(found)
@@ -238,8 +238,8 @@ class RecordedNoise(DensityNoise):
     def lost_below(
         self, omega: float, damping_rate: float, *, alone: bool = True
     ) -> tuple[float, str] | None:
-        """Share of the mean square displacement of an oscillator that lies below the first line of
-        the density, over what the density holds, and a sentence; None up to `LOST`.
+        """Mean square displacement of an oscillator below the first line of the density, over that
+        which the density holds, and a sentence; None up to `LOST`.
 
         The oscillator is `alone`, or a mode of a structure of several.
         """

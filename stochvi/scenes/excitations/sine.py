@@ -26,7 +26,7 @@ class Sine(BaseExcitation):
     displacement, velocity
         Instead: peak displacement (m) or velocity (m/s) of the base, so that the acceleration grows
         with the frequency. A displacement `between` two coordinates is that of a crank on one of
-        them, which moves the end of the spring and damper that lead to the other.
+        them. It moves the end of the spring and damper that lead to the other.
     unbalance
         Instead: the unbalance of a rotor on the mass, kg m, whose force is unbalance * omega^2.
     frequency_hz
@@ -63,7 +63,7 @@ class Sine(BaseExcitation):
     def _one_strength(self) -> Self:
         if len(self._strengths()) != 1:
             raise ValueError(
-                "needs exactly one of amplitude (N, or m/s^2 of the base), displacement (m of the "
+                "needs exactly one of amplitude (N; m/s^2 of a base), displacement (m of the "
                 "base), velocity (m/s of the base) and unbalance (kg m), got "
                 f"{given(self, *STRENGTHS)}"
             )

@@ -166,7 +166,7 @@ class TabulatedNoise(DensityNoise):
 
     def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
         """Warnings on the error of a density that was estimated by simulation, and on a text that
-        looks like a unit but is not a known one."""
+        looks like a unit but is unknown."""
         return tuple(f"table {Path(self.file or '').name}: {note}" for note in self._doubts)
 
     def numbers(self) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""The base classes of all impact laws, and of those of stops that give way."""
+"""The base classes of all impact laws, and of those of compliant stops."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class ImpactLaw(Checked):
     """Word for a stop with this law in the effects of a scene."""
 
     rigid: ClassVar[bool]
-    """Whether the stop does not give way."""
+    """Whether the stop is rigid."""
 
     @abstractmethod
     def per_unit_mass(self, mass: float) -> Self:
@@ -85,7 +85,7 @@ class ImpactLaw(Checked):
 
 
 class RigidLaw(ImpactLaw):
-    """A stop that does not give way: an impact takes no time, and the law holds no force."""
+    """A rigid stop: an impact takes no time, and the law holds no force."""
 
     word: ClassVar[str] = "rigid"
     rigid: ClassVar[bool] = True
@@ -104,7 +104,7 @@ class RigidLaw(ImpactLaw):
 
 
 class CompliantLaw(ImpactLaw):
-    """A stop that gives way: its force depends on the deflection y = x - stop and its rate.
+    """A compliant stop: its force depends on the deflection y = x - stop and its rate.
 
     Forces and deflections are positive into the stop. The force is 0 while y < 0.
     """

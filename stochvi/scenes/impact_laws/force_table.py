@@ -47,8 +47,8 @@ class ForceTable(CompliantLaw):
     force
         Never decreasing, N, 0 at the deflection 0.
     file, unit
-        Instead of the two: a file of two columns, and their units, "m,N" or "mm,N", which may also
-        stand in the headings of the columns, in any spelling.
+        Instead of the two: a file of two columns, and their units, "m,N" or "mm,N". The units may
+        also stand in the headings of the columns, in any spelling.
     source
         Where the numbers come from; by default the name of the file from which they were read.
 

@@ -17,7 +17,7 @@ from stochvi.scenes.validation import Positive
 class Hertz(CompliantLaw):
     """Contact of two round bodies, force = coefficient * y^(3/2).
 
-    A mass M that arrives at the speed w is stopped at y_m = (5 M w^2 / (4 k))^(2/5) and leaves
+    A mass M that arrives at the speed w is stopped at y_m = (5 M w^2 / (4 k))^(2/5). It leaves
     after (4/5) (y_m / w) Gamma(2/5) Gamma(1/2) / Gamma(9/10) = 2.943 y_m / w.
 
     Parameters

@@ -25,7 +25,7 @@ class Restitution(RigidLaw):
     See Also
     --------
     stochvi.SpeedRestitution : A restitution that depends on the speed.
-    stochvi.Viscoelastic : A stop that gives way.
+    stochvi.Viscoelastic : A compliant stop.
 
     Examples
     --------
@@ -78,7 +78,7 @@ class SpeedRestitution(RigidLaw):
     Parameters
     ----------
     coefficient
-        R, in [0, 1], as a function of an array of incident speeds (m/s, above 0) that returns an
+        R, in [0, 1], as a function of an array of incident speeds (m/s, above 0). It returns an
         array of the same shape, or one number for all.
 
     Raises

@@ -100,7 +100,7 @@ class Oscillator(AnyStructure):
 
     @property
     def coordinates(self) -> tuple[str, ...]:
-        """The displacements that move: of an oscillator, x."""
+        """The displacements that move: x alone."""
         return ("x",)
 
     @property

@@ -1,7 +1,7 @@
 """A rigid box on its mounts: six coordinates, small angles.
 
-The point at p (m from the centre of mass) moves by u = r + theta x p, r = (x, y, z) the motion of
-the centre of mass relative to the base and theta = (rx, ry, rz) its rotation. A mount at p with the
+The point at p (m from the centre of mass) moves by u = r + theta x p. r = (x, y, z) is the motion
+of the centre of mass relative to the base, theta = (rx, ry, rz) the rotation. A mount at p with the
 stiffnesses k along x, y, z stores u'diag(k)u / 2, so that with u = B q
 
     M = diag(mass, mass, mass, inertia),   K = sum B' diag(k) B,   C = sum B' diag(c) B
@@ -149,9 +149,9 @@ class RigidBody(AnyStructure):
     points
         Places, m from the centre of mass, whose motion is reported, by their names.
     frequency_tolerance, damping_tolerance, centre_tolerance
-        Relative tolerances of the natural frequencies and of the damping ratios, as 0.1 for 10 %,
-        and how far the centre of mass may lie from where it is stated, along each axis, m. Nothing
-        simulated depends on them: they say how far the sensitivity of a sizing reaches.
+        Relative tolerances of the natural frequencies and of the damping ratios, as 0.1 for 10 %.
+        The last is how far the centre of mass may lie from its stated place along each axis, m.
+        Nothing simulated depends on them: they say how far the sensitivity of a sizing reaches.
 
     Raises
     ------
@@ -325,8 +325,8 @@ class RigidBody(AnyStructure):
     def _damping(self, mass: Matrix, stiffness: Matrix) -> Matrix:
         """Damping matrix (6, 6) of dampers, and of damping ratios as viscous damping of each mode.
 
-        A mount of the ratio zeta with the part K_i of the stiffness damps the modes phi of the
-        frequencies w by 2 zeta phi_r'K_i phi_s / sqrt(w_r w_s): each mode gets the mean of the
+        K_i is the part of a mount in the stiffness, zeta its ratio. It damps the modes phi of the
+        frequencies w by 2 zeta phi_r'K_i phi_s / sqrt(w_r w_s). Each mode then gets the mean of the
         ratios, weighted by the energy that each mount stores.
         """
         total = np.zeros((6, 6))

@@ -64,7 +64,7 @@ class PairStatistics:
         of a blow, in `energy_unit`: J, or J/kg where the scene gives no mass.
     rice_rates, clump_rate, first_hit_rate
         Rates without stops, 1/s: Rice's of crossings of each stop and of both; that of clumps of
-        crossings (Vanmarcke); that of first hits, from simulated first crossings, if they were
+        crossings (Vanmarcke); that of first impacts, from simulated first crossings, if they were
         asked for.
 
     See Also
@@ -99,8 +99,8 @@ class PairStatistics:
 class ImpactStatistics(Result):
     """Statistics of the impacts of every impact pair of a scene.
 
-    `step` (s) is that of the motion, within which impacts are found, `duration` (s) that of a path,
-    and `window` (s) the time in which impacts are counted for the dispersion. `each` is always
+    `step` (s) is that of the motion, within which impacts are found. `duration` (s) is that of a
+    path. `window` (s) is the time in which impacts are counted for the dispersion. `each` is always
     True: impacts are seen one by one, however close they are.
 
     See Also

@@ -2,9 +2,9 @@
 
 Slow impacts on a stop of restitution R under white noise have speeds of density w^(1 - beta), where
 `impact_rates.corner_exponent` gives beta from R; Rayleigh's law at R = 1 has beta = 0. They come in
-bursts, and so do impacts of a light resonance: counts scatter more than Poisson's, and an interval
-from their number alone is too narrow. Intervals come from independent paths, therefore, unless the
-dispersion of the counts allows Poisson's exact ones.
+clusters, and so do impacts of a light resonance: counts scatter more than Poisson's, and an
+interval from their number alone is too narrow. Intervals come from independent paths, therefore,
+unless the dispersion of the counts allows Poisson's exact ones.
 """
 
 from __future__ import annotations
@@ -61,21 +61,21 @@ SHORTEST_ANGLE = 0.03
 the usual time between impacts on two stops."""
 
 LONGEST_SHARE = 0.8
-"""Longest interval of a histogram, in durations of a path: one of that length is seen once in five
-times, and the weight that makes up for it raises the error of the last bin to twice."""
+"""Longest interval of a histogram, in durations of a path. One of that length is seen once in five
+times; the weight that makes up for it doubles the error of the last bin."""
 
 UNSEEN_INTERVALS = 0.05
 """Share of the times between impacts beyond a histogram from which on a warning states it."""
 
 FIT_FROM, FIT_RANGE = 0.02, 6.0
-"""Exponents are fitted to impacts from the threshold, or `FIT_FROM` rms speeds if that is faster,
-up to `FIT_RANGE` times that speed, and once more up to half of it."""
+"""Exponents are fitted to impacts from the threshold, or `FIT_FROM` rms speeds if that is faster.
+The range ends at `FIT_RANGE` times that speed; a second fit ends at half of it."""
 
 CORNER_SHARE = 0.06
-"""Length of a step near a stop, where slow impacts are resolved, as a share of the time in which
-noise changes the speed of a slow mass. It is this share at any speed, so that steps shift the
-exponent itself of the law of slow speeds: at a share of 0.25 and a stop in the rest position by
-+0.09 at R = 0.5 and +0.13 at 0.3; at this share by +0.001(7) and +0.024(10)."""
+"""Length of a step near a stop, where slow impacts are resolved. Its unit is the time in which
+noise changes the speed of a slow mass. The share is the same at any speed, so steps shift the
+exponent itself of the distribution of slow speeds. With a stop in the rest position, a share of
+0.25 shifts it by +0.09 at R = 0.5 and +0.13 at 0.3; this share by +0.001(7) and +0.024(10)."""
 
 SHIFT_PER_SHARE = 0.57
 """Shift of an exponent over the share of `CORNER_SHARE`, as measured at R = 0.3 and a share of
@@ -96,7 +96,7 @@ FEWEST_PATHS = 64
 """Smallest number of paths from which a standard error can be trusted."""
 
 FEWEST_HITS = 30
-"""Smallest number of hits from which a dispersion is given; fewer cannot tell other counts from
+"""Smallest number of impacts from which a dispersion is given; fewer cannot tell other counts from
 Poisson's."""
 
 REL_ERROR = 0.02
@@ -104,10 +104,10 @@ REL_ERROR = 0.02
 for."""
 
 FOR_FIRST_HITS = 0.3
-"""Share of the time that is kept for the rate of first hits, where that is asked for."""
+"""Share of the time that is kept for the rate of first impacts, where that is asked for."""
 
 NO_FIRST_HITS = "no time was left for the rate of first impacts; raise budget"
-"""Note where the deadline passed before the rate of first hits was found."""
+"""Note where the deadline passed before the rate of first impacts was found."""
 
 MOST_UNSEEN = 2**17
 """Number of paths without any impact after which the search for one ends, even if there is time
@@ -136,7 +136,7 @@ def impacts(
     slow_impacts
         Resolve impacts down to the threshold at lossy stops, as in `simulate`.
     first_hits
-        Simulate first crossings, too, for the rate of first hits without stops (one oscillator
+        Simulate first crossings, too, for the rate of first impacts without stops (one oscillator
         under Gaussian noise, a pair about its mean).
     **options
         `SamplingOptions`: `rel_error` of every pair's rate, by default 0.02, or the number of
@@ -241,16 +241,16 @@ def impacts(
 
 
 def _reached(done: int, paths: int | None, error: float, asked: float) -> bool:
-    """Whether what was asked for is there: the number of paths, or the error. Of few paths the
-    counts may be the same by chance, which is no error of zero."""
+    """Whether the run has reached its number of paths, or its error. The counts of few paths may be
+    equal by chance, which is no error of zero."""
     return done == paths if paths is not None else error <= asked and done >= FEWEST_PATHS
 
 
 def _fell_short(
     done: int, paths: int | None, error: float, asked: float, deadline: Deadline
 ) -> Callable[[ImpactStatistics], BaseException] | None:
-    """The error to raise with the answer, where no more paths are simulated though what was asked
-    for is not there; None if it is, or more paths are to come."""
+    """The error to raise with the answer, where the run ends before it has reached its paths or its
+    accuracy. None where it has, or where more paths are to come."""
     if _reached(done, paths, error, asked):
         return None
     if paths is not None:
@@ -339,8 +339,8 @@ def _largest_error(tallies: list[Tally], plan: ImpactPlan) -> float:
 
 
 def _pair(scene: Scene, pair: Pair, plan: ImpactPlan, grid: Grid, tally: Tally) -> PairStatistics:
-    """Statistics of the impacts of a pair from what its paths add up; the rate of first hits needs
-    other simulations."""
+    """Statistics of the impacts of a pair from what its paths add up; the rate of first impacts
+    needs other simulations."""
     numbers = tally.numbers.sum(axis=1)
     hits = float(numbers.sum())
     how = f"{len(numbers)} paths of {plan.duration:.4g} s"

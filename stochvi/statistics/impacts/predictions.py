@@ -80,8 +80,8 @@ def _first_moment(table: Table, omega: float, damping_rate: float) -> float:
 
 
 def rice_rates(gap: LinearGap, pair: Pair) -> dict[str, float]:
-    """Rice's rate of crossings of each stop, 1/s, as if hits changed nothing, and their sum under
-    "both"."""
+    """Rice's rate of crossings of each stop, 1/s, as if impacts changed nothing, and their sum
+    under "both"."""
     found = {
         stop.name: rice_rate(stop.position - gap.mean, gap.displacement_std, gap.velocity_std)
         for stop in pair.stops

@@ -33,10 +33,10 @@ this number and this number: an interval is then at most 12 % too narrow or too 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Grid:
-    """The classes in which the impacts of a pair are counted: edges of the bins of speeds (m/s) and
-    intervals (s; all of them shorter than a path), the two ranges of speeds, with one start, to
-    which exponents are fitted, length of a window (s), and loss of energy over w^2 at the lower and
-    the upper stop."""
+    """The classes in which the impacts of a pair are counted. `speeds` (m/s) and `intervals` (s,
+    shorter than a path) are edges of bins. `fits` are the two ranges of speeds, with one start, to
+    which exponents are fitted. `window` is a length (s); `losses` are the energy lost over w^2 at
+    the lower and the upper stop."""
 
     speeds: Vector
     intervals: Vector
@@ -52,11 +52,11 @@ class Tally:
 
     `fits` are numbers, sums of ln(w / start) and of w in both ranges, (paths, 2, 2 ranges, 3).
 
-    `intervals` are weights. In a stationary motion the interval after an impact, of length t, ends
-    within a path of length T where the impact falls into the first T - t seconds: a share
-    1 - t / T of such intervals is seen. Each counts T / (T - t)-fold (D. G. Horvitz and
-    D. J. Thompson, J. Am. Stat. Assoc. 47 (1952) 663), so that the weights of a bin have the mean
-    of the number of impacts that such an interval follows, however short the paths and however
+    `intervals` are weights. Take an interval of length t after an impact, in a stationary motion.
+    It ends within a path of length T if the impact falls into the first T - t seconds: a share 1 -
+    t / T of such intervals is seen. Each counts T / (T - t)-fold (D. G. Horvitz and D. J. Thompson,
+    J. Am. Stat. Assoc. 47 (1952) 663). The weights of a bin then have the mean of the number of
+    impacts that such an interval follows. This holds however short the paths are, and however
     intervals depend on each other.
     """
 
@@ -175,7 +175,7 @@ def dispersion(windows: Matrix, window: float) -> Estimate:
 
 def passes_for_poisson(found: Estimate | None) -> bool:
     """Whether counts of this dispersion may pass for those of Poisson's process; not where nothing
-    is known of it, since a few hits may be those of one cluster."""
+    is known of it, since a few impacts may be those of one cluster."""
     if found is None:
         return False
     low, high = (found.value + side * 2.0 * found.standard_error for side in (-1.0, 1.0))
@@ -229,11 +229,11 @@ def histogram(counts: Matrix, edges: Vector, all_of: Vector) -> Histogram:
 def fitted_exponent(fits: NDArray[np.float64], ranges: tuple[tuple[float, float], ...]) -> Estimate:
     """Exponent a of a density w^a by maximum likelihood, from impacts within a range of speeds.
 
-    In u = ln(w / start), 0 <= u < L, the density is proportional to e^((a + 1) u), whose mean
-    m(a) = L / (1 - e^(-(a + 1) L)) - 1 / (a + 1) is put equal to that seen; the error is that of
-    the mean over independent paths. The law is no pure power but in the limit of slow impacts: the
-    bias is the distance to that limit if the fitted exponent changes in proportion to the mean
-    speed of the impacts in the range, as the second, shorter range shows.
+    In u = ln(w / start), 0 <= u < L, the density is proportional to e^((a + 1) u). Its mean m(a) =
+    L / (1 - e^(-(a + 1) L)) - 1 / (a + 1) is put equal to that seen; the error is that of the mean
+    over independent paths. The density is a pure power only in the limit of slow impacts. The bias
+    is the distance to that limit, if the fitted exponent changes in proportion to the mean speed of
+    the impacts in the range. The second, shorter range shows this change.
     """
     (value, error), (other, _) = (
         _exponent(fits[:, number, 0], fits[:, number, 1], math.log(high / low))

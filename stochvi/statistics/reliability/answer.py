@@ -1,4 +1,5 @@
-"""The answer on a mission: chances with their intervals, how they were found, and the CPU time."""
+"""The answer on a mission: probabilities with their intervals, how they were found, and the CPU
+time."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Chance:
-    """The chance of one event in a mission.
+    """The probability of one event in a mission.
 
     Parameters
     ----------
@@ -83,12 +84,12 @@ class PairRisk:
     Parameters
     ----------
     probability
-        Chance that the pair is hit, as if it alone had stops.
+        Probability that the pair is hit, as if it alone had stops.
     share_of_first_hits
-        Share of the first hits of a mission that falls to the pair. Where two pairs reach their
+        Share of the first impacts of a mission that falls to the pair. Where two pairs reach their
         stops at the same time, the hit counts for the earlier one in the scene.
     expected_hits, impact_speed_mean
-        Hits on the pair in a mission, with all stops at their places, and their mean speed, m/s;
+        Impacts on the pair in a mission, with all stops at their places, and their mean speed, m/s;
         None where they are not known.
     """
 
@@ -105,7 +106,7 @@ class Reliability(Result):
     `hits` is None without stops; `hits_interval` is its confidence interval. `missing` says why
     something was not found, or not as accurately as asked for: then the answer comes with a
     `NotConverged`. `pairs` holds, by name, what each of several pairs risks, and `outputs` the
-    chance that each coordinate or point alone exceeds the limit of the acceleration.
+    probability that each coordinate or point alone exceeds the limit of the acceleration.
 
     See Also
     --------
@@ -126,7 +127,7 @@ class Reliability(Result):
 
     @property
     def no_hit(self) -> Estimate | None:
-        """P(no hit in a mission); None where no hit was asked after."""
+        """P(no impact in a mission); None where no impact was asked after."""
         chance = self.chances.get("hit") or self.chances.get("passage")
         if chance is None:
             return None
@@ -139,7 +140,7 @@ class Reliability(Result):
         )
 
     def to_frame(self) -> pd.DataFrame:
-        """A row per chance."""
+        """A row per probability."""
         import pandas as pd
 
         return pd.DataFrame(

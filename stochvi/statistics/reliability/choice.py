@@ -54,7 +54,7 @@ PILOT_STEPS = 2.0**27
 """Number of time steps of all pilot missions together: a second or two."""
 
 ENOUGH_FAILURES = 20
-"""Number of failures in the pilot from which it gives the chance within some 20 %."""
+"""Number of failures in the pilot from which it gives the probability within some 20 %."""
 
 PILOT_REPETITIONS = 8
 """Number of repetitions in a pilot of splitting: they give the spread within some 25 %."""
@@ -95,8 +95,8 @@ between the ways, nor the levels of a splitting."""
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """The result of a second stage, at the step and, if there was time, at twice the step, with the
-    way in which it was found.
+    """The result of a second stage, with the way in which it was found: at the step and, if there
+    was time, at twice the step.
 
     `price` are the CPU seconds of one crude mission, `steps` the time steps and `seconds` the CPU
     seconds of pilot and second stage together.
@@ -172,7 +172,8 @@ class LevelSampler(PlanSampler):
 
 @dataclass(kw_only=True)
 class Jobs:
-    """The settings with which chances are found: the run with its seed and accuracy, and budget.
+    """The settings with which probabilities are found: the run with its seed and accuracy, and
+    budget.
 
     `until` is the deadline of the present calculation; `cut_short` says what it left undone.
     """
@@ -199,7 +200,7 @@ class Jobs:
         return self.run.accuracy
 
     def chance(self, plan: MissionPlan, event: str, limit: float | None, way: Way | None) -> Chance:
-        """The chance of the event in a mission of the plan."""
+        """The probability of the event in a mission of the plan."""
         found = self._found(plan, event, way, hits=False)
         fine, coarse = found.fine, found.coarse
         interval = fine.interval(self.confidence)
@@ -259,8 +260,8 @@ class Jobs:
         return Hits(estimate, self.interval(estimate, fine.trials), found.steps)
 
     def interval(self, estimate: Estimate, samples: int) -> tuple[float, float]:
-        """Confidence interval of expected hits with their bias, as far as it is known; from 0 where
-        an upper limit alone is known."""
+        """Confidence interval of expected impacts with their bias, as far as it is known; from 0
+        where an upper limit alone is known."""
         if estimate.upper_95 is not None:
             return 0.0, estimate.upper_95
         # the standard error is Student's already where samples are few (`of_events`)
@@ -365,7 +366,7 @@ class Jobs:
             return None
 
     def _missions_needed(self, pilot: Counted, repeated: Sample | None, hits: bool) -> int:
-        """Crude missions for the accuracy asked for, from the better guess of the chance."""
+        """Crude missions for the accuracy asked for, from the better guess of the probability."""
         if pilot.failed >= ENOUGH_FAILURES or repeated is None:
             # where no failure was seen, one is assumed
             variance = _variance(pilot, hits) if pilot.failed else float(pilot.missions)

@@ -1,5 +1,5 @@
-"""Chances from records that are conditioned on a crossing: first crossings of the motion without
-stops, and the bursts after them."""
+"""Probabilities from records that are conditioned on a crossing: first crossings of the motion
+without stops, and the clusters after them."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ Ends = tuple[float | None, float | None]
 """Lower and upper stop or barrier, m; None for none."""
 
 SMALL = 0.5
-"""Chance of a first hit up to which first crossings reach the accuracy asked for."""
+"""Probability of a first impact up to which first crossings reach the accuracy asked for."""
 
 
 def first_hit(
     scene: Scene, ends: Ends, mission: float, jobs: Jobs, *, surely: bool
 ) -> Chance | None:
-    """P(any hit, or passage) of the stationary motion; None where another way is better, unless
+    """P(any impact, or passage) of the stationary motion; None where another way is better, unless
     this way is asked for (`surely`)."""
     rest = model_of(scene).rest
     below, above = (
@@ -66,7 +66,7 @@ def first_hits_of_pairs(
     scene: Scene, pair: str | None, mission: float, jobs: Jobs
 ) -> tuple[Chance, dict[str, PairRisk], float]:
     """P(any pair is hit) in the stationary motion, or that of one `pair` as if it alone had stops;
-    the risk of each pair; and the `overlap_of` bursts."""
+    the risk of each pair; and the `overlap_of` clusters."""
     started = time.process_time()
     model = model_of(scene)
     below, above = own_distances(model)
@@ -91,8 +91,8 @@ def first_hits_of_pairs(
 def harder_hits_of_pairs(
     scene: Scene, limit: Limit, mission: float, overlap: float, jobs: Jobs
 ) -> tuple[Chance, dict[str, Estimate]]:
-    """The chance that any hit of the mission exceeds a limit and, for an acceleration, the chance
-    for every output alone."""
+    """The probability that any impact of the mission exceeds a limit and, for an acceleration, the
+    probability for every output alone."""
     started = time.process_time()
     found = exceedance_of_pairs(scene, limit, mission, overlap, jobs.part)
     estimate = found.chance
@@ -127,7 +127,8 @@ def harder_hits_of_pairs(
 def hits_of_pairs(
     scene: Scene, mission: float, overlap: float, risks: Mapping[str, PairRisk], jobs: Jobs
 ) -> tuple[Hits, dict[str, PairRisk]]:
-    """Expected hits of a mission on all pairs, and the risk of each pair with its own hits."""
+    """Expected impacts of a mission on all pairs, and the risk of each pair with its own
+    impacts."""
     found = count_impacts(scene, overlap, jobs.part)
     named = [pair.name for pair in scene.impact_pairs]
     known = {
@@ -143,15 +144,15 @@ def hits_of_pairs(
 
 
 SMALLEST = sys.float_info.min
-"""Smallest chance that a floating-point number holds with all its digits. Stops some 38 standard
-deviations away are crossed less often; the chance is then given as 0, with this number as its upper
-limit."""
+"""Smallest probability that a floating-point number holds with all its digits. Stops some 38
+standard deviations away are crossed less often; the probability is then given as 0, with this
+number as its upper limit."""
 
 
 def _from_crossings(
     event: str, estimate: Estimate, paths: int, jobs: Jobs, started: float
 ) -> Chance:
-    """The chance of a first hit, which first crossings found since CPU second `started`."""
+    """The probability of a first impact, which first crossings found since CPU second `started`."""
     lower, upper = 0.0, SMALLEST
     if estimate.value > 0.0:
         lower, upper = logarithmic_interval(
@@ -182,8 +183,8 @@ def _from_crossings(
 def by_conditioning(
     scene: Scene, ends: Ends, limits: dict[str, float], mission: float, jobs: Jobs
 ) -> tuple[dict[str, Chance], Hits | None, dict[str, str]]:
-    """Chances and expected hits from a stationary start under noise with a memory of its own, and
-    the reasons why something was not found."""
+    """Probabilities and expected impacts from a stationary start under noise with a memory of its
+    own, and the reasons why something was not found."""
     chance = first_hit(scene, ends, mission, jobs, surely=True)
     assert chance is not None
     chances = {chance.event: chance}
@@ -195,7 +196,7 @@ def by_conditioning(
         return chances, None, {}
     missing: dict[str, str] = {}
     for done, (name, limit) in enumerate(limits.items()):
-        left = len(limits) - done  # the expected hits are one of them
+        left = len(limits) - done  # the expected impacts are one of them
         some = replace(jobs, deadline=jobs.deadline.sooner(left / (left + 1.0)))
         try:
             chances[name] = exceedance(scene, name, limit, mission, some)
@@ -208,7 +209,7 @@ def by_conditioning(
 
 
 def exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Jobs) -> Chance:
-    """The chance that any hit of the mission exceeds a limit, by splitting of trials."""
+    """The probability that any impact of the mission exceeds a limit, by splitting of trials."""
     rigid = any(law.rigid for _, law in scene.impact_pairs[0].stops())
     if name == "peak_acceleration" and rigid:
         raise NotApplicable("peak_acceleration", [NEEDS_FORCE])
@@ -255,7 +256,7 @@ def _hits(scene: Scene, mission: float, jobs: Jobs) -> Hits:
 
 
 def _in_mission(found: ImpactCounts, mission: float, jobs: Jobs) -> Hits:
-    """Expected hits of a mission from their rate."""
+    """Expected impacts of a mission from their rate."""
     rate = found.rate
     estimate = replace(rate * mission, how=f"{mission:g} s times the rate: {rate.how}")
     return Hits(estimate, jobs.interval(estimate, found.samples), found.steps)

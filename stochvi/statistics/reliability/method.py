@@ -1,13 +1,14 @@
-"""Chances that a mission goes wrong: any hit, too fast a hit, too high an acceleration, a passage.
+"""Probabilities that a mission goes wrong: any impact, too fast an impact, too high an
+acceleration, a passage.
 
-Three ways lead to a chance, and a pilot chooses between them. Crude simulation counts failed
-missions. Splitting (`monte_carlo.splitting`) copies the paths that come close, for chances too
-small to count. First crossings (`first_crossings`) need no mission at all where the motion before
-the first hit is stationary and Gaussian; `bursts` does the same for what follows a first hit, and
-`rare_hits` splits records of any Gaussian noise for fast and sharp hits, however rare. What is
-chosen depends on the counts of the pilot alone, never on the clock nor on the seed of the answer.
-The answer is a second stage that shares no random number with the pilot; it is enlarged only where
-its error is clearly larger than the pilot let expect.
+Three ways lead to a probability, and a pilot chooses between them. Crude simulation counts failed
+missions. Splitting (`monte_carlo.splitting`) copies the paths that come close, for probabilities
+too small to count. First crossings (`first_crossings`) need no mission at all where the motion
+before the first impact is stationary and Gaussian; `bursts` does the same for what follows a first
+impact, and `rare_hits` splits records of any Gaussian noise for fast and sharp impacts, however
+rare. What is chosen depends on the counts of the pilot alone, never on the clock nor on the seed of
+the answer. The answer is a second stage that shares no random number with the pilot; it is enlarged
+only where its error is clearly larger than the pilot let expect.
 """
 
 from __future__ import annotations
@@ -52,10 +53,10 @@ from stochvi.statistics.reliability.conditioning import (
 from stochvi.statistics.structure_hits import Limit, check_forces, outputs_of, without_stops
 
 FIRST_HITS = 0.4
-"""Share of the budget that the chance of any hit of several pairs may take."""
+"""Share of the budget that the probability of any impact of several pairs may take."""
 
 AS_MUCH = 1e-3
-"""Chance that springs and dampers alone exceed an acceleration, from which on a warning states
+"""Probability that springs and dampers alone exceed an acceleration, from which on a warning states
 it."""
 
 AT_ONCE = 0.05
@@ -78,12 +79,12 @@ def reliability(
     confidence: float = 0.95,
     **options: Unpack[AccuracyOptions],
 ) -> Reliability:
-    """P(any hit), P(too fast a hit), P(too high an acceleration) and expected hits in a mission.
+    """Probability of any impact, of one too fast or too sharp, and expected impacts, in a mission.
 
     Parameters
     ----------
     scene
-        One oscillator: under white noise with any rigid stops, or stops that give way; under any
+        One oscillator: under white noise with any rigid stops, or compliant stops; under any
         Gaussian noise with stops, from a stationary start. Or a linear structure of several
         coordinates or pairs under Gaussian noise, from that start.
     mission
@@ -93,25 +94,25 @@ def reliability(
         from the position of the unloaded spring.
     impact_speed, peak_acceleration
         Limits for the incident speed of any impact (m/s) and for the absolute acceleration in any
-        contact (m/s^2), of stops that give way.
+        contact (m/s^2), of compliant stops.
     at
-        Of several coordinates, the one, or the named point, whose acceleration is limited; by
-        default any of them that is a length, not an angle. It counts while any stop is touched.
+        The coordinate, or the named point, whose acceleration is limited; by default every
+        coordinate that is a length, not an angle. It counts while any stop is touched.
     pair
-        Name of the one of several pairs whose chance of a hit is asked after, as if it alone had
-        stops; by default that any pair is hit.
+        Name of the one of several pairs whose probability of an impact is asked after, as if it
+        alone had stops; by default that any pair is hit.
     start
-        "rest", where spring and load balance; or "stationary". For a hit or a passage that is the
-        law without stops and barriers, beyond which it has happened at once; for all else the law
-        with the stops.
+        "rest", where spring and load balance; or "stationary". For an impact or a passage that is
+        the law without stops and barriers, beyond which it has happened at once; for all else the
+        law with the stops.
     way
         "crude", "splitting" or "first crossings" instead of what the pilot would choose.
     confidence
         Confidence level of intervals.
     **options
-        `AccuracyOptions`: `rel_error` is that of each chance and of the expected hits, by default
-        0.05; `budget` is for all of them together, and the answer that an error carries names what
-        is missing.
+        `AccuracyOptions`: `rel_error` is that of each probability and of the expected impacts, by
+        default 0.05; `budget` is for all of them together, and the answer that an error carries
+        names what is missing.
 
     Returns
     -------
@@ -123,12 +124,12 @@ def reliability(
     ------
     NotApplicable, NotConverged, ValueError
         With every condition that is not met; if the accuracy is not reached, or an event was never
-        seen (its chance is then 0 with an upper limit) or is out of reach; if an argument is out of
-        range.
+        seen (its probability is then 0 with an upper limit) or is out of reach; if an argument is
+        out of range.
 
     See Also
     --------
-    stochvi.first_passage : The chance of a first passage.
+    stochvi.first_passage : The probability of a first passage.
     stochvi.size : The clearance that is needed.
 
     Examples
@@ -248,15 +249,15 @@ def _limits_of_pairs(
 def _of_pairs(
     scene: Scene, pair: str | None, limits: list[Limit], mission: float, jobs: Jobs
 ) -> Reliability:
-    """The chance that any pair is hit, or any limit exceeded, expected hits, and the risk of each
-    pair."""
+    """The probability that any pair is hit, or any limit exceeded, expected impacts, and the risk
+    of each pair."""
     some = replace(jobs, deadline=jobs.deadline.sooner(1.0 - FIRST_HITS))
     try:
         chance, risks, overlap = first_hits_of_pairs(scene, pair, mission, some)
     except NotApplicable as reason:
         raise NotApplicable("reliability", reason.conditions) from reason
     chances = {"hit": chance}
-    # first crossings end once the chances below SMALL are known
+    # first crossings end once the probabilities below SMALL are known
     missing = _inaccurate({"hit": chance.estimate}, jobs) if chance.estimate.value < SMALL else {}
     outputs: dict[str, Estimate] = {}
     unknown: list[str] = []
@@ -344,7 +345,7 @@ def _sampled(
         sharpest = limits["peak_acceleration"]
         plans["peak_acceleration"] = acceleration_plan(model, mission, start, sharpest)
     for done, (event, plan) in enumerate(plans.items()):
-        left = len(plans) - done - (0 if model.stops else 1)  # with the expected hits, if any
+        left = len(plans) - done - (0 if model.stops else 1)  # with the expected impacts, if any
         some = replace(jobs, deadline=jobs.deadline.sooner(left / (left + 1.0)))
         try:
             chances[event] = some.chance(plan, event, limits.get(event), missions)
@@ -358,8 +359,9 @@ def _sampled(
                 chances[event] = guided
     if not model.stops:
         return chances, None, missing
-    # hits of a stationary motion are proportional to its duration: a duration in which it forgets
-    # its start suffices; it costs less than a long mission and shows more hits than a short one
+    # impacts of a stationary motion are proportional to its duration: a duration in which it
+    # forgets its start suffices; it costs less than a long mission and shows more impacts than a
+    # short one
     part = settling_time(model) if start == "stationary" else mission
     hits = None
     try:
@@ -372,8 +374,8 @@ def _sampled(
 def _without_energy(
     scene: Scene, event: str, limit: float, mission: float, jobs: Jobs
 ) -> Chance | None:
-    """The chance where the energy did not guide a splitting to the event; None without time left,
-    or where the stops leave out the mean position."""
+    """The probability where the energy did not guide a splitting to the event; None without time
+    left, or where the stops leave out the mean position."""
     if jobs.deadline.passed():
         return None
     try:
@@ -415,8 +417,8 @@ def _barriers(model: Model, barrier: float | Ends | None) -> Ends:
     if model.pairs:
         if barrier is not None:
             raise ValueError(
-                "barrier is for scenes without stops: an impact of the stops is what is asked "
-                "after here; leave barrier out, or take impact_pair out of the scene"
+                "barrier must be left out where the scene has stops: the event is then an impact "
+                "on them; leave barrier out, or take impact_pair out of the scene"
             )
         pair = model.pairs[0]
         lower, upper = (
@@ -500,7 +502,7 @@ def _assumptions(scene: Scene, start: str) -> list[str]:
 def _beyond_at_the_start(
     scene: Scene, model: Model, ends: Ends, start: str, coloured: bool, chances: dict[str, Chance]
 ) -> list[str]:
-    """Warnings where much of P(hit) is the chance to start beyond the stops, where no impact
+    """Warnings where much of P(hit) is the probability to start beyond the stops, where no impact
     happens."""
     chance = chances.get("hit") or chances.get("passage")
     if start == "rest" or chance is None:

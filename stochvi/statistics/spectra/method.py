@@ -7,12 +7,11 @@ X_i* X_j and their scatter, from which everything else follows at each frequency
     velocity       G_v = w^2 G_x                       acceleration  A = -M^-1 (K + i w C) X - F / M
     transmissibility |G_fa| / G_ff (H1), (G_aa / G_ff)^(1/2)     coherence  |G_fa|^2 / (G_ff G_aa)
 
-Standard errors come from independent paths. Two biases are stated beside them. The taper W smears
-a spectrum, G * |W|^2; the size of this bias follows from the difference between the estimate
-smeared once more and smeared twice more, in which most of the noise is averaged out. And white
-noise acts in kicks a step h apart, sampled with the response: an impulse's tail 1/w^2 becomes h^2 /
-(4 sin^2 (w h / 2)) with all its aliases, relative to which the density is off by (w h)^2 / 6 to
-leading order.
+Standard errors come from independent paths. Two biases are stated beside them. The taper W smears a
+spectrum, G * |W|^2. The size of this bias follows from the estimate smeared once more and smeared
+twice more: most of the noise is averaged out in their difference. And white noise acts in kicks a
+step h apart, sampled with the response. The tail 1/w^2 of an impulse becomes h^2 / (4 sin^2 (w h /
+2)) with all its aliases. The density is then off by (w h)^2 / 6, relative and to leading order.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ MOST_SAMPLES = 2**22
 """Largest number of samples of a path."""
 
 CONTACT_SAMPLES = 8.0
-"""Number of samples in a contact with a stop that gives way."""
+"""Number of samples in a contact with a compliant stop."""
 
 FEWEST_PATHS = 64
 """Smallest number of paths from which a standard error can be trusted."""
@@ -98,10 +97,10 @@ def spectrum(
     """Power spectral densities of the stationary response, one-sided per hertz, with 95 % bands.
 
     Every coordinate has spectra of its relative displacement and its velocity and, on a moving
-    base, of its absolute acceleration: with stops that give way of all of it, with rigid stops of
+    base, of its absolute acceleration: with compliant stops of all of it, with rigid stops of
     that between impacts (by springs and dampers, without the impulses). One oscillator also has its
     apparent transmissibility and the coherence with what shakes it, a base acceleration or a force;
-    both are of what springs and dampers (and stops that give way) transmit. The transmissibility
+    both are of what springs and dampers (and compliant stops) transmit. The transmissibility
     has two forms: H1 takes the part of the response that is linear in the input, the square root of
     the ratio of the densities all of it. Without stops the two are equal.
 
@@ -238,7 +237,7 @@ def _planned(
 
 
 def _contact_time(plan: HistoryPlan) -> float:
-    """Shortest contact of a stop that gives way, s; infinite without one."""
+    """Shortest contact of a compliant stop, s; infinite without one."""
     times = [
         stop.law.impact(plan.speed, pair.mass).contact_time
         for pair in plan.model.pairs
@@ -251,8 +250,8 @@ def _contact_time(plan: HistoryPlan) -> float:
 def _jumps(model: Model) -> list[float]:
     """Frequencies at which the density of the excitation jumps, Hz.
 
-    In a bin within a main lobe of a jump, power leaks in from both of its sides with the gains of
-    the structure at both; a density that is smeared by the kernel does not describe that.
+    Within a main lobe of a jump, power leaks into a bin from both sides, with the gain of the
+    structure at each. A density that is smeared by the kernel does not describe that.
     """
     ends = (table.frequency_hz[[0, -1]] for table in model.acceleration_tables)
     return [float(end) for pair in ends for end in pair]

@@ -22,7 +22,7 @@ Weights = NDArray[np.complex128]
 
 
 def channels_of(plan: HistoryPlan, histories: Histories) -> NDArray[np.float64]:
-    """(channels, paths, samples): displacements, the force of each pair whose stops give way, N,
+    """(channels, paths, samples): displacements, the force of each pair with compliant stops, N,
     and the excitation if it is known."""
     found = [*histories.displacement]
     for pair in _soft_pairs(plan.model):
@@ -37,7 +37,7 @@ def channels_of(plan: HistoryPlan, histories: Histories) -> NDArray[np.float64]:
 
 
 def _soft_pairs(model: Model) -> list[Pair]:
-    """The pairs with a stop that gives way; a rigid one beside it has no force."""
+    """The pairs with a compliant stop; a rigid one beside it has no force."""
     return [pair for pair in model.pairs if not pair.rigid]
 
 
@@ -76,7 +76,7 @@ def quantities_of(
         shaken[-1] = 1.0
         out, cross, into = _density(carried[0]), _cross(shaken, carried[0]), _density(shaken)
         found[owner, "excitation"] = into
-        if not np.any(carried[0]):  # neither spring, damper nor a stop that gives way
+        if not np.any(carried[0]):  # neither spring, damper nor a compliant stop
             for name in ("coherence", "transmissibility_h1", "transmissibility_ratio"):
                 meanings[name] = "left out: nothing but impacts acts on the mass"
             return found, meanings

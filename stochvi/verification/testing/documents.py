@@ -36,18 +36,18 @@ FORMAT = "stochvi problem 1"
 """Name and version of the form of a problem file."""
 
 EQUATION = (
-    "mass x'' + damping x' + stiffness x = constant_force + noise(t) between the stops, for one "
-    "coordinate numbers and for several the matrices and columns of these names. A noise on a "
+    "mass x'' + damping x' + stiffness x = constant_force + noise(t) between the stops. For one "
+    "coordinate these are numbers, for several matrices and columns of these names. A noise on a "
     "coordinate is a force (N) on it alone. A noise on the base is an acceleration a(t) of the "
     "base (m/s^2); x is measured from the base and feels the force -mass a(t), for several "
     "coordinates -(mass times a column of ones) a(t)."
 )
 
 IMPACTS = (
-    "The gap of a stop is y = x of the coordinate `on`, or y = x of the first minus x of the "
+    "The gap of a stop is y = x of the coordinate `on`; or it is x of the first minus x of the "
     "second of the two coordinates `between`. An upper stop is hit where y rises to its position, "
     "a lower one where y falls to it. At that moment the relative velocity y' becomes -restitution "
-    "times what it was, and masses share momentum; an impact takes no time and no stop gives way."
+    "times what it was, and masses share momentum; an impact takes no time: all stops are rigid."
 )
 
 WHITE = (

@@ -49,8 +49,8 @@ SHORT_NAMES = {"x": "displacement", "v": "velocity"}
 """Short names that columns of records may have, with the names for which they stand."""
 
 STEP_ERROR = 1e-3
-"""Largest difference between one time step of a record and the mean step, as a share of the mean,
-that passes for rounding of the times."""
+"""Largest difference between one time step of a record and the mean step that passes for rounding
+of the times; relative to the mean step."""
 
 MOST_BAD_WORDS = 40
 """Number of characters of a wrong entry that a message shows."""

@@ -1,7 +1,7 @@
 """Likely causes of a pattern of disagreements, from the balances that any right answer obeys.
 
-With intensity S0, b the damping rate and F1, F2 the sums of impact speeds and of their squares per
-second, one oscillator between stops at -D and D of the restitution R obeys
+Symbols: S0 the intensity, b the damping rate, F1 and F2 the sums of impact speeds and of their
+squares per second. One oscillator between stops at -D and D of the restitution R obeys
 
     energy   S0 = 2 b E v^2 + (1 - R^2) F2,
     virial   E v^2 = omega^2 E x^2 + (1 + R) D F1.
@@ -216,8 +216,8 @@ def _shares_from_rest(problem: Problem) -> dict[str, float]:
     """Mean squares over the duration from rest on, as shares of the stationary ones, of several
     coordinates in white noise without stops; empty for another problem.
 
-    From rest the covariance is P - e^(A t) P e^(A' t), whose integral over time is T P - Q with
-    A Q + Q A' = -P, where A P + P A' is minus the noise.
+    From rest the covariance is P - e^(A t) P e^(A' t). Its integral over time is T P - Q with A Q +
+    Q A' = -P; A P + P A' is minus the noise.
     """
     model = problem.model
     if model.tables or model.stops or model.constants:
@@ -406,8 +406,8 @@ def _elastic_stops(measured: Sequence[Measured]) -> Iterator[str]:
     yield (
         f"elastic stops {does} {format_with_error(100.0 * abs(share), 100.0 * error)} % of the "
         f"energy of an impact ({name}), and without stops the motion is right or was not asked: "
-        "impacts are taken at the end of the step (mirror the overshoot of a semi-implicit step, "
-        f"x = c - R (x - c), or end the step at the stop), or the restitution is not 1{also}"
+        f"the restitution is not 1{also}, or impacts are taken at the end of the step; mirror the "
+        "overshoot of a semi-implicit step, x = c - R (x - c), or end the step at the stop"
     )
 
 

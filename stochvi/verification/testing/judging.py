@@ -60,7 +60,7 @@ SCENES = (
 """Scenes of the zoo that are judged by default: cheap ones, each of which shows some mistake."""
 
 SURELY_SEEN = 100.0
-"""Expected number of impacts from which on a sample without any impact disagrees, because chance
+"""Expected number of impacts from which on a sample without any impact disagrees, because scatter
 does not explain it."""
 
 NOT_FINITE = "not finite"
@@ -75,7 +75,7 @@ class Finding:
     """One quantity of one scene, compared with the known answer.
 
     `bias_percent` is the difference in per cent of the truth (for a mean, of the standard
-    deviation), `bias_error_percent` its standard error, and `visible_percent` the smallest
+    deviation). `bias_error_percent` is its standard error. `visible_percent` is the smallest
     difference that counts as a disagreement. They are None where the integrator's number is not
     finite.
 

@@ -27,9 +27,9 @@ class Problem:
 
     where a velocity v at a stop becomes -R v. In a time step h the noise adds a normal number of
     variance `intensity * h` to the velocity. Several coordinates, and noise of a tabulated density,
-    are numbers of `model`: `mass`, `damping` and `stiffness` (n, n), `white` (intensity matrix of
-    the white forces, N^2 s), `constant_force` (n,), `tables` (one-sided densities, each with the
-    forces (n,) per unit of its noise), and `pairs` with their stops.
+    are numbers of `model`: `mass`, `damping` and `stiffness` (n, n); `white`, the intensity matrix
+    of the white forces (N^2 s); `constant_force` (n,); `tables`, one-sided densities with the
+    forces (n,) per unit of each noise; and `pairs` with their stops.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Problem:
     scene
         The whole scene, for integrators that read scenes.
     speed_threshold
-        A collision rate counts impacts faster than this, m/s.
+        `collision_rate` counts impacts faster than this, m/s.
     burn_in, duration
         Seconds to leave out at the start of a path, and to count after that.
     paths
@@ -174,8 +174,8 @@ def problem_of(
     Raises
     ------
     NotApplicable
-        Unless the structure is linear and damped, its stops are rigid with a restitution that is a
-        number, and its noise is white or has a density.
+        Unless the structure is linear and damped, its stops are rigid with a number as restitution,
+        and its noise is white or has a density.
     ValueError
         If `paths` or `relaxations` is not positive.
 

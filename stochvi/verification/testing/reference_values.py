@@ -78,8 +78,8 @@ def solved(scene: Scene, speed_threshold: float | None = None, *, rtol: float = 
     Parameters
     ----------
     speed_threshold
-        The collision rate counts impacts faster than this, m/s; None for that of `simulate`. A
-        closed form counts all impacts.
+        `collision_rate` counts impacts faster than this, m/s; None for that of `simulate`. A closed
+        form counts all impacts.
     rtol
         Relative error asked of the Fokker-Planck equation.
 

@@ -27,7 +27,7 @@ QUANTITIES = (
     "impact_speed_rate",
     "impact_speed_square_rate",
 )
-"""The quantities that are judged: moments, hits per second, F1 and F2 (`QUANTITY_UNITS`). The
+"""The quantities that are judged: moments, impacts per second, F1 and F2 (`QUANTITY_UNITS`). The
 standard deviation of the velocity and the rates show mistakes that displacements hide."""
 
 AVERAGES = (
@@ -168,7 +168,7 @@ IMPACTS = ("collision_rate", "impact_speed_rate", "impact_speed_square_rate")
 
 
 def returnable(problem: Problem, quantities: Sequence[str]) -> list[str]:
-    """Names under which quantities of a problem may be returned: of one oscillator the bare ones,
+    """Names under which quantities of a problem may be returned: the bare ones for one oscillator,
     otherwise with the coordinate or the impact pair before a point."""
     if problem.single:
         return list(quantities)

@@ -48,7 +48,7 @@ def performance_page(found: AbsorberReport, origin: Origin) -> Page:
     low, high = central.interval()
     return Page(
         title=found.scene.title or "Impact absorber",
-        subtitle=f"What loose masses in boxes do to {found.carrier!r} under random excitation",
+        subtitle=f"Effect of loose masses in boxes on {found.carrier!r} under random excitation",
         verdict=_sentence(verdict(found)),
         cards=[
             Fact(
@@ -93,8 +93,8 @@ def performance_page(found: AbsorberReport, origin: Origin) -> Page:
             Section(
                 title="Impacts",
                 lead="Rates count impacts faster than the threshold that the warnings name; forces "
-                "and powers count all. The wall force is the mean over time of its magnitude, all "
-                "walls together. The peak of a contact is the mean over contacts of the largest "
+                "and powers count all. The stop force is the mean over time of its magnitude, all "
+                "stops together. The peak of a contact is the mean over contacts of the largest "
                 "force in each; the largest is that of 100 periods, as a force and as the "
                 "acceleration that it alone gives the structure.",
                 grids=[_impacts(found), *_wall_peaks(found)],
@@ -102,7 +102,7 @@ def performance_page(found: AbsorberReport, origin: Origin) -> Page:
             _verification(found),
             _limits(
                 "Stationary values of a linear structure.",
-                "The peak force on a rigid wall is not known: it needs the wall's stiffness.",
+                "The peak force on a rigid stop is not known: it needs the stop's stiffness.",
                 "The absorber is taken to move already: from exact rest in a wide box a mass lies "
                 "idle until the structure first reaches it.",
             ),
@@ -117,7 +117,7 @@ def sine_page(found: AbsorberSine, origin: Origin) -> Page:
     curve = found.frequency
     return Page(
         title=found.scene.title or "Impact absorber under a sine",
-        subtitle=f"What loose masses in boxes leave of the vibration of {found.carrier!r}",
+        subtitle=f"Residual vibration of {found.carrier!r} with loose masses in boxes",
         verdict=_sentence(found.summary()),
         cards=[
             Fact("Mass", f"{100.0 * found.mass_ratio:.3g} %", "absorber over structure"),
@@ -132,10 +132,10 @@ def sine_page(found: AbsorberSine, origin: Origin) -> Page:
         sections=[
             _scene(found.scene),
             Section(
-                title="What is left",
-                lead="Ratios are those of the largest displacements with and without the absorber, "
-                "by exact periodic regimes, and by simulated sweeps where none is reached: there "
-                "the absorber works in clusters. A loose mass may also lie idle in its box.",
+                title="Residual vibration",
+                lead="A ratio is the largest displacement with the absorber over that without. It "
+                "is that of exact periodic regimes; where none is reached, that of simulated "
+                "sweeps, where the absorber works in clusters. A loose mass may also lie idle.",
                 grids=[
                     _table("over frequency", ranges(curve)),
                     *([_table("best tuning", tunings(found))] if found.tuning else []),
@@ -147,7 +147,7 @@ def sine_page(found: AbsorberSine, origin: Origin) -> Page:
                     )
                 ],
             ),
-            _limits("Rigid walls, no friction; the noise of the scene is left out."),
+            _limits("Rigid stops, no friction; the noise of the scene is left out."),
         ],
         origin=origin,
         footer=[f"{found.cost.wall_time:.3g} s"],
@@ -173,7 +173,7 @@ def design_page(found: Design, origin: Origin) -> Page:
         f"rms displacement {100.0 * best.ratio.value:.1f} % of that without absorber.",
         cards=[
             Fact(
-                "Total play, wall to wall",
+                "Total play, stop to stop",
                 millimetres(best.play),
                 f"{best.play / found.sigma:.2f} times the rms displacement without absorber",
             ),
@@ -206,7 +206,7 @@ def design_page(found: Design, origin: Origin) -> Page:
             ),
             _tuned(found.tuned_damper),
             _limits(
-                "Stationary values of a linear structure and rigid walls, without friction and "
+                "Stationary values of a linear structure and rigid stops, without friction and "
                 "gravity."
             ),
         ],
@@ -225,7 +225,7 @@ def _scene(scene: Scene) -> Section:
     ]
     for pair in scene.impact_pairs:
         stops = ", ".join(
-            f"{side} wall at {MM * getattr(pair, side):+.4g} mm, {law.phrase()}"
+            f"{side} stop at {MM * getattr(pair, side):+.4g} mm, {law.phrase()}"
             for side, law in pair.stops()
         )
         facts.append(Fact(f"Box {pair.name!r}", stops, "relative displacement in the box"))
@@ -272,13 +272,13 @@ def _impacts(found: AbsorberReport) -> Grid:
 
     return Grid(
         caption="by level of the excitation",
-        headings=["level", "impacts per period", "wall force (N)", "impulse (N s)", "absorbed"],
+        headings=["level", "impacts per period", "stop force (N)", "impulse (N s)", "absorbed"],
         rows=[row(each) for each in found.performances],
     )
 
 
 def _wall_peaks(found: AbsorberReport) -> list[Grid]:
-    """Peaks of contacts with walls that give way, by level; none where all walls are rigid."""
+    """Peaks of contacts with compliant stops, by level; none where all stops are rigid."""
     rows = [
         [
             f"{each.level_db:+g} dB",
@@ -290,7 +290,7 @@ def _wall_peaks(found: AbsorberReport) -> list[Grid]:
         if each.wall_force_largest is not None
     ]
     headings = ["level", "peak of a contact (N)", "largest (N)", "largest (g of the structure)"]
-    grid = Grid(caption="peaks at the walls", headings=headings, rows=rows)
+    grid = Grid(caption="peaks at the stops", headings=headings, rows=rows)
     return [grid] if rows else []
 
 
@@ -300,8 +300,8 @@ def _plays(found: AbsorberReport) -> Section:
     if not found.play_curve:
         return Section(
             title=title,
-            lead="The ratio at other plays does not follow from the levels, as a load, or a wall "
-            "whose stiffness depends on its deflection, brings a length of its own: `stochvi sweep "
+            lead="The ratio at other plays does not follow from the levels: a load, or a stop "
+            "whose stiffness depends on its deflection, sets a length of its own. `stochvi sweep "
             "--vary absorber.play=...` simulates other plays.",
         )
     rows = [
@@ -314,8 +314,8 @@ def _plays(found: AbsorberReport) -> Section:
     ]
     return Section(
         title=title,
-        lead="The motion scales: a level raised by 6 dB acts like half the play, so that the "
-        "levels above also say what boxes of other plays do at the level of the scene.",
+        lead="The motion scales: a level raised by 6 dB acts like half the play. The levels above "
+        "therefore give the ratios of boxes of other plays at the level of the scene.",
         grids=[
             Grid(
                 caption="at the level of the scene",
@@ -330,8 +330,8 @@ def _plays(found: AbsorberReport) -> Section:
 def _tuned_card(found: TunedDamper | None) -> Fact:
     """The ratio that a tuned damper of the same mass leaves."""
     if found is None:
-        return Fact("Tuned damper", UNKNOWN, "of several coordinates under a sine")
-    return Fact("Tuned damper", f"{100.0 * found.ratio:.1f} %", "of the same mass, instead")
+        return Fact("Tuned damper", UNKNOWN, "for several coordinates under a sine")
+    return Fact("Tuned damper", f"{100.0 * found.ratio:.1f} %", "with the same mass, instead")
 
 
 def _tuned(found: TunedDamper | None) -> Section:

@@ -154,8 +154,8 @@ def _screening(linear: Screening) -> Section:
     """The motion without stops, of coordinates, points and gaps."""
     return Section(
         title="Linear screening",
-        lead="What the rule of three sigma rests on: the structure without stops, a Gaussian "
-        "response. Hits are those of Rice's crossings, as if hits changed nothing.",
+        lead="The rule of three sigma rests on the Gaussian response of the structure without "
+        "stops. Impacts are counted as Rice's crossings, as if impacts changed nothing.",
         grids=[
             _grid("Coordinates and points", coordinates_in_rows(linear)),
             _grid("Gaps and stops of the scene", linear.gaps_to_frame()),
@@ -203,8 +203,8 @@ def _box_sections(sizing: PairsSizing) -> list[Section]:
         Section(
             title="The box",
             lead="Three sigma of one axis is the clearance that sizing the box as one oscillator "
-            "along each axis would give; the probability there is that of an impact of the "
-            "snubber alone, by Rice's rate of crossings of the gap as it moves on the real box.",
+            "along each axis would give. The probability there is that of an impact on this "
+            "snubber alone, by Rice's rate for its gap on the real box.",
             grids=[
                 _grid("Snubber by snubber, against one oscillator", one_axis_in_rows(sizing)),
                 _grid("Natural modes without stops", modes_in_rows(sizing.box)),

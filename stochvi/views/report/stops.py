@@ -183,7 +183,7 @@ def _no_hit(chance: Chance) -> str:
 
 
 def _impacts_grid(motion: MotionBetweenStops, impacts: pd.DataFrame) -> Grid:
-    """Percentiles of impact speed and, for stops that give way, the peaks that they cause."""
+    """Percentiles of impact speed and, for compliant stops, the peaks that they cause."""
     headings = ["share of impacts slower than it", "impact speed (m/s)"]
     caption = f"Impacts with stops at 3 sigma, {count_of(motion.hits)} of them"
     columns = [

@@ -1,5 +1,5 @@
 """The compiled code of periodic regimes.
 
-`solver` holds rigid stops, `contact_flow` stops that give way, `hertz_flow` what those of Hertz's
+`solver` holds rigid stops, `contact_flow` compliant stops, `hertz_flow` what those of Hertz's
 law add, and `flights` many starts at once.
 """

@@ -1,11 +1,12 @@
-"""Flow of a structure whose stops give way: linear between the events of each contact.
+"""Flow of a structure with compliant stops: linear between the events of each contact.
 
 The force of a stop is made of straight pieces over the depth d = row . q - position > 0: in piece
 p it is f_p + k_p (d - b_p), and q'' changes by minus that times the row. It passes from piece to
 piece at b_p, and contact ends at d = 0. A stop with a damper has one piece, k d + c d' where that
 is positive: contact ends at zero force, before d is 0 again, and the stop follows without a force.
 Entering it the force jumps from 0 to c d'; everywhere else it is continuous, and so are
-disturbances. Stops of Hertz's law are in `hertz_flow`; rigid ones may stand beside, as in `solver`.
+perturbations. Stops of Hertz's law are in `hertz_flow`; rigid ones may stand beside, as in
+`solver`.
 
 Symbols as in `solver`.
 """
@@ -87,7 +88,7 @@ class Record(NamedTuple):
     ends : (periods + 1, 2 n), the state at the start and after each period.
     log : (most, 3 + 2 n), phase, stop, speed and state of each contact that begins; the last ones
         in the place of the first where they are too many.
-    factors : (2 n, 2 n), the factors of small disturbances; (0, 0) where they are not asked for.
+    factors : (2 n, 2 n), the factors of small perturbations; (0, 0) where they are not asked for.
     """
 
     ends: np.ndarray
@@ -97,9 +98,10 @@ class Record(NamedTuple):
 
 @kernel
 def linear_motion(motion, laws, states):
-    """The linear motion between two events, for the states of the stops: the motion with the
-    springs and dampers of the stops that press, its longest step, its matrix over that step, and
-    the rows whose products with a state are the absolute acceleration of the output and its rate.
+    """The linear motion between two events, for the states of the stops. Returns the motion with
+    the springs and dampers of the stops that press, its longest step, and its matrix over that
+    step. The last two are rows: their products with a state are the absolute acceleration of the
+    output and its rate.
     """
     now = pressed(motion, laws, states)
     part = step_between(now)
@@ -263,8 +265,8 @@ def pace_of(roots):
 def flow(motion, laws, start, phase, record):
     """Follow a motion over whole periods of the force from a phase of it.
 
-    Returns the number of contacts, -1 where events come too fast to be followed, and of the output
-    the largest displacement and acceleration and the amplitude of the first harmonic.
+    Returns the number of contacts, or -1 where events come too fast to be followed. Then come the
+    largest displacement and acceleration of the output, and the amplitude of its first harmonic.
     """
     ends, log, factors = record
     hertz, periods, with_factors = laws.hertz, len(ends) - 1, len(factors) > 0
@@ -282,7 +284,7 @@ def flow(motion, laws, start, phase, record):
     first_states(motion, laws, contacts, z)
     now, part, matrix, pull, slope = linear_motion(motion, laws, states)
     most = MOST_IMPACTS * (1 + laws.pieces.shape[1])
-    # of a stated type: numba would compile `next_event` once more for the literal -1
+    # stated types: numba would compile `next_event` once more for the literal -1
     touched, hits, displacement, acceleration = np.int64(-1), 0, 0.0, 0.0
     even, odd = 0.0, 0.0
     for period in range(periods):
@@ -373,7 +375,7 @@ def flow(motion, laws, start, phase, record):
                 now, part, matrix, pull, slope = linear_motion(motion, laws, states)
             if with_factors and entering:
                 rates_of(now, hertz, contacts, z, after)
-                # a disturbed path enters at another moment, by the old and the new rates
+                # a perturbed path enters at another moment, by the old and the new rates
                 for i in range(two):
                     for j in range(n):
                         salt[i, j] += (after[i] - before[i]) * motion.rows[stop, j] / speed

@@ -1,7 +1,7 @@
-"""Many flights under a periodic force: to the regimes that they end in, with what disturbances do.
+"""Many flights under a periodic force: to the regimes that they end in, with what perturbations do.
 
-The symbols are those of `solver`. A period is divided into even steps at fixed phases of the force,
-so that what the force adds in each step is known once for all flights; where a stop may be met
+The symbols are those of `solver`. A period is divided into even steps at fixed phases of the force.
+The part of the force in each step is then computed once for all flights. Where a stop may be met
 within a step, the flight goes on from impact to impact by Taylor series.
 """
 
@@ -43,7 +43,7 @@ LOST = -2
 
 
 VANISHED = 1e-12
-"""Share of a disturbance up to which what is left after a period is the rounding of a rest."""
+"""Share of a perturbation up to which what is left after a period is the rounding of a rest."""
 
 
 class Targets(NamedTuple):
@@ -69,7 +69,7 @@ class Watched(NamedTuple):
     log : (most, 3), phase, stop and speed of impacts, phases from the first watched period on; the
         last ones in the place of the first where they are too many.
     ends : (periods, 2 n), the state after each period.
-    growth : (periods,), the logarithm by which the length of a small disturbance has grown in each
+    growth : (periods,), the logarithm by which the length of a small perturbation has grown in each
         period, -inf where nothing of it is left.
     """
 
@@ -79,9 +79,10 @@ class Watched(NamedTuple):
 
 
 class Course(NamedTuple):
-    """An interval of phases of the force, divided into steps: their number of seconds, the matrix
-    (2 n, 2 n) of a step, what the force adds in each (steps, 2 n), w before each (steps, W), the
-    phase at the start, and the generators `resting` (m, N, N) at rest on each stop."""
+    """An interval of phases of the force, divided into steps: their number of seconds `part`; the
+    matrix (2 n, 2 n) of a step; `forced` (steps, 2 n), what the force adds in each; `waves` (steps,
+    W), w before each; the phase at the start; and `resting` (m, N, N), the generators at rest on
+    each stop."""
 
     motion: Motion
     part: float
@@ -116,10 +117,10 @@ def course_of(motion, phase, angle):
 
 
 @kernel
-def turn(generator, time, disturbances, column, out):
-    """Take a small disturbance of a state, (2 n, number), over a time."""
-    two = len(disturbances)
-    put(disturbances[:, column], out)
+def turn(generator, time, perturbations, column, out):
+    """Take a small perturbation of a state, (2 n, number), over a time."""
+    two = len(perturbations)
+    put(perturbations[:, column], out)
     fresh = np.empty(two)
     for k in range(1, TERMS):
         for i in range(two):
@@ -129,12 +130,12 @@ def turn(generator, time, disturbances, column, out):
             fresh[i] = total * time / k
         for i in range(two):
             out[i] = fresh[i]
-            disturbances[i, column] += fresh[i]
+            perturbations[i, column] += fresh[i]
 
 
 @kernel
-def turn_at_impact(motion, stop, z, disturbances):
-    """Take small disturbances over an impact, before it turns the state z: a disturbed flight is
+def turn_at_impact(motion, stop, z, perturbations):
+    """Take small perturbations over an impact, before it turns the state z: a perturbed flight is
     struck at another moment, before which the old rates act and after which the new ones."""
     n = motion.rows.shape[1]
     before, after, moved = np.empty(2 * n), np.empty(2 * n), np.empty(len(z))
@@ -143,30 +144,30 @@ def turn_at_impact(motion, stop, z, disturbances):
     speed = strike(motion, stop, moved[: 2 * n])
     rate(motion, moved, after)
     strike(motion, stop, before)
-    for column in range(disturbances.shape[1]):
+    for column in range(perturbations.shape[1]):
         distance = 0.0
         for i in range(n):
-            distance += motion.rows[stop, i] * disturbances[i, column]
-        strike(motion, stop, disturbances[:, column])
+            distance += motion.rows[stop, i] * perturbations[i, column]
+        strike(motion, stop, perturbations[:, column])
         for i in range(2 * n):
-            disturbances[i, column] += (after[i] - before[i]) * distance / speed
+            perturbations[i, column] += (after[i] - before[i]) * distance / speed
 
 
 @kernel
-def fly(course, y, touch, disturbances, log, hits):
-    """Fly over a course from the state y (2 n,), in its place; returns the number of impacts so
-    far, of which there were `hits`, or -1 where they came too fast to be followed.
+def fly(course, y, touch, perturbations, log, hits):
+    """Simulate over a course from the state y (2 n,), in its place; returns the number of impacts
+    so far, of which there were `hits`, or -1 where they came too fast to be followed.
 
     Parameters
     ----------
-    disturbances : (2 n, number), small changes of the state, turned with it; there may be none.
+    perturbations : (2 n, number), small changes of the state, turned with it; there may be none.
     log : (most, 3), takes phase, stop and speed of impacts, the last ones in the place of the first
         where they are too many; (0, 3) for none.
     """
     motion, part = course.motion, course.part
     n, m = motion.rows.shape[1], len(motion.positions)
     two, size = 2 * n, len(motion.generator)
-    columns = disturbances.shape[1]
+    columns = perturbations.shape[1]
     fresh, turned = np.empty(two), np.empty(two)
     z, later = np.empty(size), np.empty(size)
     terms, before = np.empty((TERMS, size)), hits
@@ -193,9 +194,9 @@ def fly(course, y, touch, disturbances, log, hits):
                 for i in range(two):
                     total = 0.0
                     for j in range(two):
-                        total += course.matrix[i, j] * disturbances[j, column]
+                        total += course.matrix[i, j] * perturbations[j, column]
                     turned[i] = total
-                put(turned, disturbances[:, column])
+                put(turned, perturbations[:, column])
             touch.on[1], touch.on[2] = FREE, FREE
             continue
         left = part
@@ -208,7 +209,7 @@ def fly(course, y, touch, disturbances, log, hits):
             sum_terms(terms, left, later)
             sooner, event = next_event(motion, touch, z, later, left, terms)
             for column in range(columns):
-                turn(generator, sooner, disturbances, column, turned)
+                turn(generator, sooner, perturbations, column, turned)
             if event == NONE:
                 put(later, z)
                 touch.on[1], touch.on[2], left = FREE, FREE, 0.0
@@ -219,7 +220,7 @@ def fly(course, y, touch, disturbances, log, hits):
                 touch.on[0], touch.on[1], touch.on[2] = FREE, FREE, state
                 continue
             if columns:
-                turn_at_impact(motion, event, z, disturbances)
+                turn_at_impact(motion, event, z, perturbations)
             speed = strike_or_rest(motion, event, touch, z)
             if len(log):
                 slot = hits % len(log)
@@ -230,7 +231,7 @@ def fly(course, y, touch, disturbances, log, hits):
                 return -1
             if touch.on[0] != FREE:
                 for column in range(columns):
-                    settle_on(motion, event, disturbances[:, column])
+                    settle_on(motion, event, perturbations[:, column])
         put(z[:two], y)
         for s in range(m):
             distances[s], speeds[s] = distance_of(motion, s, y)
@@ -238,10 +239,10 @@ def fly(course, y, touch, disturbances, log, hits):
 
 
 @kernel
-def settle_on(motion, stop, disturbance):
-    """What is left of a small disturbance where the motion comes to rest on a stop."""
-    remove_part(motion.rows[stop], disturbance[: motion.rows.shape[1]])
-    rest_on(motion, stop, disturbance)
+def settle_on(motion, stop, perturbation):
+    """What is left of a small perturbation where the motion comes to rest on a stop."""
+    remove_part(motion.rows[stop], perturbation[: motion.rows.shape[1]])
+    rest_on(motion, stop, perturbation)
 
 
 @kernel
@@ -264,15 +265,16 @@ def reached(y, targets):
 
 @kernel
 def settle_flights(lead, course, states, most, targets, found):
-    """Fly states (number, 2 n), in their place, until each reaches a target, over `most` periods.
+    """Simulate states (number, 2 n), in their place, until each reaches a target, over `most`
+    periods.
 
-    First they fly over the course `lead`, unless its angle is 0. `found` (number,) takes the
-    target, WANDERS or LOST.
+    First they pass the course `lead`, unless its angle is 0. `found` (number,) takes the target,
+    NO_ATTRACTOR or LOST.
     """
     none, log = np.empty((states.shape[1], 0)), np.empty((0, 3))
     for number in range(len(states)):
         y, touch = states[number], free_touch()
-        # of a stated type: numba would compile `fly` once more for the literal 0
+        # stated type: numba would compile `fly` once more for the literal 0
         before = np.int64(0)
         hits = fly(lead, y, touch, none, log, before) if lead.part > 0.0 else before
         found[number] = LOST
@@ -288,32 +290,33 @@ def settle_flights(lead, course, states, most, targets, found):
 
 
 @kernel
-def watch_flight(course, y, skipped, watched, disturbance):
-    """Fly a state y (2 n,), in its place, first over `skipped` periods, and then over those that
-    are watched, with a small disturbance (2 n, 1). Returns the number of logged impacts, or -1."""
+def watch_flight(course, y, skipped, watched, perturbation):
+    """Simulate a state y (2 n,), in its place, first over `skipped` periods. A small perturbation
+    (2 n, 1) is followed with it over the periods that are watched. Returns the number of logged
+    impacts, or -1."""
     log, ends, growth = watched
     touch, hits, none = free_touch(), np.int64(0), np.empty((0, 3))
     first = np.empty(len(y))
-    put(disturbance[:, 0], first)
+    put(perturbation[:, 0], first)
     for period in range(skipped + len(ends)):
         kept = period >= skipped
         before = hits
-        hits = fly(course, y, touch, disturbance, log if kept else none, hits)
+        hits = fly(course, y, touch, perturbation, log if kept else none, hits)
         if hits < 0:
             return -1
         square = 0.0
         for i in range(len(y)):
-            square += disturbance[i, 0] ** 2
+            square += perturbation[i, 0] ** 2
         size = math.sqrt(square)
         if size < VANISHED:
             size = 0.0
-            set_all(disturbance[:, 0], 0.0)
+            set_all(perturbation[:, 0], 0.0)
         if size > 0.0:
             for i in range(len(y)):
-                disturbance[i, 0] /= size
+                perturbation[i, 0] /= size
         elif not kept:
             # a rest on a stop on the way says nothing about the motion that is watched
-            put(first, disturbance[:, 0])
+            put(first, perturbation[:, 0])
         if not kept:
             hits = 0
             continue

@@ -25,8 +25,8 @@ from stochvi.methods.periodic.kernels.solver import (
 )
 
 SERIES_END = 1e-16
-"""Size of the last terms of a series at the end of a step, in the units of the kernels, in which
-motions are of order one."""
+"""Size of the last terms of a series at the end of a step, in the units of the kernels: motions are
+of order one."""
 
 FAINT = 1e-30
 """Root of the depth at which contact begins: at 0, a motion that arrives without any speed would
@@ -147,16 +147,16 @@ def curved_step(curves, left):
 
 
 @kernel
-def turn_curved(now, hertz, contacts, curves, step, disturbances):
-    """Take small disturbances (2 n, number) of the state at one time, in their place, over a step
+def turn_curved(now, hertz, contacts, curves, step, perturbations):
+    """Take small perturbations (2 n, number) of the state at one time, in their place, over a step
     of tau."""
     states, bends, pace = contacts.states, curves.bends, curves.pace
     m, n = now.rows.shape
     two = 2 * n
     terms, out = np.empty((TERMS, two)), np.empty(two)
-    for column in range(disturbances.shape[1]):
+    for column in range(perturbations.shape[1]):
         rates, depths = np.zeros((two, TERMS)), np.zeros((m, TERMS))
-        put(disturbances[:, column], terms[0])
+        put(perturbations[:, column], terms[0])
         for k in range(TERMS - 1):
             for i in range(two):
                 for j in range(two):
@@ -173,7 +173,7 @@ def turn_curved(now, hertz, contacts, curves, step, disturbances):
                 terms[k + 1, i] = product(pace, rates[i], k) / (k + 1)
         sum_terms(terms, step, out)
         for i in range(two):
-            disturbances[i, column] = out[i]
+            perturbations[i, column] = out[i]
 
 
 @kernel

@@ -8,9 +8,9 @@ p = omega t the phase of the force. A stop s is met where the distance d = row .
 from below to 0; an impact takes q' to q' - (1 + R) (row . q') row / (row . row). That is linear:
 the phases of the impacts of a regime determine its motion by linear algebra alone.
 
-Symbols: n coordinates, m stops, h harmonics, z = (q, q', w) of size N = 2 n + 2 h + 1, G the
-generator of z, K impacts with the phases theta in P periods of the force, sigma in [0, 1] the
-parameter of a branch over its range.
+Symbols: n coordinates, m stops, h harmonics; z = (q, q', w) of size N = 2 n + 2 h + 1, and G its
+generator; K impacts with the phases theta in P periods of the force; sigma in [0, 1], the parameter
+of a branch over its range.
 """
 
 import math
@@ -62,8 +62,8 @@ MOST_IMPACTS = 4000
 """Largest number of impacts in one period that a simulation follows."""
 
 STILL = 1e-9
-"""Speed after an impact, relative to the largest one of the same path, below which a coordinate
-that its forces press on the stop rests there: bounces would go on for ever."""
+"""A coordinate that its forces press onto a stop rests there below this speed after an impact. It
+is relative to the largest speed of the same path. Otherwise chatter would go on for ever."""
 
 
 class Motion(NamedTuple):
@@ -97,7 +97,7 @@ class Expansion(NamedTuple):
 
 class Pattern(NamedTuple):
     """The impacts of a regime: numbers (K,) of the stops in the order in which they are struck, and
-    the number of periods of the force after which the regime repeats itself."""
+    number of periods of the force after which it repeats itself."""
 
     stops: np.ndarray
     periods: int
@@ -312,11 +312,11 @@ def strike(motion, stop, y):
 def residual(motion, pattern, theta, states, left, jacobian):
     """How far each impact of a regime is from its stop, and what its phases change.
 
-    Let M y + c be the state after the periods of a motion that starts in the state y and has its
-    impacts at the given phases; d_k the distance from the stop at impact k, and v_k a change of the
-    state along the row of that stop. The state at the first impact is the solution of
-    y = M y + c - sum of v_k d_k. Where all d_k are 0 that motion is periodic. Without the sum, y
-    would be undetermined for a loose mass, and nearly so where little energy is lost.
+    A motion starts in the state y and has its impacts at the given phases. Let M y + c be the state
+    after its periods. Let d_k be the distance from the stop at impact k, and v_k a change of the
+    state along the row of that stop. The state at the first impact is the solution of y = M y + c -
+    sum of v_k d_k. Where all d_k are 0 that motion is periodic. Without the sum, y would be
+    undetermined for a loose mass, and nearly so where little energy is lost.
 
     The displacements in the v_k differ in size, because equal ones may cancel each other. So do the
     velocities, because a motion that loses little would otherwise be determined by rounding alone.
@@ -673,7 +673,7 @@ def correct(expansion, pattern, u, normal):
 @kernel
 def survey(motion, pattern, theta, states):
     """Margin to further impacts, largest displacement and acceleration of the output, and the
-    factors by which disturbances grow, over a regime; without impacts, theta holds the phase at
+    factors by which perturbations grow, over a regime; without impacts, theta holds the phase at
     which it starts.
 
     The margin is the smallest distance to a stop where the motion turns back without an impact,
@@ -704,7 +704,7 @@ def survey(motion, pattern, theta, states):
             rate(motion, z, before)
             speed = strike(motion, stops[k], z[:two])
             rate(motion, z, after)
-            # a disturbed path is struck at another moment, by the old and the new rates
+            # a perturbed path is struck at another moment, by the old and the new rates
             for j in range(two):
                 for i in range(two):
                     salt[i, j] = 1.0 if i == j else 0.0
@@ -764,8 +764,8 @@ def survey(motion, pattern, theta, states):
 
 @kernel
 def acceleration_row(motion, generator):
-    """The row (N,) whose product with a state is the absolute acceleration of the output, by the
-    generator of the motion, free or at rest on a stop."""
+    """The row (N,) whose product with a state is the absolute acceleration of the output. It
+    belongs to a generator: of the free motion, or at rest on a stop."""
     n, size = motion.rows.shape[1], len(motion.generator)
     found = np.zeros(size)
     for j in range(size):
@@ -968,12 +968,12 @@ def strike_or_rest(motion, stop, touch, z):
 def march(motion, start, periods, phase, ends, log):
     """Simulate from impact to impact: `start` (2 n,) at a phase of the force, over whole periods.
 
-    `ends` (periods + 1, 2 n) takes the state at the start and after each period; `log` (most, 3)
-    the phase, stop and speed of impacts, and of each release after a rest its phase and -1 less the
-    stop, the last ones in the place of the first where they are too many. Returns the number of
-    rows (0 or more; -1 where impacts came too fast to be followed), the largest displacement and
-    absolute acceleration of the output over the last period, and the stop that is rested on at the
-    end, or FREE.
+    `ends` (periods + 1, 2 n) takes the state at the start and after each period. `log` (most, 3)
+    takes the phase, stop and speed of impacts; for each release after a rest its phase and -1 less
+    the stop. Where they are too many, the last ones stand in the place of the first. Returns the
+    number of rows, or -1 where impacts came too fast to be followed. Then come the largest
+    displacement and absolute acceleration of the output over the last period. The last is the stop
+    that is rested on at the end, or FREE.
     """
     two, size, m = 2 * motion.rows.shape[1], len(motion.generator), len(motion.positions)
     steps = math.ceil(2.0 * math.pi / motion.omega / step_of(motion))
