@@ -276,7 +276,6 @@ def study_pages() -> dict[str, str]:
         title = text.partition("\n")[0].removeprefix("# ")
         question = re.search(r"\*\*Question\.\*\* (.*?)\n\n", text, re.DOTALL)
         text = re.sub(r"\]\((\w+\.png)\)", rf"](../../../studies/{folder}/\1)", text)
-        text = text.replace("![figure]", f"![{title}]")
         found[f"studies/{folder}.md"] = f"{text}\nThe study lies in `studies/{folder}`.\n"
         asked = " ".join(question[1].split()) if question else ""
         reader = "developers" if folder[:2] in DEVELOPERS else "users"

@@ -147,7 +147,7 @@ CASES: dict[str, Scene] = {
         (1.0, 1.0), (0.1, 0.1), (1.0, 1.0), noises=(0.2, 0.2),
         pairs=[pair("floor", 1.0, -1.0, None, on="a"), pair("ceiling", 1.0, None, 1.0, on="a")],
     ),
-    "walls and a neighbour, R = 0.5": two_masses(
+    "stops and a neighbour, R = 0.5": two_masses(
         (1.0, 1.0), (0.1, 0.1), (1.0, 1.0), noises=(0.2, 0.2),
         pairs=[
             pair("wall of a", 0.5, -0.1, 0.1, on="a"),

@@ -38,6 +38,9 @@ TERMS = {
 }  # fmt: skip
 """Patterns of variants, with the word to use. The verb "hits", "by chance" and "wall time" stay."""
 
+HAMMERS = r"\b(?:hammers?|percussion)\b"
+"""Words of a text that may speak of blows."""
+
 LONGEST = 25
 """Largest number of words of a sentence."""
 
@@ -105,6 +108,8 @@ def counts() -> dict[str, dict[str, int]]:
             read = texts_of_code if path.suffix == ".py" else texts_of_page
             for text in map(prose, read(path)):
                 for name, pattern in TERMS.items():
+                    if name.startswith("blow") and re.search(HAMMERS, text, flags=re.IGNORECASE):
+                        continue
                     here[name] += len(re.findall(pattern, text, flags=re.IGNORECASE))
                 here[LONG] += long_sentences(text)
         found[room] = {name: number for name, number in sorted(here.items()) if number}
@@ -117,7 +122,7 @@ def long_sentences(text: str) -> int:
     >>> long_sentences("One two. " + 26 * "word " + ".")
     1
     """
-    parts = re.split(r"[.;:?!](?=\s|$)|\n\s*\n|\n\s*[-|*\d]", text)
+    parts = re.split(r"[.;:?!][*_)\"']*(?=\s|$)|\n\s*\n|\n\s*[-|*\d]", text)
     return sum(len(re.findall(r"[^\W\d_][\w'-]*", part)) > LONGEST for part in parts)
 
 

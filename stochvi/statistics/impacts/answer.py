@@ -60,8 +60,8 @@ class PairStatistics:
     exponents
         Exponents by side, or under "both" where both stops have the same restitution.
     energy, striking_energy
-        Mean loss per impact, and mean m w^2 / 2 with which the reduced mass m arrives, the energy
-        of a blow, in `energy_unit`: J, or J/kg where the scene gives no mass.
+        Mean loss per impact, and mean m w^2 / 2 with which the reduced mass m arrives, in
+        `energy_unit`: J, or J/kg where the scene gives no mass. A hammer strikes blows of it.
     rice_rates, clump_rate, first_hit_rate
         Rates without stops, 1/s: Rice's of crossings of each stop and of both; that of clumps of
         crossings (Vanmarcke); that of first impacts, from simulated first crossings, if they were
@@ -214,7 +214,7 @@ def _rows(name: str, pair: PairStatistics) -> list[dict[str, Any]]:
     add("variance / mean of counts", "1", pair.dispersion)
     add("rms impact speed", "m/s", pair.speed_rms)
     add("energy lost per impact", pair.energy_unit, pair.energy)
-    add("energy of a blow, m w^2 / 2", pair.energy_unit, pair.striking_energy)
+    add("striking energy, m w^2 / 2", pair.energy_unit, pair.striking_energy)
     for side, exponent in pair.exponents.items():
         add(f"exponent of slow impacts, {side}", "1", exponent.fitted)
         if exponent.theory is not None:

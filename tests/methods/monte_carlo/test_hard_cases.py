@@ -50,7 +50,7 @@ SLOW = {
     "static force 100 on a stop, R = 1",
     "free absorber, R = 0",
     "free absorber, R = 1",
-    "walls and a neighbour, R = 0.5",
+    "stops and a neighbour, R = 0.5",
 }
 """Cases in which a few paths take seconds of CPU time, as time scales lie far apart."""
 
@@ -246,7 +246,7 @@ def test_a_start_beyond_a_stop_comes_back(name: str, monkeypatch: pytest.MonkeyP
 def test_a_start_beyond_the_walls_of_two_masses_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
     start = ModalPlan.start
     monkeypatch.setattr(ModalPlan, "start", lambda plan, streams: 3.0 + start(plan, streams))
-    scene = CASES["walls and a neighbour, R = 0.5"]
+    scene = CASES["stops and a neighbour, R = 0.5"]
     path = record_path(scene, duration=12.0)
     assert np.isfinite(path.to_numpy()).all()
     later = path[path["time"] > 10.0]
@@ -255,7 +255,7 @@ def test_a_start_beyond_the_walls_of_two_masses_comes_back(monkeypatch: pytest.M
 
 
 LARGE = ["R = 1", "R = 0", "no spring, no damper, R = 0.5", "free absorber, R = 0.5",
-         "elastic stop, 1e8 times the spring", "walls and a neighbour, R = 0.5",
+         "elastic stop, 1e8 times the spring", "stops and a neighbour, R = 0.5",
          "sine alone, at resonance", "table far below the resonance"]  # fmt: skip
 
 
