@@ -36,7 +36,11 @@ if TYPE_CHECKING:
 @click.option(
     "--sine", is_flag=True, help="Find the exact regimes under the sine of the scene instead."
 )
-@varied(200, "what is tuned, as absorber.play=1mm:9mm:50 [play or gap, and mass].", "With --sine: ")
+@varied(
+    200,
+    "values of a key to tune, as absorber.play=1mm:9mm:50 [play or gap, and mass].",
+    "With --sine: ",
+)
 @click.option(
     "--rel-error", type=float, default=0.01, show_default=True,
     help="Relative standard error of mean squares and rates.",

@@ -1,4 +1,4 @@
-"""Hit rates against clearance: by Rice, by the moment closure, and by Monte Carlo."""
+"""Impact rates against clearance: by Rice, by the moment closure, and by Monte Carlo."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ def clearance_notes(linear: Screening, clearances: ArrayLike) -> tuple[str, ...]
     several = len(linear.coordinates) > 1 or len(gaps) > 1
     sags = [
         f"the load moves {f'the gap of {name}' if several else 'the mass'} by "
-        f"{1e3 * gap.mean:+.4g} mm, more than the gap of {1e3 * place:.4g} mm: gaps are counted "
-        "from where the mass hangs, and stops that stand about the position of the unloaded spring "
-        "would hold it"
+        f"{1e3 * gap.mean:+.4g} mm, more than the clearance of {1e3 * place:.4g} mm: clearances "
+        "count from the static equilibrium, and stops placed about the unloaded spring would hold "
+        "the mass"
         for (name, gap), place in zip(gaps.items(), nearest, strict=True)
         if abs(gap.mean) > place
     ]
@@ -69,7 +69,7 @@ def _rows(linear: Screening, clearances: ArrayLike) -> Matrix:
 def clearance_curve(
     scene: Scene, clearances: Sequence[float] | Matrix, **options: Unpack[AccuracyOptions]
 ) -> pd.DataFrame:
-    """Hit rate against clearance: by Rice, by the moment closure, and by Monte Carlo.
+    """Impact rate against clearance: by Rice, by the moment closure, and by Monte Carlo.
 
     Parameters
     ----------

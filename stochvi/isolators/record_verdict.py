@@ -168,8 +168,8 @@ class RecordVerdict:
         if self.contradicts:
             return (
                 "THE RECORD CONTRADICTS THE GAUSSIAN MODEL: "
-                f"{'; '.join(self.reasons)}; {needs}, and what is calculated for Gaussian noise "
-                "does not hold for it"
+                f"{'; '.join(self.reasons)}; {needs}, and numbers for Gaussian noise do not hold "
+                "for it"
             )
         if not self.judged:
             why = (

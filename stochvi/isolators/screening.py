@@ -267,7 +267,7 @@ def screen(
     See Also
     --------
     stochvi.size : The clearance that is needed.
-    stochvi.isolators.clearance_curve : Hit rates over clearances.
+    stochvi.isolators.clearance_curve : Impact rates over clearances.
 
     Examples
     --------

@@ -685,7 +685,7 @@ class Scene(Checked):
         for place in self.drifts[0]:
             name = self.structure.coordinates[place]
             found.append(
-                f"the whole drifts freely, which no stop feels: motions are those relative to "
+                f"the whole structure drifts freely, which no stop feels: motions are relative to "
                 f"{name!r}"
             )
         words = {law.word for pair in self.impact_pairs for _, law in pair.stops()}

@@ -318,7 +318,7 @@ def lifetimes(
 
 
 LEAVING = (
-    "a path has left a regime where it stays outside its basin, as without noise, for the time in "
+    "a path has left a regime once it stays outside its basin, as without noise, for the time in "
     "which perturbations decay to a tenth; after twice that time regimes are left at constant rates"
 )
 """What life times take for granted."""
@@ -668,7 +668,7 @@ def _mixed(
             yield (
                 f"the noise mixes the regime '{described[regime].name}' with others: before paths "
                 f"leave it, they lie {100.0 * share:.0f} % of the time outside its basin and come "
-                "back, so that its life time hangs on how long they must stay outside"
+                "back, so its life time depends on how long they must stay outside"
             )
 
 

@@ -249,9 +249,8 @@ def pressed_pairs(model: Model, below: Vector, above: Vector) -> list[str]:
     for pair, *distances in zip(model.pairs, below, above, strict=True):
         found += [
             f"the mean gap of {pair.name} must lie between its stops: without them it would be "
-            f"{-distance:.4g} m beyond its {side} stop, so that it is pressed onto it from the "
-            "start; move that stop, ask after other pairs without this one in the scene, or let "
-            "simulate count its impacts"
+            f"{-distance:.4g} m beyond its {side} stop, and be pressed onto it from the start; "
+            "move that stop, take this pair out of the scene, or let simulate count its impacts"
             for side, distance in zip(("lower", "upper"), distances, strict=True)
             if distance <= 0.0
         ]

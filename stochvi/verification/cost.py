@@ -275,7 +275,7 @@ class WorkPrecision(Result):
             reason = self._reason(found) if found.seconds > LONG_SECONDS else ""
             price = f"{spoken_time(found.seconds)} (step {found.step:.3g} s{reckoned}{reason})"
             if found.seconds > UNCERTAIN * found.least_seconds:
-                price = f"{spoken_time(found.least_seconds)} to {price}, more paths tell"
+                price = f"{spoken_time(found.least_seconds)} to {price}, more paths narrow it"
             parts.append(f"{100.0 * target:g} % takes {price}")
         return ", ".join(parts)
 

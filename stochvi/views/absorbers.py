@@ -37,7 +37,7 @@ def print_absorber(console: Console, found: AbsorberReport) -> None:
     rows = [_level_row(each) for each in found.performances]
     print_frame(console, pd.DataFrame(rows), f"motion of {found.carrier!r}, by level")
     rows = [_impact_row(each) for each in found.performances]
-    print_frame(console, pd.DataFrame(rows), "what the impacts do")
+    print_frame(console, pd.DataFrame(rows), "impacts, by level")
     if found.tuned_damper is not None:
         console.print(tuned_sentence(found.tuned_damper), highlight=False)
     for line in (

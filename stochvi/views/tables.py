@@ -113,7 +113,7 @@ def _without_bound(response: Response) -> list[str]:
         if each.bias is None and each.standard_error == 0.0
     ]
     reasons = [
-        how.partition(NO_BOUND)[2] or f"none is known of what {how.partition(';')[0]} gives here"
+        how.partition(NO_BOUND)[2] or f"the error of {how.partition(';')[0]} is not known here"
         for how in unbounded
     ]
     return list(dict.fromkeys(reasons))

@@ -147,7 +147,7 @@ def test_a_load_that_moves_the_mass_further_than_a_gap_is_noted() -> None:
     sag = STANDARD_GRAVITY / (20.0 * math.pi) ** 2
     linear = screen(loaded)
     (note,) = set(clearance_notes(linear, [0.9 * sag, 2.0 * sag])) - set(linear.notes)
-    assert "+2.484 mm, more than the gap of 2.236 mm" in note
+    assert "+2.484 mm, more than the clearance of 2.236 mm" in note
     assert clearance_notes(linear, [1.1 * sag]) == linear.notes
     assert clearance_notes(screen(scene), [0.9 * sag]) == screen(scene).notes
 

@@ -133,7 +133,7 @@ def test_the_interval_of_a_clearance_follows_from_that_of_the_chance(wanted: flo
 
 
 def test_a_mission_too_short_for_a_chance_says_so() -> None:
-    with pytest.raises(ValueError, match=r"probability of 0.95 in 0.05 s .* clearance below"):
+    with pytest.raises(ValueError, match=r"probability must be at most 0\.[0-9]+ .* got 0.95"):
         size(ten_hertz(0.05), probability=0.95, mission=0.05)
 
 

@@ -330,7 +330,7 @@ def test_the_cheapest_step_is_the_longest_whose_bias_allows_it() -> None:
     # 3e-4 is brought below 1e-4 by one halving of a second order, not by less
     assert (hundredth.step, hundredth.simulated) == (0.1, False)
     assert found.cheapest(0.01, rates=True) is None
-    assert "0.1 % takes 1 s to 4 s (step 0.2 s), more paths tell" in found.summary()
+    assert "0.1 % takes 1 s to 4 s (step 0.2 s), more paths narrow it" in found.summary()
     assert "impacts: 1 % out of known reach" in found.summary()
 
 
@@ -429,4 +429,4 @@ def test_a_price_from_few_paths_tells_how_little_is_known_of_it() -> None:
         # CPU times are those of a machine that others load
         assert one.least_seconds < 2.0 * other.seconds and other.least_seconds < 2.0 * one.seconds
         assert other.seconds / other.least_seconds < one.seconds / one.least_seconds
-    assert few.summary().count("more paths tell") >= 2
+    assert few.summary().count("more paths narrow it") >= 2

@@ -328,14 +328,14 @@ class _PairsJob:
         sought = f"the clearances for {self.target.name} = {self.target.value:g}"
         if place >= high and excess < -CLOSE:
             self.notes.append(
-                "smaller clearances may do as well: these are the smallest that are looked at, and "
+                "smaller clearances may do as well: these are the smallest that are tried, and "
                 "they keep the target with a margin"
             )
             return math.exp(high), 0.0
         if place <= low and excess > CLOSE:
             raise NotApplicable(
                 "size",
-                [f"no clearance that is looked at keeps {self.target.kept(self.mission)}: at the "
+                [f"no clearance that is tried keeps {self.target.kept(self.mission)}: at the "
                  f"largest ones it is missed by a factor of {math.exp(excess):.3g}; ask for less, "
                  "or move the other stops"],
             )  # fmt: skip
@@ -569,9 +569,9 @@ class _Total:
         wanted = math.log(-math.log1p(-probability))
         if not self.logs[0] <= wanted <= self.logs[-1]:
             raise ValueError(
-                f"probability must be in [{self.least:.3g}, {self.most:.3g}], the probabilities at "
-                f"the clearances that are looked at for this mission, got {probability:g}; ask for "
-                "another probability or mission"
+                f"probability must be in [{self.least:.3g}, {self.most:.3g}], as at the clearances "
+                f"that are tried for this mission, got {probability:g}; ask for another "
+                "probability or mission"
             )
         low, high = self.risks[[0, -1]]
         place = float(brentq(lambda x: self._curve(x) - wanted, low, high, xtol=1e-12))

@@ -515,8 +515,8 @@ NO_PEAKS = "peak accelerations were not simulated: no time was left; raise the b
 """Warning where the deadline passed before the first window."""
 
 NO_CLOSURE = (
-    "the moment closure was not solved at every clearance of the curve of hit rates: no time was "
-    "left; raise the budget"
+    "the moment closure was not solved at every clearance of the curve of impact rates: no time "
+    "was left; raise the budget"
 )
 """Warning where the deadline passed before the curve of the closure was solved."""
 

@@ -80,16 +80,16 @@ class RiskCurve:
         low, high = self.clearances[usable][[0, -1]]
         if wanted > curve(low):
             raise ValueError(
-                f"probability of {probability:g} in {self.mission:g} s belongs to a clearance "
-                f"below {1e3 * low:.4g} mm, the smallest that is looked at "
-                f"({low / self.crossings.displacement_std:.3g} sigma); ask for a smaller "
-                "probability or a longer mission"
+                f"probability must be at most {self.probability(low):.3g} for a mission of "
+                f"{self.mission:g} s, as at {1e3 * low:.4g} mm, the smallest clearance that is "
+                f"tried ({low / self.crossings.displacement_std:.3g} sigma), got {probability:g}; "
+                "ask for a smaller probability or a longer mission"
             )
         if wanted < curve(high):
             raise ValueError(
-                f"probability of {probability:g} in {self.mission:g} s belongs to a clearance "
-                f"above {1e3 * high:.4g} mm, the largest that is looked at; ask for a larger "
-                "probability"
+                f"probability must be at least {self.probability(high):.3g} for a mission of "
+                f"{self.mission:g} s, as at {1e3 * high:.4g} mm, the largest clearance that is "
+                f"tried, got {probability:g}; ask for a larger probability"
             )
         value = float(brentq(lambda c: curve(c) - wanted, low, high, xtol=1e-12 * low, rtol=1e-12))
         step = 1e-3 * self.crossings.displacement_std
@@ -110,7 +110,7 @@ class RiskCurve:
         if wanted > self.first_rate(low):
             raise ValueError(
                 f"first impacts {wanted:.3g} times a second belong to a clearance below "
-                f"{1e3 * low:.4g} mm, the smallest that is looked at"
+                f"{1e3 * low:.4g} mm, the smallest that is tried"
             )
         return float(brentq(lambda c: self.first_rate(c) - wanted, low, high))
 

@@ -321,7 +321,7 @@ def _not_gaussian(
         top / sigma,
         rtol=1e-6,
     )
-    change = f"input kurtosis {KURTOSIS:g} by slow clusters"
+    change = f"input kurtosis {KURTOSIS:g} by slow changes of level"
     chance = slow_bursts(curve, old, KURTOSIS, mission)
     rows.append(row_of(change, sizing, {"clearance": float(needed)}, chance, sigma=sigma))
     return rows

@@ -49,9 +49,9 @@ impacts are left out of rates, never out of F1 and F2."""
 
 COLLAPSES = (
     "restitution {restitution:g} at the {side} stop is not above exp(-pi / sqrt 3) = 0.163: "
-    "impacts without end bring the mass to rest on the stop in finite time. The answer is the "
-    "limit as ever slower impacts are resolved, in which the noise takes the mass off at once; "
-    "rates only have a meaning above a speed"
+    "infinitely many impacts bring the mass to rest on the stop in finite time. The answer is the "
+    "limit as ever slower impacts are resolved: the noise lifts the mass off at once. Rates have a "
+    "meaning only above a speed"
 )
 """Warning where impacts without end bring the mass to rest on a stop."""
 

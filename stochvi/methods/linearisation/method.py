@@ -353,8 +353,8 @@ def _warnings(model: Model, candidate: Candidate, form: str) -> list[str]:
     found = []
     if candidate.rise > 1.0:
         found.append(
-            "the mass leans on a stop more closely than a density C exp(lambda x - kappa x^2 / 2) "
-            f"allows: this is kept at its limit, and raised {candidate.rise:.3g}-fold at the stop"
+            "the mass lies closer to a stop than a density C exp(lambda x - kappa x^2 / 2) allows: "
+            f"the density is kept at its limit, and raised {candidate.rise:.3g}-fold at the stop"
         )
     for stop in model.stops_per_unit_mass:
         law = stop.law

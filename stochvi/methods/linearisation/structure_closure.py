@@ -148,8 +148,8 @@ def solutions(model: Model, deadline: Deadline = NEVER) -> list[_Solution]:
         if found:
             return sorted(found, key=lambda one: 0.0 if free is None else _apart(modes, one, free))
     raise NotConverged(
-        f"{METHOD} did not converge: from none of its starts did the iteration reach a response "
-        "that the linearised structure answers with; simulate this scene."
+        f"{METHOD} did not converge: from none of its starts did the iteration reach the response "
+        "of the linearised structure; simulate this scene."
     )
 
 
@@ -440,7 +440,7 @@ def _energies(modes: ModalForm, law: LinearLaw) -> dict[tuple[str, str], float]:
 
 def _warnings(gaps: Sequence[_PairGap], candidates: Sequence[Candidate]) -> list[str]:
     return [
-        f"the gap of {gap.pair.name} leans on a stop more closely than a density "
+        f"the gap of {gap.pair.name} lies closer to a stop than a density "
         f"C exp(lambda y - kappa y^2 / 2) allows: raised {candidate.rise:.3g}-fold at the stop"
         for gap, candidate in zip(gaps, candidates, strict=True)
         if candidate.rise > 1.0

@@ -124,8 +124,8 @@ def integrate(
     )  # fmt: skip
     if status == kernel.TOO_MANY:
         raise NotConverged(
-            f"the record was left after {MOST_IMPACTS} impacts: the stops are too close to rattle "
-            "in a countable way; give a larger clearance or a smaller restitution"
+            f"the replay has more than {MOST_IMPACTS} impacts, the largest number that is counted; "
+            "give a larger clearance or a smaller restitution"
         )
     masses = np.array([pair.mass for pair in model.pairs for _ in pair.stops])
     log = log.copy()

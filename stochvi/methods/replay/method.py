@@ -167,8 +167,8 @@ def unmet(scene: Scene, model: Model) -> list[str]:
         if not isinstance(each, RecordedNoise | ConstantLoad)
     }
     found += [
-        f"excitation must be record or constant, got {kind}: what is random cannot be replayed, "
-        "and a sine belongs into the record"
+        f"excitation must be record or constant, got {kind}: random noise cannot be replayed, "
+        "and a sine belongs in the record"
         for kind in sorted(others)
     ]
     if (
@@ -362,8 +362,8 @@ def _assumptions(scene: Scene, model: Model, segments: int) -> tuple[str, ...]:
     ]
     if any(isinstance(each, RecordedNoise) and each.band_hz for each in scene.excitations):
         found.append(
-            "A straight line and what lies outside band_hz are taken off the record as off its "
-            "density."
+            "A straight line, and frequencies outside band_hz, are taken off the record, as for "
+            "its density."
         )
     if any(stop.rigid for stop in model.stops):
         found.append(

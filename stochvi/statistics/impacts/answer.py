@@ -89,7 +89,7 @@ class PairStatistics:
     def rayleigh(self, speed: ArrayLike) -> Vector:
         """Rayleigh's density with the mean square seen, s/m: that of stops that lose nothing."""
         if self.speed_rms is None:
-            raise ValueError("no impact was seen, so that no law of speeds can be fitted")
+            raise ValueError("no impact was seen: no distribution of speeds can be fitted")
         square = self.speed_rms.value**2 / 2.0
         w = np.asarray(speed, dtype=float)
         return np.asarray(w / square * np.exp(-(w**2) / (2.0 * square)))
@@ -177,7 +177,7 @@ class ImpactStatistics(Result):
             spread = pair.dispersion
             if spread is None:
                 seen = pair.speeds is not None
-                few = "too few impacts were seen to say how they come"
+                few = "too few impacts were seen to judge whether they cluster"
                 found.append(f"{name}: {few if seen else 'no impact was seen'}")
                 continue
             low, high = (spread.value + side * 2.0 * spread.standard_error for side in (-1, 1))

@@ -483,6 +483,6 @@ def _warnings(plan: ImpactPlan, model: Model) -> list[str]:
         if any(map(collapses, pair.stops)):
             found.append(
                 f"{pair.name}: at a restitution up to {COLLAPSE_RESTITUTION:.4f} the rate of "
-                "all impacts is infinite: everything here hangs on the threshold"
+                "all impacts is infinite: all rates depend on the threshold"
             )
     return found

@@ -103,10 +103,10 @@ def harder_hits_of_pairs(
     if estimate.value == 0.0:
         rule, upper = f"upper limit: {estimate.how}", estimate.upper_95 or 1.0
     why = {
-        "bursts": "clusters: first impacts of all pairs are given, those that are fast more "
-        "often, and what follows them is simulated with all stops",
-        "windows": "windows: impacts hardly pause here, so that windows of the whole motion are "
-        "simulated with all stops",
+        "bursts": "clusters: records hold a first impact of any pair, a fast one more often; the "
+        "motion after it is simulated with all stops",
+        "windows": "windows: impacts hardly pause here; windows of the whole motion are simulated "
+        "with all stops",
     }[found.way]
     chance = Chance(
         event=limit.event,
@@ -172,8 +172,8 @@ def _from_crossings(
         rule=f"Student's, of the logarithm, from a jackknife over {paths} paths",
         way="first crossings",
         why=(
-            "first crossings: before the first impact the motion is stationary and Gaussian, and "
-            "crossings that are given need not be waited for, however rare"
+            "first crossings: before the first impact the motion is stationary and Gaussian; "
+            "records hold a crossing, however rare, and none is waited for"
         ),
         trials=paths,
         seconds=time.process_time() - started,
@@ -222,15 +222,15 @@ def exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Jobs
     way, why = (
         "bursts",
         (
-            "clusters: first impacts are given, what follows them is simulated, and a splitting "
-            "finds those clusters in which any impact exceeds the limit"
+            "clusters: records hold a first impact, and the motion after it is simulated; a "
+            "splitting finds those clusters in which any impact exceeds the limit"
         ),
     )
     if isinstance(found.kind, Windows):
         way, why = (
             "windows",
             (
-                "windows: impacts hardly pause here, so that the whole motion is simulated, and a "
+                "windows: impacts hardly pause here; the whole motion is simulated, and a "
                 "splitting finds those pieces of it that exceed the limit"
             ),
         )

@@ -296,7 +296,11 @@ def _of_pairs(
             *_assumptions(scene, "stationary"),
             *same_gaps(model_of(scene)),
             *unknown,
-            *([] if pair is None else [f"all is that of {pair}, as if it alone had stops"]),
+            *(
+                []
+                if pair is None
+                else [f"every number is that of {pair}, as if it alone had stops"]
+            ),
         ],
         warnings=[
             f"peak_acceleration of {limit.value:.4g} m/s^2 is exceeded without any stop, with a "
@@ -491,9 +495,8 @@ def _assumptions(scene: Scene, start: str) -> list[str]:
         found.append("missions start at rest, where spring and load balance")
     else:
         found.append(
-            "missions start in the stationary motion: for an impact or a passage in that without "
-            "stops and barriers, beyond which it has happened at once; for all else in that with "
-            "stops"
+            "missions start in the stationary motion: without stops and barriers for an impact or "
+            "a passage (a start beyond one counts at once), with stops for all else"
         )
     found.append("intervals cover statistical errors; the bias of the step is stated apart")
     return found

@@ -98,7 +98,7 @@ def _present(scene: Scene) -> list[str]:
 def _meanings(scene: Scene, plan: HistoryPlan) -> dict[str, str]:
     rigid = any(stop.rigid for stop in plan.model.stops)
     if not _present(scene):
-        acceleration = "left out: a force acts on a mass, whose acceleration has it in it"
+        acceleration = "left out: a force acts on a mass, and is part of its acceleration"
     elif rigid:
         acceleration = "absolute, between impacts: by springs and dampers, without the impulses"
     else:
@@ -112,13 +112,13 @@ def _meanings(scene: Scene, plan: HistoryPlan) -> dict[str, str]:
         of = "base acceleration to absolute acceleration" if _present(scene) else "force to support"
         meanings["transmissibility_h1"] = f"{of}, the part that is linear in the excitation"
         meanings["transmissibility_ratio"] = f"{of}, root of the ratio of densities"
-        meanings["coherence"] = "of what is transmitted with the excitation"
+        meanings["coherence"] = "between the transmitted motion or force and the excitation"
         if plan.model.tables:
             meanings["coherence"] += "; like transmissibilities, left out at the ends of a table"
     else:
         meanings["coherence"] = (
-            "left out, as are transmissibilities: the excitation is known of one oscillator under "
-            "white or tabulated noise without sines"
+            "left out, like transmissibilities: the excitation is known for one oscillator under "
+            "white or tabulated noise without sines alone"
         )
     return meanings
 

@@ -384,7 +384,7 @@ def _screening(review: Review) -> Section:
         ]
     return Section(
         title="Linear screening",
-        lead="What the rule of three sigma rests on: the mount without stops, a Gaussian response.",
+        lead="The rule of three sigma rests on the Gaussian response of the mount without stops.",
         facts=facts,
         pictures=pictures,
     )
@@ -447,7 +447,7 @@ def _risk(review: Review) -> Section:
         title="Required clearance",
         lead="The probability of any impact depends on the motion without stops alone: "
         "nothing has been hit before the first impact. Intervals are those of the calculation; "
-        "they do not hold what is unknown of the mount and the environment: tolerances are for "
+        "they leave out what is unknown about the mount and the environment: tolerances are for "
         "that.",
         grids=[grid],
         pictures=pictures,
@@ -498,7 +498,7 @@ def _how(answer: Response) -> str:
 def _limits(review: Review) -> Section:
     return Section(
         title="Limits",
-        lead="What this report takes for granted, and does not say.",
+        lead="Assumptions of this report, and its limits.",
         notes=[
             *(text[0].upper() + text[1:] for text in review.assumptions),
             *([_sentence(NO_TOLERANCES)] if review.sizing.allowed == Tolerances() else []),

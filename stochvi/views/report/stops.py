@@ -81,8 +81,8 @@ def stops_section(review: Review) -> Section:
     change = motion.transmissibility_change
     if change is not None and change <= NOTABLE_CHANGE:
         notes.append(
-            "What spring and damper pass on is not drawn with stops: in bands of a third of an "
-            f"octave it differs by at most {100.0 * change:.2g} % from that without."
+            "The transmissibility with stops is not drawn: in bands of a third of an octave it "
+            f"differs by at most {100.0 * change:.2g} % from that without."
         )
     if any(law.rigid for pair in motion.scene.impact_pairs for _, law in pair.stops()):
         notes.append(
@@ -118,8 +118,8 @@ def _pictures(review: Review, motion: MotionBetweenStops) -> list[Picture]:
         found.append(
             shown(
                 lambda: plot_transmissibility(review),
-                "What the mount passes on, without stops and apparently with stops at 3 sigma; "
-                "forces of the stops left out.",
+                "Transmissibility without stops, and the apparent one with stops at 3 sigma; "
+                "forces of the stops are left out.",
             )
         )
     return found
@@ -309,7 +309,7 @@ def peaks_section(review: Review) -> Section:
         ]
     return Section(
         title=title,
-        lead="What an rms value hides: a few impacts change it little, and multiply the peak.",
+        lead="An rms value hides impacts: a few change it little, and multiply the peak.",
         grids=[grid],
         pictures=pictures,
         notes=[

@@ -175,7 +175,7 @@ def test_ball_on_a_table() -> None:
     assert value(inelastic, "velocity_mean_square") == pytest.approx(
         -2.0 * value(inelastic, "displacement_mean"), rel=1e-9
     )
-    assert "leans on a stop" in inelastic.warnings[0]
+    assert "lies closer to a stop" in inelastic.warnings[0]
 
 
 def test_box_constants_solve_the_fokker_planck_equation_of_a_box() -> None:
