@@ -250,4 +250,4 @@ MADE: dict[str, Callable[[dict[str, Any]], Any]] = {
     COMPLEX: lambda found: complex(*map(_decoded, found[COMPLEX])),
     SCENE: lambda found: scene_from(found[SCENE]),
 }
-"""What makes a value, by the mark of its form."""
+"""Makers of values, by the mark of their form."""

@@ -480,7 +480,7 @@ def summary_of_reliability(found: Reliability) -> Summary:
 
 
 def summary_of_replay(found: Replay) -> Summary:
-    """What a record does to coordinates and impact pairs."""
+    """Motion of coordinates and impact pairs under a record."""
     parts = {**found.coordinates, **found.impact_pairs}
     return Summary(
         quantities={owner: dict(part.items()) for owner, part in parts.items()}, cost=found.cost
@@ -488,7 +488,7 @@ def summary_of_replay(found: Replay) -> Summary:
 
 
 def _summary_of(answer: Any) -> Response | Summary | None:
-    """What an answer that was not finished holds."""
+    """Contents of an answer that was not finished."""
     from stochvi.isolators import Sizing
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.statistics.reliability import Reliability

@@ -1,4 +1,4 @@
-"""Impact absorbers: what a loose mass in a box does to its structure, and the best box."""
+"""Impact absorbers: effect of a loose mass in a box on its structure, and the best box."""
 
 import lazy_loader
 

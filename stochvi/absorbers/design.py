@@ -94,7 +94,7 @@ class Design(Result):
 
     See Also
     --------
-    stochvi.absorbers.design_absorber : What makes it.
+    stochvi.absorbers.design_absorber : The calculation.
     """
 
     not_in_document = ("provenance",)

@@ -138,7 +138,7 @@ class AbsorberReport(Result):
 
     See Also
     --------
-    stochvi.absorber : What makes it.
+    stochvi.absorber : The calculation.
     """
 
     not_in_document = ("scene", "provenance")  # each response holds them
@@ -193,7 +193,7 @@ def absorber(
     levels_db: Sequence[float] = LEVELS_DB,
     **options: Unpack[AccuracyOptions],
 ) -> AbsorberReport:
-    """What an impact absorber does to the structure that carries it, over levels of excitation.
+    """Effect of an impact absorber on the structure that carries it, over levels of excitation.
 
     With the absorber by Monte Carlo, the same random numbers at every level; without it from the
     linear response, exactly. Under white noise on the structure and R = 1 nothing changes: theta
@@ -470,7 +470,7 @@ class _Windows:
 
 
 class Peaks(NamedTuple):
-    """What is read from one recorded path: means over its windows of the largest displacement, mean
+    """Numbers from one recorded path: means over its windows of the largest displacement, mean
     square of the absolute acceleration, and forces and accelerations of `_wall_peaks`."""
 
     displacement: float

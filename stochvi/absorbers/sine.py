@@ -1,4 +1,4 @@
-"""An impact absorber under a sine: what it leaves of a vibration over frequency, play and mass."""
+"""An impact absorber under a sine: residual vibration over frequency, play and mass."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from stochvi.scenes.scene import Scene
 Flags = NDArray[np.bool_]
 
 FREQUENCY = "frequency_hz"
-"""Name of what is varied where that is the frequency of the sine."""
+"""Name of the varied number where that is the frequency of the sine."""
 
 PLAYS = np.geomspace(0.02, 3.0, 61)
 """Plays of a tuning curve, over the travel of the structure without the absorber, peak to peak."""
@@ -49,7 +49,7 @@ SAMPLES = 360
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ResidualCurve:
-    """What an absorber leaves of the vibration, over a number that is varied (SI units).
+    """Residual vibration with an absorber, over a number that is varied (SI units).
 
     The ratios are those of the largest displacements of the carrier from its unloaded position.
 
@@ -113,9 +113,9 @@ class AbsorberSine(Result):
     mass_ratio
         Mass of the absorber over that of the structure.
     frequency
-        What is left of the vibration, over the frequency of the sine.
+        Residual vibration over the frequency of the sine.
     tuning
-        What is left of the vibration, over play, gap and mass, at the frequency of the scene.
+        Residual vibration over play, gap and mass, at the frequency of the scene.
     regimes
         All regimes with the absorber over frequency.
 
@@ -221,7 +221,7 @@ def absorber_sine(
     most_impacts: int = 3,
     budget: float | None = None,
 ) -> AbsorberSine:
-    """What an impact absorber leaves of the vibration under a sine, over frequency, play and mass.
+    """Residual vibration with an impact absorber under a sine, over frequency, play and mass.
 
     The regimes are the exact ones of the structure with its absorber, loose or sprung, with one
     stop or two. Slow sweeps by simulation show what lasts where no regime is stable: there the
@@ -244,7 +244,7 @@ def absorber_sine(
     Returns
     -------
     AbsorberSine
-        Curves of what is left, and all regimes over frequency.
+        Curves of the residual vibration, and all regimes over frequency.
 
     Raises
     ------

@@ -78,7 +78,7 @@ def tuned_force(mass: float, play: float, omega: float, law: str = "flight") -> 
 
     See Also
     --------
-    stochvi.absorbers.residual_vibration : What is left.
+    stochvi.absorbers.residual_vibration : The residual vibration.
     stochvi.absorbers.symmetric_regimes : The exact regimes.
 
     Examples

@@ -1,4 +1,4 @@
-"""The command of impact absorbers: what a loose mass in a box does, or which box is best."""
+"""The command of impact absorbers: effect of a loose mass in a box, or the best box."""
 
 from __future__ import annotations
 

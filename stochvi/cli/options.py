@@ -420,7 +420,7 @@ def shown(
 
 @dataclass(frozen=True)
 class Varied:
-    """What --from, --to, --points and --vary ask for: frequencies, or values of a key."""
+    """Values of --from, --to, --points and --vary: frequencies, or values of a key."""
 
     start: float | None
     end: float | None

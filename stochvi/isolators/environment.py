@@ -1,4 +1,4 @@
-"""What shakes an isolator and what it passes on without stops, as numbers for a report."""
+"""Excitation of an isolator and its motion without stops, as numbers for a report."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ class Jolts(Result):
 
     See Also
     --------
-    stochvi.isolators.jolts : What makes it.
+    stochvi.isolators.jolts : The calculation.
     """
 
     speeds: tuple[float, ...]
@@ -280,7 +280,7 @@ def jolts(
 
 
 LESS_WORK = "raise budget, or ask for fewer paths, fewer jolts or a shorter duration"
-"""What a user can do where the budget ended before all jolts were simulated."""
+"""Remedy where the budget ended before all jolts were simulated."""
 
 
 def _thrown(

@@ -110,7 +110,7 @@ class Screening(Result):
 
     See Also
     --------
-    stochvi.screen : What makes it.
+    stochvi.screen : The calculation.
     """
 
     not_in_document = COMMON

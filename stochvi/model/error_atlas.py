@@ -1,9 +1,9 @@
-"""How wrong an approximation is: read from an atlas of its errors over all oscillators with stops.
+"""Error of an approximation, read from an atlas of its errors over all oscillators with stops.
 
 Up to units, one oscillator in white noise has these numbers: zeta, the R of its stops, and their
 places about the rest position, in standard deviations without stops. The atlas
 (`data/linearisation_atlas`) holds ln(answer / truth) of every form on a grid of gap, R and zeta,
-for symmetric stops and for a single one. What the corners of a scene's cell span, times a safety,
+for symmetric stops and for a single one. The span of the corners of a scene's cell, times a safety,
 bounds its error. Two unlike stops have no grid: they are given the largest error of their relatives
 in it, times a larger safety.
 """

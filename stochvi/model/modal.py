@@ -121,7 +121,7 @@ class ModalForm(NamedTuple):
 
 
 class LinearStructure(Protocol):
-    """What a modal form is made from: a `Model`, without its stops."""
+    """Parts of a modal form: a `Model`, without its stops."""
 
     @property
     def mass(self) -> Matrix: ...

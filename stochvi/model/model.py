@@ -167,8 +167,7 @@ for the distances of two stops that are hit at once."""
 
 
 def sharing_of(directions: Matrix, lower: Vector, upper: Vector) -> Matrix | None:
-    """How the impacts of pairs that are hit at once are shared: equally, as none of them is the
-    first.
+    """Shares of the impacts of pairs that are hit at once: equal, as none of them is the first.
 
     Parameters
     ----------
@@ -599,8 +598,8 @@ def _build_model(scene: Scene) -> Model:
 
 
 def _lost_motion(model: Model, records: Sequence[RecordedNoise]) -> list[str]:
-    """What the densities of records leave out of the motion of the slowest mode that a spring
-    holds."""
+    """Warnings on the motion of the slowest mode that a spring holds, where the density of a record
+    leaves a part of it out."""
     held = np.flatnonzero(model.modal.squares > 0.0)
     if not len(held):
         return []

@@ -34,12 +34,12 @@ class Result:
     Parameters
     ----------
     warnings
-        What a reader must know before believing the numbers, a sentence each.
+        Warnings to read before believing the numbers, a sentence each.
     cost
         Time and number of paths that the answer took.
     provenance
-        What is needed to compute the answer again: versions, processor, seed, the scene, and in
-        `call` the function with its arguments, the date and, of a checkout, the commit.
+        Data to compute the answer again: versions, processor, seed, the scene, and in `call` the
+        function with its arguments, the date and, of a checkout, the commit.
     interrupted
         Whether Ctrl-C ended the calculation: the answer then holds the results up to that moment.
     """

@@ -224,7 +224,7 @@ TOO_FEW = "in too few independent samples for an interval"
 
 
 def of_events(found: Estimate, samples: int) -> Estimate:
-    """What may be stated of a mean number or rate of events over so many independent samples.
+    """Estimate of a mean number or rate of events over so many independent samples.
 
     Where samples and clusters of events suffice, it is the estimate, whose standard error is
     Student's where samples are few. Else it is an upper limit, and the value is 0. This one rule is
@@ -319,7 +319,7 @@ def version_of(package: str) -> str:
 
 
 def provenance(scene: Mapping[str, Any], seed: int | None = None) -> dict[str, Any]:
-    """What is needed to compute an answer again: versions, processor, seed and the scene."""
+    """Data to compute an answer again: versions, processor, seed and the scene."""
     return {
         "version": version_of("stochvi"),
         "libraries": {name: version_of(name) for name in ("numpy", "scipy", "numba")},

@@ -25,7 +25,7 @@ class InputFile:
 
 @dataclass(frozen=True, kw_only=True)
 class Origin:
-    """What a report states about how it was made, so that it can be repeated and checked.
+    """Origin of a report: the data that make it repeatable and checkable.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def call_of(function: str, arguments: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _recorded(value: Any) -> Any:
-    """An argument in plain types: what is long by its size, what is no data by its kind."""
+    """An argument in plain types: a long one by its size, one that is no data by its kind."""
     if hasattr(value, "tolist"):
         value = value.tolist()
     if value is None or isinstance(value, bool | int | float | str):

@@ -71,7 +71,7 @@ class Pace:
 
 
 _announcers: list[Callable[[str], None]] = []
-"""What shows a sentence of the calculations under way, outermost first."""
+"""Displays of the calculations under way, outermost first."""
 
 
 @contextmanager

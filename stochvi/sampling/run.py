@@ -41,8 +41,8 @@ REPORT_SECONDS = 0.2
 
 @dataclass(frozen=True)
 class Taken(Generic[Sample]):
-    """What the loop has come to: a sample, the number of its paths, whether there are as many as
-    were wanted, and the kinds of machines that made it."""
+    """State of the loop: a sample, the number of its paths, whether there are as many as were
+    wanted, and the kinds of machines that made it."""
 
     sample: Sample
     paths: int
@@ -52,7 +52,7 @@ class Taken(Generic[Sample]):
 
 @dataclass
 class Run:
-    """What a calculation that samples works with.
+    """Settings of a calculation that samples.
 
     `rel_error`, `paths` and `duration` are None where they are left out, or no option. `began` is
     the time at which the calculation began, s, on a clock that stands still while kernels are
@@ -309,8 +309,8 @@ def sampled(calculate: Any = None, **defaults: Any) -> Any:
 def _begun(
     command: str, scene: Scene, own: Mapping[str, Any], named: dict[str, Any]
 ) -> CheckpointWriter | None:
-    """What writes the checkpoint, if one is asked for; `named` gets the arguments of the run that
-    is resumed."""
+    """Writer of the checkpoint, if there is one; `named` gets the arguments of the run that is
+    resumed."""
     file = named["resume"] if named["checkpoint"] is None else named["checkpoint"]
     if file is None:
         return None

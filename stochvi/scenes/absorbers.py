@@ -55,7 +55,7 @@ class Absorber(Checked):
 
     See Also
     --------
-    stochvi.absorber : What it does to the structure that carries it.
+    stochvi.absorber : Its effect on the structure that carries it.
     stochvi.absorbers.design_absorber : The best box for a mass.
 
     Examples

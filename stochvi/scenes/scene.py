@@ -317,7 +317,7 @@ class Scene(Checked):
         object.__setattr__(self, "excitations", driven)
 
     def _misplaced(self, pair: ImpactPair) -> str:
-        """What is wrong with the coordinates of an impact pair; empty if nothing is."""
+        """Fault of the coordinates of an impact pair; empty if nothing is."""
         known = self.structure.places
         places = given(pair, "at", "direction")
         if isinstance(self.structure, RigidBody):
@@ -404,7 +404,7 @@ class Scene(Checked):
         return np.asarray(np.sum(rows, axis=0))
 
     def words_of(self, part: ImpactPair | Excitation) -> str:
-        """What a pair or a force acts on, in words; empty if it does not say so."""
+        """The places that a pair or a force acts on, in words; empty if it does not say so."""
         if part.weights is not None:
             return " + ".join(f"{weight:g} {name}" for name, weight in part.weights.items())
         if part.between is not None:
@@ -436,7 +436,7 @@ class Scene(Checked):
         return unknown
 
     def _unheld(self, pair: ImpactPair) -> str:
-        """What is wrong with a stop at which the restoring force is not finite; empty if none."""
+        """Fault of a stop at which the restoring force is not finite; empty if none."""
         if not isinstance(self.structure, NonlinearOscillator):
             return ""
         for stop in (pair.lower, pair.upper):
@@ -510,7 +510,7 @@ class Scene(Checked):
                     assert_never(excitation)
 
     def _misfit(self, excitation: Excitation) -> str:
-        """What is wrong with the place of an excitation; empty if nothing is."""
+        """Fault of the place of an excitation; empty if nothing is."""
         if excitation.between is not None or excitation.weights is not None:
             return self._misfit_of_several(excitation)
         rigid = isinstance(self.structure, RigidBody)
@@ -545,8 +545,7 @@ class Scene(Checked):
         return _misfit_unit(excitation, where)
 
     def _misfit_of_several(self, excitation: Excitation) -> str:
-        """What is wrong with the place of a force between two places, or on several; empty if
-        nothing is."""
+        """Fault of the place of a force between two places, or on several; empty if nothing is."""
         known, key = self.structure.places, "weights" if excitation.between is None else "between"
         if isinstance(self.structure, RigidBody) or len(known) < 2:
             return (
@@ -606,7 +605,7 @@ class Scene(Checked):
         return found
 
     def _wrong_cross_densities(self) -> list[tuple[str, str]]:
-        """What is wrong with the cross densities of the axes of a base."""
+        """Fault of the cross densities of the axes of a base."""
         if not self.cross_densities:
             return []
         if not isinstance(self.structure, RigidBody):
@@ -729,7 +728,8 @@ class Scene(Checked):
         return excitation.table_for(omega, damping_rate)
 
     def density_of(self, excitation: Excitation) -> Density | None:
-        """The density of an excitation as this structure needs it; None of what is not noise."""
+        """The density of an excitation as this structure needs it; None for excitations that are no
+        noise."""
         return excitation.density_for(*self._resonance())
 
     def _resonance(self) -> tuple[float, float]:
@@ -763,7 +763,7 @@ LARGEST_NUMBER = 1e50
 
 
 def _misfit_unit(excitation: Excitation, where: str) -> str:
-    """What is wrong with the unit of a density at a place; empty if nothing is."""
+    """Fault of the unit of a density at a place; empty if nothing is."""
     if excitation.density_unit is None:
         return ""
     try:

@@ -92,7 +92,7 @@ def scene_schema() -> dict[str, Any]:
 
 
 def parameters_of(kind: type) -> dict[str, str]:
-    """What the docstrings of a class and its bases say of each parameter.
+    """Descriptions of each parameter, from the docstrings of a class and its bases.
 
     Examples
     --------

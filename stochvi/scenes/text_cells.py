@@ -31,7 +31,7 @@ spreadsheets, and the texts for infinity and NaN that C libraries of Windows pri
 
 
 STARTS_FORMULA = re.compile(r"[=+\-@\t\r].")
-"""What a spreadsheet takes for the start of a formula, which it runs."""
+"""Start of a text that a spreadsheet runs as a formula."""
 
 
 def as_text(cell: str) -> str:

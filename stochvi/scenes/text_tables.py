@@ -37,10 +37,10 @@ LARGEST_TEXT_FILE = 10_000_000
 """Largest size of a table or scene file, bytes: such files have some kilobytes."""
 
 COMMENTS = ("#", "%", "//")
-"""What a line of comment starts with."""
+"""Start of a line of comment."""
 
 HASH = re.compile(r"(?<!1\.)#(?!N/?A|NV|VALUE!|WERT!|NUM!|ZAHL!|DIV/0!|REF!|BEZUG!)")
-"""What begins a comment within a line: no part of 1.#QNAN, and of no error of a spreadsheet."""
+"""Start of a comment within a line: no part of 1.#QNAN, and of no error of a spreadsheet."""
 
 SAMPLE = 1000
 """Number of lines at the start of a file from which its layout is found."""
@@ -514,8 +514,8 @@ def _uncommented(line: str) -> str:
 
 
 def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:
-    """What parts the cells of most lines that hold numbers, how many cells a line has, and whether
-    all of them are numbers."""
+    """Delimiter of most lines that hold numbers, number of cells of a line, and whether all of them
+    are numbers."""
     best = (0, 0)
     choice: tuple[str | None, int, bool] = None, 0, False
     for delimiter in DELIMITERS:

@@ -141,7 +141,7 @@ class Checked(BaseModel):
     )
 
     own: ClassVar[str] = "give its keys"
-    """What takes behaviour of a user's own in place of a subclass, in words."""
+    """The class that takes a user's own behaviour in place of a subclass, in words."""
 
     @model_validator(mode="wrap")  # the other modes do not see the class that a key asks for
     @classmethod
@@ -276,7 +276,7 @@ SYMBOLS: dict[str, tuple[str, ...]] = {
 first; no spelling leads from one to the other."""
 
 ANGULAR = " (omega / 2 pi)"
-"""What a frequency in hertz is of a circular frequency."""
+"""A frequency in hertz over the circular frequency."""
 
 
 def _sentence(detail: Any) -> str:

@@ -39,7 +39,7 @@ They meet from this expected number of other first impacts in the window on."""
 
 LOOK = 4
 """Number of paths, as a multiple of FEWEST_PATHS, after which the simulation ends if it has seen
-nothing of what is `wanted`."""
+nothing of the `wanted` quantity."""
 
 FAR, DOUBT = 2.0, 4.0
 """A value needs no more accuracy once it lies beyond the factor `FAR` from the wanted value. It
@@ -79,7 +79,7 @@ class Bursts:
 
     See Also
     --------
-    stochvi.size : What is answered by clusters where impacts are rare.
+    stochvi.size : The sizing that uses clusters where impacts are rare.
     """
 
     first_rate: Estimate

@@ -132,7 +132,7 @@ class History(Result):
 
     See Also
     --------
-    stochvi.history : What makes it.
+    stochvi.history : The calculation.
     """
 
     not_in_document = ("samples", "impacts")

@@ -80,7 +80,7 @@ for."""
 
 @dataclass(frozen=True, kw_only=True)
 class Destination:
-    """Where paths go that leave a regime.
+    """Destination of the paths that leave a regime.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class Destination:
 
 @dataclass(frozen=True, kw_only=True)
 class LifeTime:
-    """How long a regime lasts in noise.
+    """Life time of a regime in noise.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class LifeTime:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class LifeTimes(Result):
-    """How long the regimes that coexist under a sine last in noise, and where paths go.
+    """Life times in noise of the regimes that coexist under a sine, and destinations of the paths.
 
     Parameters
     ----------
@@ -154,11 +154,11 @@ class LifeTimes(Result):
     outside
         Seconds that a path stays outside the basin of its regime before it counts as having left.
     assumptions
-        What was taken for granted, a sentence each.
+        Assumptions, a sentence each.
 
     See Also
     --------
-    stochvi.statistics.lifetimes : What makes it.
+    stochvi.statistics.lifetimes : The calculation.
     """
 
     regimes: tuple[LifeTime, ...]
@@ -225,7 +225,8 @@ def lifetimes(
     regimes: Sequence[str] | None = None,
     **options: Unpack[AccuracyOptions],
 ) -> LifeTimes:
-    """How long each regime under a sine lasts in the noise of the scene, and where paths then go.
+    """Life time of each regime under a sine in the noise of the scene, and destinations of the
+    paths.
 
     Paths start in each of the motions that coexist without noise. They are simulated with noise
     until enough of them have left the basin of their regime.
@@ -321,7 +322,7 @@ LEAVING = (
     "a path has left a regime once it stays outside its basin, as without noise, for the time in "
     "which perturbations decay to a tenth; after twice that time regimes are left at constant rates"
 )
-"""What life times take for granted."""
+"""Assumption of life times."""
 
 
 def _coexisting(place: Place, run: Run) -> Attractors:

@@ -93,7 +93,7 @@ class Check(Result):
 
     See Also
     --------
-    stochvi.check : What makes it.
+    stochvi.check : The calculation.
     """
 
     not_in_document = COMMON

@@ -81,7 +81,7 @@ class Checks(Result):
 
     See Also
     --------
-    stochvi.verification.check_many : What makes it.
+    stochvi.verification.check_many : The calculation.
     """
 
     checks: Mapping[str, Check]

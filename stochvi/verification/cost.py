@@ -193,7 +193,7 @@ class WorkPrecision(Result):
 
     See Also
     --------
-    stochvi.cost : What makes it.
+    stochvi.cost : The calculation.
     """
 
     errors: Sequence[StepError]
@@ -255,7 +255,7 @@ class WorkPrecision(Result):
         )
 
     def summary(self) -> str:
-        """What each accuracy costs, in a sentence."""
+        """Price of each accuracy, in a sentence."""
         if self.left_out:
             return f"the price is unknown: {'; '.join(self.left_out)}"
         text = f"CPU time of one core: {self._spoken(rates=False)}"
@@ -352,7 +352,7 @@ def spoken_time(seconds: float) -> str:
 @calculation
 @sampled
 def cost(scene: Scene, *, paths: int | None = None, **options: Unpack[RunOptions]) -> WorkPrecision:
-    """What accuracy costs in time, for this scene on this machine: a work-precision table.
+    """Time that accuracy costs, for this scene on this machine: a work-precision table.
 
     The same paths are simulated at several steps. For every quantity that `simulate(rel_error=)`
     governs this gives the standard error s of one CPU second, and the bias of each step h. The

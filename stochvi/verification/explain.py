@@ -52,7 +52,7 @@ class Explanation(Result):
 
     See Also
     --------
-    stochvi.explain : What makes it.
+    stochvi.explain : The calculation.
     """
 
     not_in_document = COMMON

@@ -35,8 +35,7 @@ MOST_MARKS = 1000
 equal intervals is."""
 
 SMALLEST_MARK, MARK_GROWTH = 10.0, 50.0
-"""Area of the mark of an impact at speed 0, and what is added to it for the fastest impact,
-points^2."""
+"""Area of the mark of an impact at speed 0, and addition to it for the fastest impact, points^2."""
 
 FRAMES, FRAMES_PER_PERIOD, FRAMES_PER_SECOND = 120, 15, 20
 """Number of frames in an animation, in a mean period of the motion, and in a second of watching."""

@@ -189,7 +189,7 @@ def _draw_base(ax: Axes, scene: Scene, bottom: float, symbols: bool) -> None:
 
 
 def _drives_in_words(scene: Scene) -> str:
-    """What shakes the scene, without its constant loads: the effects that are no stops."""
+    """Excitations of the scene, without its constant loads: the effects that are no stops."""
     on_base: list[str] = []
     other: list[str] = []
     for each in scene.effects():

@@ -136,7 +136,7 @@ def plot_sine(found: HarmonicResponse, ax: Axes | None = None) -> Axes:
 
 
 def plot_branches(found: HarmonicResponse, ax: Axes, column: str) -> Axes:
-    """One quantity of all branches over what is varied."""
+    """One quantity of all branches over the varied number."""
     unit, name = 1.0, ""
     tables = [(branch, _columns(branch)) for branch in found.branches]
     if column == "displacement_max" and tables:

@@ -170,5 +170,5 @@ def places_of_stops(sizing: Sizing) -> str:
 
 
 def equilibrium_in_words(sizing: Sizing) -> str:
-    """Where the mass hangs, in words."""
+    """The static equilibrium, in words."""
     return f"the static equilibrium is at {1e3 * sizing.gap.mean_position:+.4g} mm from there"

@@ -34,7 +34,7 @@ HITS_PER_FIRST_HIT = (
 
 @dataclass(frozen=True, kw_only=True)
 class Target:
-    """What the clearance has to keep.
+    """Target of a sizing.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class Target:
         return f"{self.value / STANDARD_GRAVITY:.4g} g"
 
     def kept(self, mission: float) -> str:
-        """What the clearance keeps in a mission (s), in words."""
+        """The target in a mission (s), in words."""
         spoken = spoken_mission(mission)
         if self.name == "probability":
             return f"the probability of any impact in {spoken} at {spoken_percent(self.value)}"
@@ -182,7 +182,7 @@ class ThreeSigma:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Sizing(Result):
-    """The clearance that keeps a target, and what it rests on.
+    """The clearance that keeps a target, and the evidence for it.
 
     Parameters
     ----------
@@ -236,7 +236,7 @@ class Sizing(Result):
 
     See Also
     --------
-    stochvi.size : What makes it.
+    stochvi.size : The calculation.
     """
 
     not_in_document = ("scene",)  # it is in the provenance
@@ -345,7 +345,7 @@ class Sizing(Result):
         return None if self.record is None or self.record.agrees else self.record
 
     def calculated(self) -> str:
-        """What the clearance to make rests on: the calculated one for the scene as stated, the
+        """Evidence for the clearance to make: the calculated one for the scene as stated, the
         impacts to expect there, and what three sigma would do to the same quantity."""
         three, hits = self.three_sigma, self.expected_hits()
         place = f"3 sigma = {1e3 * three.clearance:.4g} mm"

@@ -99,7 +99,7 @@ class Tolerances:
 
 
 USUAL = Tolerances(frequency=0.1, damping=0.3, level_db=3.0, stiffness=0.2)
-"""What is usual of elastomer mounts, of the level of vibration tests, and of the stiffness of
+"""Usual tolerances of elastomer mounts, of the level of vibration tests, and of the stiffness of
 rubber within 5 degrees Shore A; applied where it is asked for."""
 
 CENTRE = "centre "

@@ -48,7 +48,7 @@ class Probability:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PairsSizing(Result):
-    """Clearances that keep the probability of an impact of any pair, and what they rest on.
+    """Clearances that keep the probability of an impact of any pair, and the evidence for them.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class PairsSizing(Result):
 
     See Also
     --------
-    stochvi.size : What makes it.
+    stochvi.size : The calculation.
     """
 
     not_in_document = ("scene",)  # it is in the provenance
@@ -198,7 +198,7 @@ class PairsSizing(Result):
         )
 
     def calculated(self) -> str:
-        """What the clearances to make rest on: those calculated for the scene as stated, the
+        """Evidence for the clearances to make: those calculated for the scene as stated, the
         impacts to expect there, and what three sigma would do."""
         mission = spoken_mission(self.mission)
         low, high = (self.clearances[name] for name in self.extremes())

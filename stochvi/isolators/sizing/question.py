@@ -1,4 +1,4 @@
-"""What a sizing is asked."""
+"""The question of a sizing."""
 
 from __future__ import annotations
 

@@ -254,7 +254,7 @@ class Review:
     sensitivity
         The table of `sensitivity`; None unless it was asked for.
     warnings, assumptions
-        In words: what must be known before any number is believed, and what is taken for granted.
+        In words: warnings to read before any number is believed, and assumptions.
     """
 
     sizing: Sizing

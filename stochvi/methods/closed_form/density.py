@@ -29,7 +29,7 @@ class ExactDensity:
 
     See Also
     --------
-    stochvi.methods.closed_form.exact_density : What makes it.
+    stochvi.methods.closed_form.exact_density : The calculation.
     """
 
     response: Response

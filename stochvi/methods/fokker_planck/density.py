@@ -387,7 +387,7 @@ class StationaryDensity:
 
     See Also
     --------
-    stochvi.methods.fokker_planck.fokker_planck_density : What makes it.
+    stochvi.methods.fokker_planck.fokker_planck_density : The calculation.
     """
 
     response: Response

@@ -316,7 +316,7 @@ class Batch(NamedTuple):
 
     See Also
     --------
-    stochvi.methods.fokker_planck.fokker_planck_many : What makes it.
+    stochvi.methods.fokker_planck.fokker_planck_many : The calculation.
     """
 
     values: Moments

@@ -100,7 +100,7 @@ class FirstPassage(Result):
 
     See Also
     --------
-    stochvi.first_passage : What makes it.
+    stochvi.first_passage : The calculation.
     """
 
     times: tuple[float, ...]

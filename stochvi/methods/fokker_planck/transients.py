@@ -106,7 +106,7 @@ class Transient(Result):
 
     See Also
     --------
-    stochvi.transient : What makes it.
+    stochvi.transient : The calculation.
     """
 
     not_in_document = ("_states",)

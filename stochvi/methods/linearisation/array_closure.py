@@ -58,7 +58,7 @@ tried where the one before led to no answer."""
 
 
 class Linearised(NamedTuple):
-    """What the closure finds for many oscillators, SI units per unit mass.
+    """Answer of the closure for many oscillators, SI units per unit mass.
 
     Rates are 0 where there is no stop. `stiffness` (1/s^2) and `damping` (1/s) are what the stops
     add on average; `rise` is the factor by which a density exceeds its law right at a stop (1
@@ -66,7 +66,7 @@ class Linearised(NamedTuple):
 
     See Also
     --------
-    stochvi.methods.linearisation.linearise_many : What makes it.
+    stochvi.methods.linearisation.linearise_many : The calculation.
     """
 
     mean: Vector

@@ -55,7 +55,7 @@ class LinearisedOscillator:
 
     See Also
     --------
-    stochvi.methods.linearisation.linearised_oscillators : What makes it.
+    stochvi.methods.linearisation.linearised_oscillators : The calculation.
     """
 
     mean: float

@@ -44,7 +44,7 @@ class LinearisedStructure:
 
     See Also
     --------
-    stochvi.methods.linearisation.linearised_structures : What makes it.
+    stochvi.methods.linearisation.linearised_structures : The calculation.
     """
 
     coordinates: tuple[str, ...]

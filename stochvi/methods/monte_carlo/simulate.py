@@ -315,7 +315,7 @@ class Prospect:
 
     See Also
     --------
-    stochvi.methods.monte_carlo.prospect : What makes it.
+    stochvi.methods.monte_carlo.prospect : The calculation.
     """
 
     method: str

@@ -56,7 +56,7 @@ class Branch:
 
     See Also
     --------
-    stochvi.harmonic_response : What makes it.
+    stochvi.harmonic_response : The calculation.
     """
 
     form: str
@@ -267,11 +267,11 @@ class HarmonicResponse(Result):
     simulated
         Sweeps by simulation that were asked for.
     assumptions
-        What was taken for granted, a sentence each.
+        Assumptions, a sentence each.
 
     See Also
     --------
-    stochvi.harmonic_response : What makes it.
+    stochvi.harmonic_response : The calculation.
     """
 
     key: str

@@ -113,7 +113,7 @@ class BasinRegime:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Basins(Result):
-    """Where motions from a plane of starts end.
+    """The ends of motions from a plane of starts.
 
     Parameters
     ----------
@@ -134,11 +134,11 @@ class Basins(Result):
     undecided
         Share of the starts between the stops whose end was not recognised.
     assumptions
-        What was taken for granted, a sentence each.
+        Assumptions, a sentence each.
 
     See Also
     --------
-    stochvi.methods.periodic.basins : What makes it.
+    stochvi.methods.periodic.basins : The calculation.
     """
 
     plane: tuple[str, str]
@@ -201,7 +201,7 @@ class Basins(Result):
         return {"method": "basins", **super()._document()}
 
     def summary(self) -> str:
-        """Which motions coexist, and what share of the starts each takes."""
+        """The motions that coexist, and the share of the starts of each."""
         found = ", ".join(f"{100.0 * each.share:.3g} % {each.name}" for each in self.regimes)
         rest = (
             f"; {100.0 * self.undecided:.3g} % undecided after {self.periods} periods"
@@ -223,7 +223,7 @@ def basins(
     most_impacts: int = 3,
     **options: Unpack[WorkOptions],
 ) -> Basins:
-    """Which of the motions that coexist under a sine a structure ends in, from a plane of starts.
+    """Basins of the motions that coexist under a sine, over a plane of starts.
 
     Every initial state is followed from impact to impact, with the exact linear motion between
     them. It is followed until it reaches the surroundings of a stable regime of
@@ -315,7 +315,7 @@ RECOGNISED = (
     "a motion ends in a regime where it enters surroundings from which the regime is approached: "
     "without impacts by its energy, else as found for 256 states around the regime"
 )
-"""What the recognition of regimes takes for granted."""
+"""Assumption of the recognition of regimes."""
 
 
 class Place:

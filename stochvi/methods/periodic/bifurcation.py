@@ -100,11 +100,11 @@ class Bifurcation(Result):
         Numbers of periods at each value that pass before its motion is watched, and in which it is
         watched.
     assumptions
-        What was taken for granted, a sentence each.
+        Assumptions, a sentence each.
 
     See Also
     --------
-    stochvi.methods.periodic.bifurcation : What makes it.
+    stochvi.methods.periodic.bifurcation : The calculation.
     """
 
     key: str

@@ -207,7 +207,7 @@ HARMONIC = (
     "the motion is taken for a mean and one harmonic, and impacts for a spring and a damper; the "
     "speed of impacts is that of the harmonic, frequency times amplitude"
 )
-"""What harmonic linearisation takes for granted."""
+"""Assumption of harmonic linearisation."""
 
 SWEEPS: dict[str | None, tuple[bool, ...]] = {
     None: (), "up": (True,), "down": (False,), "both": (True, False)
@@ -308,7 +308,7 @@ def _asked(finder: Finder, values: Vector, sigma: Vector) -> Vector:
 
 
 def _starts(finder: Finder, scattered: Scattered, swept: Sequence[float]) -> RandomStarts:
-    """What became of random starts, and where they or slow sweeps ended on no branch."""
+    """Ends of random starts, and where they or slow sweeps ended on no branch."""
     places = np.concatenate([scattered.sigma[~scattered.listed], swept])
     values = finder.family.value(places)
     return RandomStarts(
@@ -347,7 +347,7 @@ def _jump(finder: Finder, upwards: bool, step: Step) -> Jump:
 
 
 def _error(found: Sequence[Branch], exact: Sequence[Branch]) -> dict[str, float | None]:
-    """How far stable harmonic regimes are from the fastest exact stable ones at the same values."""
+    """Distance of stable harmonic regimes from the fastest exact stable ones at the same values."""
     differences, missing = list[float](), 0
     for branch in found:
         if not branch.stable.any():

@@ -85,7 +85,7 @@ class BasinRun(NamedTuple):
 
     @property
     def kind(self) -> tuple[object, ...]:
-        """What stays the same along a branch."""
+        """Numbers that stay the same along a branch."""
         return len(self.ends), self.rests, sorted(self.stops)
 
 

@@ -201,11 +201,11 @@ class Replay(Result):
     duration
         Time that was replayed, s.
     assumptions
-        What was taken for granted, a sentence each.
+        Assumptions, a sentence each.
 
     See Also
     --------
-    stochvi.replay : What makes it.
+    stochvi.replay : The calculation.
     """
 
     clearances: tuple[ReplayAt, ...]

@@ -84,9 +84,9 @@ class Structure(NamedTuple):
 
 
 class Stops(NamedTuple):
-    """Of m stops: phi (m, n), phi . phi (m,), side, place (m), kind, and the numbers of the law per
-    reduced mass (m, rows, 3): rigid (R), pieces (start, force, slope) with unused rows that start
-    at infinity, damped (K, c), Hertz (k)."""
+    """Numbers of the m stops: phi (m, n), phi . phi (m,), side, place (m), kind, and the numbers of
+    the law per reduced mass (m, rows, 3): rigid (R), pieces (start, force, slope) with unused rows
+    that start at infinity, damped (K, c), Hertz (k)."""
 
     gaps: np.ndarray
     levers: np.ndarray

@@ -122,7 +122,7 @@ class BaseExcitation(Checked):
 
     def density_for(self, omega: float, damping_rate: float) -> Density | None:
         """The density that shakes an oscillator with omega (rad/s) and damping rate b (1/s); None
-        of what is not noise."""
+        for excitations that are no noise."""
         return None
 
     def numbers(self) -> dict[str, float]:

@@ -27,7 +27,7 @@ class ConstantLoad(BaseExcitation):
 
     See Also
     --------
-    stochvi.Scene : What it is a part of.
+    stochvi.Scene : The scene that holds it.
 
     Examples
     --------

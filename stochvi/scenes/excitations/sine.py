@@ -92,8 +92,7 @@ class Sine(BaseExcitation):
         return float(value * (2.0 * math.pi * self.frequency_hz) ** power)
 
     def misplaced(self, where: str) -> str:
-        """What is wrong with the key of the strength for a sine that acts on `where`; empty if
-        nothing is."""
+        """Fault of the key of the strength for a sine that acts on `where`; empty if nothing is."""
         name, _ = self.strength
         if name in ("displacement", "velocity") and where != BASE and not self.crank:
             return f"has {name}, which is that of the base, got on = {where!r}; give amplitude (N)"

@@ -160,7 +160,7 @@ class TabulatedNoise(DensityNoise):
         return self._unit.name
 
     def assumptions(self, omega: float = 0.0, damping_rate: float = 0.0) -> tuple[str, ...]:
-        """What was taken from the file besides the numbers, and what was left out."""
+        """Notes on what was read from the file besides the numbers, and on rows left out."""
         name = Path(self.file or "").name
         return tuple(f"table {name}: {note}" for note in self._notes)
 

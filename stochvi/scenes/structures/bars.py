@@ -126,7 +126,7 @@ def usual_points(support: str) -> dict[str, float]:
 
 
 def tip_without_free_end(support: str, mass: float, spring: float) -> list[tuple[str, str]]:
-    """What is wrong with the mass and the spring at the tip: the key and a sentence each."""
+    """Fault of the mass and the spring at the tip: the key and a sentence each."""
     return [
         (key, f"is at the free end of support = 'cantilever' only, got support = {support!r}")
         for key, value in (("tip_mass", mass), ("tip_spring", spring))

@@ -95,5 +95,5 @@ class AnyStructure(Checked):
         return []
 
     def assumptions(self) -> list[str]:
-        """What is taken for granted of the structure, in words."""
+        """Assumptions on the structure, in words."""
         return []

@@ -160,8 +160,7 @@ class RigidBody(AnyStructure):
 
     See Also
     --------
-    stochvi.scenes.Mount : What it stands on.
-    stochvi.explain : Its modes, in words.
+    stochvi.scenes.Mount : One of its mounts. stochvi.explain : Its modes, in words.
 
     Examples
     --------
@@ -281,7 +280,7 @@ class RigidBody(AnyStructure):
         return pull
 
     def assumptions(self) -> list[str]:
-        """What is taken for granted of the body and its mounts, in words."""
+        """Assumptions on the body and its mounts, in words."""
         found = [
             "the box is rigid and turns by small angles; mounts push along x, y and z where they "
             "hold it, and do not resist its rotation there"

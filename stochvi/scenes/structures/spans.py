@@ -86,7 +86,7 @@ class Span(ModalStructure):
         return self
 
     def own_problems(self) -> list[tuple[str, str]]:
-        """What is wrong with the keys of this structure: the key and a sentence each."""
+        """Fault of the keys of this structure: the key and a sentence each."""
         return []
 
     @property

@@ -105,7 +105,7 @@ class ImpactStatistics(Result):
 
     See Also
     --------
-    stochvi.impacts : What makes it.
+    stochvi.impacts : The calculation.
     """
 
     pairs: Mapping[str, PairStatistics]

@@ -1,4 +1,4 @@
-"""What is kept of the impacts of each path, and estimates from independent paths."""
+"""Tallies of the impacts of each path, and estimates from independent paths."""
 
 from __future__ import annotations
 

@@ -110,7 +110,7 @@ class Reliability(Result):
 
     See Also
     --------
-    stochvi.reliability : What makes it.
+    stochvi.reliability : The calculation.
     """
 
     mission: float

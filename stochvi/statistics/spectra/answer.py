@@ -71,7 +71,7 @@ class ResponseSpectrum(Result):
 
     See Also
     --------
-    stochvi.spectrum : What makes it.
+    stochvi.spectrum : The calculation.
     """
 
     not_in_document = ("frequency_hz",)  # it is in every curve

@@ -81,7 +81,7 @@ class Finding:
 
     See Also
     --------
-    stochvi.testing.judge : What makes it.
+    stochvi.testing.judge : The calculation.
     """
 
     scene: str
@@ -109,7 +109,7 @@ class Judgement(Result):
 
     See Also
     --------
-    stochvi.testing.judge : What makes it.
+    stochvi.testing.judge : The calculation.
     """
 
     not_in_document = COMMON

@@ -106,7 +106,7 @@ def reliability_page(
             _scene_section(scene),
             Section(
                 title="Limits",
-                lead="What this report takes for granted.",
+                lead="Assumptions of this report.",
                 notes=[f"{text[0].upper()}{text[1:]}." for text in found.assumptions],
             ),
         ],
@@ -300,7 +300,7 @@ def replay_page(found: Replay, scene: Scene, record: RecordVerdict | None, origi
             _scene_section(scene),
             Section(
                 title="Limits",
-                lead="What this report takes for granted.",
+                lead="Assumptions of this report.",
                 notes=[
                     *(f"{text[0].upper()}{text[1:].rstrip('.')}." for text in found.assumptions),
                     "Another record of the same kind does something else: the peaks of one record "

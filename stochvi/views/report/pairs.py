@@ -127,7 +127,7 @@ def pairs_page(
             sensitivity_section(sensitivity),
             Section(
                 title="Limits",
-                lead="What this report takes for granted.",
+                lead="Assumptions of this report.",
                 notes=[
                     f"{text[0].upper()}{text[1:].rstrip('.')}."
                     for text in (

@@ -81,7 +81,7 @@ class Laws(NamedTuple):
 
 
 class Record(NamedTuple):
-    """What is kept of a motion.
+    """Record of a motion.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class Targets(NamedTuple):
 
 
 class Watched(NamedTuple):
-    """What is kept of a flight that is watched.
+    """Record of a flight that is watched.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def fly(course, y, touch, perturbations, log, hits):
 
 @kernel
 def settle_on(motion, stop, perturbation):
-    """What is left of a small perturbation where the motion comes to rest on a stop."""
+    """Project a small perturbation where the motion comes to rest on a stop."""
     remove_part(motion.rows[stop], perturbation[: motion.rows.shape[1]])
     rest_on(motion, stop, perturbation)
 

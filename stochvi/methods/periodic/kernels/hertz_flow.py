@@ -189,7 +189,8 @@ def add_forces(now, hertz, contacts, rates):
 
 @kernel
 def added_acceleration(now, hertz, contacts, z, pull):
-    """What stops of Hertz's law add to the acceleration of the output, and to its rate by time."""
+    """Contribution of stops of Hertz's law to the acceleration of the output, and to its rate by
+    time."""
     states, roots = contacts
     m, n = now.rows.shape
     value, slope = 0.0, 0.0

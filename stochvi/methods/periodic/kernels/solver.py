@@ -104,8 +104,8 @@ class Pattern(NamedTuple):
 
 
 class Touch(NamedTuple):
-    """What a flight keeps besides its state: `on` (3,), the stop that is rested on, the one that
-    was struck last and the one to be passed over; `fastest` (1,), the largest impact speed."""
+    """State of a flight besides its motion: `on` (3,), the stop that is rested on, the one that was
+    struck last and the one to be passed over; `fastest` (1,), the largest impact speed."""
 
     on: np.ndarray
     fastest: np.ndarray
@@ -310,7 +310,7 @@ def strike(motion, stop, y):
 
 @kernel
 def residual(motion, pattern, theta, states, left, jacobian):
-    """How far each impact of a regime is from its stop, and what its phases change.
+    """Distance of each impact of a regime from its stop, and its derivative by the phases.
 
     A motion starts in the state y and has its impacts at the given phases. Let M y + c be the state
     after its periods. Let d_k be the distance from the stop at impact k, and v_k a change of the
