@@ -114,7 +114,7 @@ def _show_isolator(
         [multiple * linear.displacement_std for multiple in CLEARANCES_IN_SIGMA],
         seed=options.seed,
         threads=options.threads,
-        progress=lambda done, text: report(0.35 + 0.55 * done, f"hit rate: {text}"),
+        progress=lambda done, text: report(0.35 + 0.55 * done, f"impact rate: {text}"),
     )
     print_clearance(console, curve)
     report(0.92, "pictures")

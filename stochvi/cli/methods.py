@@ -115,7 +115,7 @@ def fokker_planck(options: Common, scene: str, **asked: Any) -> None:
 )
 @click.option(
     "--start", type=click.Choice(["rest", "stationary"]), default="rest", show_default=True,
-    help="Start at rest, or in the stationary law without barriers.",
+    help="Start at rest, or in the stationary motion without barriers.",
 )  # fmt: skip
 @click.option("--rtol", type=float, default=1e-4, show_default=True, help="Relative error.")
 @common("budget", "json", "out", "quiet")

@@ -22,7 +22,7 @@ from stochvi.scenes.scene import Scene
 
 FALSE_ALARMS = 0.005
 """Probability that the tests together, by Bonferroni's rule, contradict a Gaussian record: half of
-the 1 % that is promised, because the laws of their statistics are approximate."""
+the 1 % that is promised, because the distributions of their statistics are approximate."""
 
 BLOCK_MEMORIES = 16.0
 """Length of the blocks whose mean squares are tested for a change of level, in int rho^2 dtau:
@@ -38,7 +38,7 @@ clearance follows it in proportion."""
 
 FEWEST = 20.0
 """Smallest number of independent values of the fourth power of the response from which its kurtosis
-is judged: the law of Anscombe and Glynn (1983) holds from about there on."""
+is judged: the distribution of Anscombe and Glynn (1983) holds from about there on."""
 
 BEYOND = 1.0 + 1e-6
 """Clearance that a record needs over the largest distance that it reaches: the excess covers what
@@ -194,11 +194,11 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
 
     The response to the record without stops, by exact steps, is compared with a Gaussian process
     that has the spectrum of the response. Three tests share the probability `FALSE_ALARMS`. The
-    largest distance from rest is held against Vanmarcke's law of first crossings (1975). The
-    kurtosis is held against the law of Anscombe and Glynn (1983), for as many independent values as
-    give it the variance 24 int rho^4 dtau / T. `change_of_level` finds changes of the level. A
-    record that is cut off contradicts as well, and so does one whose slow motion is absent from its
-    density.
+    largest distance from rest is held against Vanmarcke's distribution of first crossings (1975).
+    The kurtosis is held against the distribution of Anscombe and Glynn (1983), for as many
+    independent values as give it the variance 24 int rho^4 dtau / T. `change_of_level` finds
+    changes of the level. A record that is cut off contradicts as well, and so does one whose slow
+    motion is absent from its density.
 
     Examples
     --------

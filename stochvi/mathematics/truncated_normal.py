@@ -1,8 +1,8 @@
 """The density C exp(slope x - curvature x^2 / 2) between two stops, and its moments.
 
-With curvature > 0 it is a truncated normal law, cut at the stops; with curvature <= 0 it is largest
-at a stop. Everything is computed relative to the largest value of the density. Results therefore
-keep all their digits also for stops far out in the tail and for very small gaps.
+With curvature > 0 it is a truncated normal distribution, cut at the stops; with curvature <= 0 it
+is largest at a stop. Everything is computed relative to the largest value of the density. Results
+therefore keep all their digits also for stops far out in the tail and for very small gaps.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class TruncatedNormal:
     Parameters
     ----------
     slope, curvature
-        1/m and 1/m^2; a normal law N(m, s^2) has slope m / s^2 and curvature 1 / s^2.
+        1/m and 1/m^2; a normal distribution N(m, s^2) has slope m / s^2 and curvature 1 / s^2.
     lower, upper
         Stops, m; None for no stop. On a side without a stop the density must fall towards
         infinity: curvature > 0, or curvature = 0 with a slope of the right sign.
@@ -169,7 +169,7 @@ class TruncatedNormal:
 
 
 def normal_density(x: ArrayLike, mean: float, deviation: float) -> NDArray[np.float64]:
-    """Density of a normal law of this mean and standard deviation.
+    """Density of a normal distribution of this mean and standard deviation.
 
     >>> float(normal_density(1.0, 1.0, 2.0)) * 2.0 * math.sqrt(2.0 * math.pi)
     1.0

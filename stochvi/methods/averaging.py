@@ -49,7 +49,7 @@ def average(
 
     which goes over into the first for R near 1. The variant "unfolded" is that of V. F. Zhuravlev's
     transformation (Mech. Solids 11 (1976) 23): mirrored at its stops the motion is smooth but for a
-    jump (1 - R) v at each passage of one. A damper (1 - R) v |v| delta(x - c) in the place of the
+    jump (1 - R) v at each passage of one. A damper (1 - R) v |v| delta(x - c) in place of the
     stop stands for the jump; then L = sum_i 2 (1 - R_i)(E - E_i), too much by the factor 2 / (1 +
     R). Within an orbit the probability is in proportion to the time spent, and each cycle hits each
     reached stop once.
@@ -145,8 +145,8 @@ MISLEADING = 0.05
 
 
 def _warnings(model: Model, law: EnergyLaw) -> list[str]:
-    """A warning for each lossy stop on which the mass rests: it takes a fixed part of the energy
-    in every cycle, however light the damping."""
+    """A warning for each inelastic stop on which the mass rests: it takes a fixed part of the
+    energy in every cycle, however light the damping."""
     if model.omega == 0.0 and model.load == 0.0:
         return []
     found = []

@@ -1,4 +1,5 @@
-"""The law of a slowly varying energy: orbits between stops, and how often each is traversed.
+"""The distribution of a slowly varying energy: orbits between stops, and how often each is
+traversed.
 
 Symbols, per unit mass: E energy; U potential of spring and load; T(E) the period of the orbit of
 energy E between the stops it reaches; J(E) = closed integral of v dx (J' = T); c_i a stop, E_i =
@@ -41,8 +42,8 @@ results change in the ninth digit only."""
 
 LARGEST_FALL = 2.0
 """Largest fall of ln G in the first panel above a stop; a panel with a larger fall is halved. The
-fall is large for a mass that is pressed hard against a lossy stop: its energy is small for most of
-the time, and its density has a long tail."""
+fall is large for a mass that is pressed hard against an inelastic stop: its energy is small for
+most of the time, and its density has a long tail."""
 
 CUT = 40.0
 """The panels end at the energy at which G has fallen to e^-CUT = 4e-18 of its value at the last
@@ -334,7 +335,7 @@ _TO_COEFFICIENTS = np.linalg.inv(np.polynomial.legendre.legvander(NODES, len(NOD
 
 
 def energy_law(gap: Gap, variant: str = FINITE_JUMPS) -> EnergyLaw:
-    """The law of the energy in a gap between rigid stops under white noise.
+    """The distribution of the energy in a gap between rigid stops under white noise.
 
     It reaches up to an energy beyond which the density is negligible.
 

@@ -48,9 +48,9 @@ takes it no relative has the error: at zeta 0.006, R = 1 and 0.5, the closure wa
 the bound without this factor."""
 
 CLUMPS_SAFETY = 3.0
-"""Extra factor on `UNLIKE_SAFETY` for the form "clumps", whose law of the energy knows less of two
-stops that differ. In 250 scenes of zeta 0.005 to 0.03, one stop nearly elastic and the other lossy,
-errors came to 2.7 times the bounds without it."""
+"""Extra factor on `UNLIKE_SAFETY` for the form "clumps", whose distribution of the energy knows
+less of two stops that differ. In 250 scenes of zeta 0.005 to 0.03, one stop nearly elastic and the
+other lossy, errors came to 2.7 times the bounds without it."""
 
 REFERENCE_ERROR = 1e-3
 """Error in the logarithm that every bound includes: the truth of the atlas is no better."""

@@ -20,7 +20,7 @@ velocity."""
 
 
 class FreeMotion(NamedTuple):
-    """Modes of a structure and the stationary law of its motion without stops."""
+    """Modes of a structure and the stationary distribution of its motion without stops."""
 
     modes: ModalForm
     law: LinearLaw

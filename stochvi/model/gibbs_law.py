@@ -96,7 +96,7 @@ class GibbsLaw:
         The stops, with laws for forces per unit mass; None for no stop. A viscoelastic stop enters
         with its spring alone.
     spring
-        A function in the place of omega^2 x; omega is then 0. Its wells are searched for outwards
+        A function in place of omega^2 x; omega is then 0. Its wells are searched for outwards
         from 0 until the energy has stayed 50 theta above the deepest well while the distance grew
         eightfold.
 

@@ -1,4 +1,5 @@
-"""A structure in modal coordinates, and its stationary law with springs in place of its stops."""
+"""A structure in modal coordinates, and its stationary distribution with springs in place of its
+stops."""
 
 from __future__ import annotations
 
@@ -25,7 +26,7 @@ rounding error: the square of the relative error of a sum of forces that cancel 
 
 UNSTABLE = 1e-8
 """Decay rate, relative to the fastest frequency, up to which a structure is taken to have no
-stationary law."""
+stationary distribution."""
 
 
 class ModalForm(NamedTuple):
@@ -196,7 +197,7 @@ def _modal_white(white: Matrix, shapes: Matrix) -> Matrix:
 
 
 class LinearLaw(NamedTuple):
-    """Stationary law of a linear structure.
+    """Stationary distribution of a linear structure.
 
     `covariance` is that of the states under noise; `waves` are the complex amplitudes of the states
     under each sine; `mean` are the mean modal displacements; `decay` are the eigenvalues of the
@@ -227,7 +228,7 @@ def absolute_accelerations(modes: ModalForm, law: LinearLaw, rows: Matrix) -> Ve
     Parameters
     ----------
     modes, law
-        The structure, and its stationary law without stops.
+        The structure, and its stationary distribution without stops.
     rows
         Combinations (len(rows), n) of the coordinates.
     """
@@ -244,10 +245,11 @@ class EquivalentLinear(NamedTuple):
 
 
 def linear_law(modes: ModalForm, substitutes: Sequence[EquivalentLinear] = ()) -> LinearLaw | None:
-    """Exact stationary law of a structure whose impact pairs are replaced by springs and dampers.
+    """Exact stationary distribution of a structure whose impact pairs are replaced by springs and
+    dampers.
 
     Without substitutes it is the law of the structure without stops. None where there is no
-    stationary law.
+    stationary distribution.
     """
     gaps = modes.gaps[: len(substitutes)]
     n = modes.size

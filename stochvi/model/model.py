@@ -396,7 +396,8 @@ class Model:
         """theta (J) for which white = 2 theta damping; None if there is no such number.
 
         There is one where the only excitation is white noise whose matrix is proportional to the
-        damping. With elastic stops the stationary law is then the Gibbs law exp(-H / theta).
+        damping. With elastic stops the stationary distribution is then the Gibbs distribution
+        exp(-H / theta).
         """
         if self.signals or self.tables or not np.any(self.damping):
             return None

@@ -1,4 +1,4 @@
-"""A rough stationary law of a structure with stops, for steps and starts."""
+"""A rough stationary distribution of a structure with stops, for steps and starts."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ UNSHAKEN = 1e-24
 velocity: the remainder is rounding error."""
 
 ITERATIONS = 40
-"""Number of iterations for the springs and dampers in the place of impacts: a few digits then no
+"""Number of iterations for the springs and dampers in place of impacts: a few digits then no
 longer change, which is enough for time steps and starting values."""
 
 
@@ -48,10 +48,10 @@ def scales_of(
     """A linear law close to the stationary one, and the scales of each pair; None if none is found.
 
     Every pair is replaced by a spring and a damper. The spring gives the gap the mean and the
-    variance of a normal law cut at the stops. The damper takes as much power as the restitution
-    does at Rayleigh impact speeds. Both are found by iteration. Compliant stops are treated as
-    rigid ones with their restitution or, if `giving_way`, by the energy that they store. `method`
-    is the name of the method in error messages.
+    variance of a normal distribution truncated at the stops. The damper takes as much power as the
+    restitution does at Rayleigh impact speeds. Both are found by iteration. Compliant stops are
+    treated as rigid ones with their restitution or, if `giving_way`, by the energy that they store.
+    `method` is the name of the method in error messages.
     """
     substitutes = [_first_guess(modes, pair) for pair in model.pairs]
     scales: tuple[PairScale, ...] = ()
@@ -106,7 +106,8 @@ def _without_own_spring(
 ) -> tuple[float, float]:
     """Stiffness k and force f of a gap without the spring of its own stops: k y - f pulls it back.
 
-    Both are static ones, because y has the Gibbs law of k and f where noise matches the damping.
+    Both are static ones, because y has the Gibbs distribution of k and f where noise matches the
+    damping.
     """
     # the soft spring holds a gap that no other spring holds
     gap, soft = modes.gaps[j], SOFTEST * substitutes[j].spring
@@ -225,5 +226,5 @@ stop."""
 
 
 SOFTEST = 1e-6
-"""Smallest spring in the place of the stops of a gap, relative to the spring that alone would give
+"""Smallest spring in place of the stops of a gap, relative to the spring that alone would give
 the gap its variance. For a gap that hardly meets its stops the difference could be 0 or less."""

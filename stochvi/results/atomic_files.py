@@ -55,7 +55,7 @@ def _write_then_replace(data: bytes, path: Path, durable: bool) -> None:
 
 
 def _replace(part: Path, path: Path) -> None:
-    """Put the file `part` in the place of `path`.
+    """Put the file `part` in place of `path`.
 
     Windows refuses this while any other program, such as a virus scanner, has `path` open, which
     is usually over soon; other systems never refuse it for that reason.

@@ -1,8 +1,8 @@
 """Confidence intervals and the propagation of statistical errors, in one place.
 
 Everything that states an error of sampled numbers takes it from here. The module has quantiles of
-the normal and of Student's law, and intervals of means, counts and probabilities. It has the
-jackknife, and the delta method for functions of means over independent paths.
+the normal and of Student's distribution, and intervals of means, counts and probabilities. It has
+the jackknife, and the delta method for functions of means over independent paths.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ CONFIDENCE = 0.95
 """Confidence level of the intervals that the package reports, unless the user names another."""
 
 GAUSSIAN_95 = 1.959963984540054
-"""Half width of the central 95 % interval of a normal law, in standard deviations."""
+"""Half width of the central 95 % interval of a normal distribution, in standard deviations."""
 
 GRADIENT_STEP = 1e-3
 """Step of the central differences of the delta method, in standard errors of each mean. With a step
@@ -60,7 +60,8 @@ def normal_quantile(outside: float) -> float:
 
 
 def student_quantile(outside: float, degrees: float) -> float:
-    """Quantile of Student's law: the `normal_quantile` for a standard error that was estimated.
+    """Quantile of Student's distribution: the `normal_quantile` for a standard error that was
+    estimated.
 
     The standard error has `degrees` degrees of freedom; with infinitely many the law is normal.
 
@@ -230,8 +231,8 @@ def most_events(value: float, error: float, samples: int, confidence: float = CO
     """Upper limit of a mean number of events, seen in few clusters of unknown size.
 
     Upper limit of the number of k clusters (Poisson), times the upper limit of the mean size where
-    sizes have an exponential law: the limit holds at least as often as its confidence level states,
-    as both seldom err to the same side.
+    sizes have an exponential distribution: the limit holds at least as often as its confidence
+    level states, as both seldom err to the same side.
 
     >>> most_events(1.0, 1.0, 100) > 20.0
     True

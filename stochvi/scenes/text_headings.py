@@ -78,7 +78,7 @@ class Heading:
 
     @property
     def unread(self) -> str:
-        """The text in the place of a unit, if it is not a known unit; otherwise empty."""
+        """The text in place of a unit, if it is not a known unit; otherwise empty."""
         if self.unit is not None or not self.name:
             return ""
         over = QUANTITY_OVER_UNIT.fullmatch(self.name)

@@ -414,7 +414,9 @@ def _base(
     found = {}
     for name, drive in zip(BASE_COLUMNS, driven, strict=True):
         if drive is None:
-            meanings[name] = "left out: white and filtered noise leave it without a stationary law"
+            meanings[name] = (
+                "left out: white and filtered noise leave it without a stationary distribution"
+            )
         else:
             moved = np.linalg.lstsq(inertia, drive, rcond=None)[0]
             for axis, values in zip(model.base, moved, strict=True):

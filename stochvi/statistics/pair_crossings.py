@@ -356,7 +356,7 @@ class GapRecords:
         return np.ascontiguousarray(rows.transpose(1, 0, 2))
 
     def units(self, first_path: int, paths: int) -> Vector:
-        """Slopes of unit Rayleigh law (pairs, paths, starts) of one block of paths."""
+        """Slopes of the unit Rayleigh distribution (pairs, paths, starts) of one block of paths."""
         random = np.random.default_rng([self.seed, SLOPES, first_path])
         return random.rayleigh(size=(len(self.pairs), paths, len(self.starts)))
 

@@ -11,12 +11,12 @@ is moved by
 
     y <- sqrt(1 - s^2) y + s z
 
-with z a fresh record, which leaves the Gaussian law as it is (R. M. Neal 1998); it is taken back if
-it falls below the level. The whole record moves, and not the speed of the first impact alone: where
-a limit is exceeded by later impacts of a cluster, these are found as well. All trials weigh the
-same. A pilot that is no part of the answer fixes the levels and s. The mean over independent
-repetitions therefore has no bias (F. Cerou, P. Del Moral, T. Furon and A. Guyader, Stat. Comput. 22
-(2012) 795); their scatter gives its error.
+with z a fresh record, which leaves the Gaussian distribution as it is (R. M. Neal 1998); it is
+taken back if it falls below the level. The whole record moves, and not the speed of the first
+impact alone: where a limit is exceeded by later impacts of a cluster, these are found as well. All
+trials weigh the same. A pilot that is no part of the answer fixes the levels and s. The mean over
+independent repetitions therefore has no bias (F. Cerou, P. Del Moral, T. Furon and A. Guyader,
+Stat. Comput. 22 (2012) 795); their scatter gives its error.
 """
 
 from __future__ import annotations
@@ -130,7 +130,7 @@ class Trials(NamedTuple):
         (trials, samples, 2): x and x' without stops, before anything is made a crossing, m and m/s.
     pairs
         (trials, 2): standard normal numbers; the length of a pair is the slope of the crossing over
-        the rms velocity (Rayleigh's law).
+        the rms velocity (Rayleigh's distribution).
     side
         (trials,): number of the stop that is crossed.
     score

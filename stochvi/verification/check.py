@@ -63,8 +63,8 @@ class Comparison:
     """One quantity by two methods; `relative` is the difference in units of the reference.
 
     `score` is the part of the difference that the stated biases do not cover, in standard errors.
-    It is on the scale of a normal variable, by Student's law where paths are few; None where
-    nothing was sampled.
+    It is on the scale of a normal variable, by Student's distribution where paths are few; None
+    where nothing was sampled.
 
     See Also
     --------
@@ -207,11 +207,11 @@ def check(
     stated bias of mesh and step. The residuals of energy, virial and force must vanish within
     theirs. The standard error of a bias that was itself sampled counts like that of the value. z is
     set so that all comparisons together raise a false alarm with probability `FAMILY_ALARM_RATE`
-    (Sidak). Where a standard error comes from few paths, Student's law widens it. `check_many` does
-    this for several scenes. A quantity whose bias a method cannot state is not judged, nor is one
-    that is zero on every path. Averaging and linearisation are approximations: their errors are
-    shown, not judged. Where the budget ends first, what was simulated by then is judged; after
-    Ctrl-C `Interrupted` carries the verdict on that.
+    (Sidak). Where a standard error comes from few paths, Student's distribution widens it.
+    `check_many` does this for several scenes. A quantity whose bias a method cannot state is not
+    judged, nor is one that is zero on every path. Averaging and linearisation are approximations:
+    their errors are shown, not judged. Where the budget ends first, what was simulated by then is
+    judged; after Ctrl-C `Interrupted` carries the verdict on that.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Pictures of hit rates against the clearance of the stops."""
+"""Pictures of impact rates against the clearance of the stops."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from stochvi.views.colours import COLOURS, owner_colours
 def plot_clearance_curve(
     curve: pd.DataFrame, predicted: pd.DataFrame | None = None, ax: Axes | None = None
 ) -> Axes:
-    """Hit rate against clearance: Rice, closure, and Monte Carlo with its 95 % interval.
+    """Impact rate against clearance: Rice, closure, and Monte Carlo with its 95 % interval.
 
     `curve` comes from `clearance_curve`; `predicted` from `predicted_curve`. A picture of one pair
     tells the methods apart by colour, one of several pairs the pairs.

@@ -129,7 +129,7 @@ def plot_impact_speeds(scene: Scene, found: Density, ax: Axes | None = None) -> 
 def plot_marginals(
     scene: Scene, found: Density, axes: tuple[Axes, Axes] | None = None
 ) -> tuple[Axes, Axes]:
-    """Densities of displacement and velocity, each with the normal law of the same rms."""
+    """Densities of displacement and velocity, each with the normal distribution of the same rms."""
     if axes is None:
         _, pair = plt.subplots(1, 2, figsize=(9.0, 3.6), layout="constrained")
         axes = (pair[0], pair[1])

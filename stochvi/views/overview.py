@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from stochvi.statistics.overview import Overview
 
 CURVE_POINTS = 801
-"""Number of points of the curve of a normal law."""
+"""Number of points of the curve of a normal distribution."""
 
 
 def plot_displacement_density(found: Overview, ax: Axes | None = None) -> Axes:
@@ -53,7 +53,8 @@ def plot_displacement_density(found: Overview, ax: Axes | None = None) -> Axes:
 
 
 def plot_velocity_density(found: Overview, ax: Axes | None = None) -> Axes:
-    """The histogram and a normal law: the exact one or, where none is known, that of its rms."""
+    """The histogram and a normal distribution: the exact one or, where none is known, that of its
+    rms."""
     ax = axes_or_new(ax)
     edges = found.velocity.edges
     ax.stairs(

@@ -1,4 +1,4 @@
-"""Pictures of a sizing and of its review: risk, hit rate, peaks, spectra, sensitivity.
+"""Pictures of a sizing and of its review: risk, impact rate, peaks, spectra, sensitivity.
 
 Pictures of the page of a report are drawn at half its width (`axes.PAGE`).
 """
@@ -251,7 +251,8 @@ def plot_cumulative(review: Review, ax: Axes | None = None) -> Axes:
 
 
 def plot_histogram(review: Review, ax: Axes | None = None) -> Axes:
-    """Histogram of a path between its stops, logarithmic, over the normal law without stops."""
+    """Histogram of a path between its stops, logarithmic, over the normal distribution without
+    stops."""
     ax = axes_or_new(ax, PAGE)
     sizing, motion = review.sizing, _motion(review)
     unit, name = length_unit(3.0 * sizing.sigma)

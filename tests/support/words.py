@@ -35,6 +35,9 @@ TERMS = {
     "sentences that begin with Of": r"(?:^(?-i:Of)|[.;]\s+of) (?:an?|the|several|one|all|its)\b",
     "what is told, name it": r"\bwhat (?:is|was) (?:told|asked|said|done)\b",
     "disturbance, say perturbation": r"\bdisturbances?\b",
+    "law, say distribution": r"\b(?:normal|Gaussian|Rayleigh|stationary|Gibbs|Student's) laws?\b",
+    "lossy stop, say inelastic stop": r"\blossy stops?\b",
+    "hit rate, say impact rate": r"\bhit rates?\b",
 }  # fmt: skip
 """Patterns of variants, with the word to use. The verb "hits", "by chance" and "wall time" stay."""
 

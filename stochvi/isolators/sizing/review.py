@@ -227,7 +227,7 @@ class Review:
     linear
         Numbers of linear theory for the mission.
     closure
-        Hit rates by the moment closure, as `predicted_rates`; None unless both stops are rigid.
+        Impact rates by the moment closure, as `predicted_rates`; None unless both stops are rigid.
     chances
         Probability of any impact, and of none, in the mission at each of `PLACES`.
     hits
@@ -522,7 +522,7 @@ NO_CLOSURE = (
 
 
 def _closure(sizing: Sizing, points: int, deadline: Deadline) -> pd.DataFrame | None:
-    """Hit rates by the moment closure, where both stops are rigid and it applies."""
+    """Impact rates by the moment closure, where both stops are rigid and it applies."""
     scene, clearances = sizing.scene, sizing.curve["clearance"]
     pairs = scene.impact_pairs
     if not pairs or not two_sided(scene):

@@ -430,7 +430,8 @@ def _kurtosis(record: Vector) -> float:
 
 
 def slow_bursts(curve: RiskCurve, clearance: float, kurtosis: float, mission: float) -> float:
-    """Probability of any impact where the variance of the input changes slowly, as in a gamma law.
+    """Probability of any impact where the variance of the input changes slowly, as in a gamma
+    distribution.
 
     With the variance m of unit mean and shape n, the kurtosis is 3 (1 + 1 / n). Let m change slowly
     against the memory of the response, and often in the mission. The rate of first impacts is then
@@ -466,7 +467,7 @@ def slow_bursts(curve: RiskCurve, clearance: float, kurtosis: float, mission: fl
 
 
 def _nearly_constant(shape: float) -> tuple[Vector, Vector]:
-    """Nodes and weights for a gamma law of large shape, which is nearly Gaussian with variance 1 /
-    shape."""
+    """Nodes and weights for a gamma distribution of large shape, which is nearly Gaussian with
+    variance 1 / shape."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(9)
     return 1.0 + nodes / math.sqrt(shape), weights / math.sqrt(2.0 * math.pi)

@@ -205,7 +205,7 @@ def displacement_density(scene: Scene, x: ArrayLike) -> Vector:
 
 
 def _law(scene: Scene, response: Response) -> GibbsLaw:
-    """Law of the displacement; for filtered noise the Gaussian law with its moments."""
+    """Law of the displacement; for filtered noise the Gaussian distribution with its moments."""
     if one_oscillator(model_of(scene)):
         return one_coordinate.displacement_law(scene)
     (found,) = response.coordinates.values()

@@ -90,7 +90,7 @@ def lossy(law: Law, at: str) -> str:
 
 
 def displacement_law(scene: Scene) -> GibbsLaw:
-    """Law exp(-U / theta) between the stops; under tabulated noise the Gaussian law.
+    """Law exp(-U / theta) between the stops; under tabulated noise the Gaussian distribution.
 
     Raises
     ------

@@ -1,4 +1,5 @@
-"""Several coordinates: the Gibbs law exp(-H / theta), and Gaussian laws without stops.
+"""Several coordinates: the Gibbs distribution exp(-H / theta), and Gaussian distributions without
+stops.
 
 The stops see y = D q alone, one entry per impact pair. Given y the rest is Gaussian, so that
 
@@ -37,7 +38,8 @@ from stochvi.scenes.scene import Scene
 
 
 class Split(NamedTuple):
-    """The energy in the pairs' coordinates y, and the Gaussian law of q that is left given y.
+    """The energy in the pairs' coordinates y, and the Gaussian distribution of q that is left given
+    y.
 
     stiffness (p, p) and load (p,) are A and h; q | y has the mean base + gain y and the
     covariance `spread`.
@@ -101,8 +103,8 @@ def unmet(model: Model) -> list[str]:
 
 
 def _not_gibbs(model: Model) -> list[str]:
-    """The conditions of the Gibbs law that a model with elastic stops in white noise does not
-    meet."""
+    """The conditions of the Gibbs distribution that a model with elastic stops in white noise does
+    not meet."""
     if model.temperature is None:
         return [
             "white noise must match damping, S = 2 theta C with one theta for all coordinates: "
@@ -231,7 +233,7 @@ def _moments(model: Model, found: Solution) -> dict[tuple[str, str], float]:
     return moments
 
 
-# The Gibbs law ----------------------------------------------------------------------------
+# The Gibbs distribution -------------------------------------------------------------------
 
 
 def solve(model: Model) -> Solution:
@@ -338,7 +340,7 @@ def _coupled_pairs(model: Model, split: Split, theta: float, block: NDArray[np.i
 
 
 def _gaussian(model: Model) -> Solution:
-    """Response of a linear structure to Gaussian noise: a Gaussian law."""
+    """Response of a linear structure to Gaussian noise: a Gaussian distribution."""
     modes = model.modal
     law = linear_law(modes)
     assert law is not None

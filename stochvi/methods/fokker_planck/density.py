@@ -398,7 +398,7 @@ class StationaryDensity:
         """Joint density of displacement and velocity, 1/m * s/m.
 
         Negative values are kept, so that integrals of the density are those of the solution. Where
-        there is hardly any probability, or near the corner of a lossy stop, the density may be
+        there is hardly any probability, or near the corner of an inelastic stop, the density may be
         slightly negative, sometimes by more than `density_error`.
         """
         return self.fine.density(x, v)

@@ -133,10 +133,10 @@ def unreached(scenes: OscillatorArrays, speed: Array, upcrossing_rate: Array) ->
     """Bounds on the impacts on stops that no box reaches: exp(-energy / t) times the rate of
     crossing.
 
-    That is Rice's rate with Rayleigh's law of speeds; 0 for the other quantities, and for the
-    stops that a box reaches. t is s^2. For a mass that is pressed onto an inelastic stop it is S0 /
-    (2 b), the mean square velocity with the damper alone: fast flights last longer and lose less in
-    the same time.
+    That is Rice's rate with Rayleigh's distribution of speeds; 0 for the other quantities, and for
+    the stops that a box reaches. t is s^2. For a mass that is pressed onto an inelastic stop it is
+    S0 / (2 b), the mean square velocity with the damper alone: fast flights last longer and lose
+    less in the same time.
     """
     lowest = scenes.lowest()
     far = scenes.climb(speed**2 * FARTHEST_STOP**2 / 2.0)

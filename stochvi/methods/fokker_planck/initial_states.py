@@ -1,4 +1,5 @@
-"""Initial states of an oscillator: a point, or a Gaussian law of displacement and velocity."""
+"""Initial states of an oscillator: a point, or a Gaussian distribution of displacement and
+velocity."""
 
 from __future__ import annotations
 
@@ -13,11 +14,11 @@ from stochvi.mathematics.arrays import Array
 from stochvi.model.model import Model
 
 TAIL = 8.5
-"""Number of standard deviations beyond which a Gaussian law has less than 2e-17 of its
+"""Number of standard deviations beyond which a Gaussian distribution has less than 2e-17 of its
 probability."""
 
 GRID = np.linspace(-TAIL, TAIL, 18)
-"""Ends, in standard deviations, of Gauss-Legendre panels that resolve a Gaussian law."""
+"""Ends, in standard deviations, of Gauss-Legendre panels that resolve a Gaussian distribution."""
 
 
 class InitialState(NamedTuple):
@@ -29,7 +30,7 @@ class InitialState(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class Gaussian:
-    """A Gaussian law of displacement (m) and velocity (m/s).
+    """A Gaussian distribution of displacement (m) and velocity (m/s).
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ class Gaussian:
 
 
 MOST_STEPS = 200
-"""Largest number of panels for a Gaussian law whose displacement and velocity are nearly
+"""Largest number of panels for a Gaussian distribution whose displacement and velocity are nearly
 dependent."""
 
 ALIKE = 1e-9
@@ -122,7 +123,8 @@ def start_of(given: StartChoice, model: Model) -> Start:
     Raises
     ------
     ValueError
-        If it is not one of the words, or the motion has no place of rest or no stationary law.
+        If it is not one of the words, or the motion has no place of rest or no stationary
+        distribution.
     """
     if isinstance(given, Gaussian):
         return given

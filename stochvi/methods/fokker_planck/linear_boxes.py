@@ -131,7 +131,7 @@ def speed_scale(scenes: OscillatorArrays) -> Array:
     """The speed s at which the law exp(-energy / s^2) takes up the power of the noise, m/s.
 
     b s^2 + sum over stops of (1 - R^2) p s^3 / sqrt(2 pi) = S0 / 2, with p the density at the
-    stop: the balance of energy, with F2 of Rayleigh's law. Exact between elastic stops.
+    stop: the balance of energy, with F2 of Rayleigh's distribution. Exact between elastic stops.
     """
     power = scenes.intensity / 2.0
     damped = scenes.damping_rate > 0.0

@@ -34,11 +34,12 @@ class ExtentSettings:
         scale of the density.
     flattest
         Largest velocity in units of the scale, wherever the damping allows so large a scale. A
-        weight that falls faster than the stationary law lets modes of the mesh grow without bound.
+        weight that falls faster than the stationary distribution lets modes of the mesh grow
+        without bound.
     start_margin
         Speed that a path may gain beyond its initial speed, in units of the scale.
     tail_kept
-        Number of standard deviations of an initial Gaussian law that the box must hold.
+        Number of standard deviations of an initial Gaussian distribution that the box must hold.
     """
 
     reach: float = 6.0
@@ -188,7 +189,8 @@ def passage_layout(model: Model, lower: float, upper: float, start: Start) -> La
 
 
 def _rms_speed(model: Model) -> float:
-    """Rms velocity of the stationary law without barriers, m/s; infinite without damping."""
+    """Rms velocity of the stationary distribution without barriers, m/s; infinite without
+    damping."""
     if model.damping_rate == 0.0:
         return math.inf
     return math.sqrt(model.intensity / 2.0 / model.damping_rate)

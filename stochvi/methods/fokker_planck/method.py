@@ -77,7 +77,7 @@ def fokker_planck(
         Relative error to reach in the deviations of displacement and velocity, F1 and F2, down
         to some 1e-8; rates are brought to 10 %.
     speed_threshold
-        Slowest impact that a rate counts, m/s. Default: 0 between stops that lose nothing, else
+        Slowest impact that a rate counts, m/s. Default: 0 between elastic stops, else
         5 % of the rms velocity (of the closure), as in `simulate`.
     budget
         Seconds after which no finer mesh is begun; None for no limit.

@@ -22,7 +22,7 @@ for: the law has fallen to 2e-8 of its peak there."""
 
 WIDENED = 1.2
 """Speed of the weight exp(-energy / t) in units of s, sqrt(t) = WIDENED s, unless the damper alone
-allows less: the density between lossy stops has wider tails than the law of the same power."""
+allows less: the density between inelastic stops has wider tails than the law of the same power."""
 
 STRIDE = 1.3
 """Ratio of successive distances at which the potential energy is computed."""
@@ -37,7 +37,8 @@ PIECES = 40
 """Number of panels into which the range of a law is cut."""
 
 SPEEDS, SPEED_WEIGHTS = (part.ravel() for part in gauss_panels(np.linspace(0.0, 8.0, 9), NODES))
-"""Gauss-Legendre nodes and weights for a Gaussian law of unit width; 1e-14 of it lies beyond 8."""
+"""Gauss-Legendre nodes and weights for a Gaussian distribution of unit width; 1e-14 of it lies
+beyond 8."""
 
 
 DEEP = 100.0

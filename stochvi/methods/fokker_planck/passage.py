@@ -93,8 +93,8 @@ class FirstPassage(Result):
         lambda of P(no passage before t) -> c exp(-lambda t), 1/s.
     rice_rate
         Mean rate of leaving through the barriers if nothing were stopped there (S. O. Rice 1945),
-        1/s; None without a stationary law. A stationary start has passed before t with at most
-        P(beyond a barrier) + rice_rate t.
+        1/s; None without a stationary distribution. A stationary start has passed before t with at
+        most P(beyond a barrier) + rice_rate t.
     lower, upper
         The barriers, m; None where there is none.
 
@@ -274,7 +274,9 @@ def _assumptions(scene: Scene, start: StartChoice) -> list[str]:
         found.append("mass is not given: 1 kg, which nothing here depends on")
     found.append("the first passage ends a path: what a stop does afterwards does not matter")
     if start == "stationary":
-        found.append("starts in the stationary law without barriers; beyond one counts as passed")
+        found.append(
+            "starts in the stationary motion without barriers; a start beyond one counts as passed"
+        )
     return found
 
 

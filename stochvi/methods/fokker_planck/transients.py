@@ -2,8 +2,8 @@
 
 The equation is p_t = -v p_x + [(b v + omega^2 x - load) p]_v + S0 / 2 p_vv, with the term of the
 stops of the stationary equation. It is solved by the same functions of displacement and velocity.
-All times follow from one factorisation (`evolution`). A start at a point is a Gaussian law until
-the stops can be felt; it is followed from there.
+All times follow from one factorisation (`evolution`). A start at a point is a Gaussian distribution
+until the stops can be felt; it is followed from there.
 """
 
 from __future__ import annotations
@@ -56,8 +56,8 @@ if TYPE_CHECKING:
 METHOD = "transient"
 
 MIN_STOP_DISTANCE = 5.5
-"""Number of standard deviations that a law of displacement stays away from the stops while they are
-left out: they would have been met with a probability below 2e-7."""
+"""Number of standard deviations that a distribution of displacement stays away from the stops while
+they are left out: they would have been met with a probability below 2e-7."""
 
 LONGEST_FLIGHT = 1.0
 """Longest flight of an initial point without stops, in natural periods over 2 pi."""
@@ -66,7 +66,7 @@ FLIGHT_STEPS = 60
 """Number of times up to LONGEST_FLIGHT at which it is checked whether the stops can be felt."""
 
 MOST_BEYOND = 1e-6
-"""Largest probability of an initial law beyond the stops; that part is left out."""
+"""Largest probability of an initial distribution beyond the stops; that part is left out."""
 
 MARGINS = ErrorMargins(safety=2.5, shared=0.3, floor=1e-06)
 """Safety factors of the error bounds, the same as those of `fixed_meshes`."""

@@ -11,12 +11,12 @@ that last step:
 * "closure": x has the density C exp(lambda x - kappa x^2 / 2) between the stops and x' is
   Gaussian; both obey the balances of force, virial and energy. Exact for elastic stops and
   white noise.
-* "motion": x has a normal law cut at the stops (B 8.58-8.77, 13.12-13.20).
+* "motion": x has a normal distribution truncated at the stops (B 8.58-8.77, 13.12-13.20).
 * "force": the force of spring and stops together is Gaussian, and x follows from it through
   the inverse characteristic (B 8.79-8.87, 13.24-13.33).
-* "clumps": the closure corrected by the law of a slowly varying energy, where light damping lets
-impacts come in clumps. Between two stops it is the closure with the impacts of a box (variant
-"box").
+* "clumps": the closure corrected by the distribution of a slowly varying energy, where light
+damping lets impacts come in clumps. Between two stops it is the closure with the impacts of a box
+(variant "box").
 
 `linearise_many` is the closure for arrays; `atlas` holds the errors that `linearise` states.
 """

@@ -2,8 +2,8 @@
 
 A lightly damped mass keeps its energy for some 1 / zeta cycles: once it reaches stops that are far
 away it hits them again and again, at speeds that no Gaussian velocity has. The closure does not
-describe such clumps; the law of the slowly varying energy (`energy_law`, with finite jumps)
-describes nothing but them. This form takes the weighted mean of both,
+describe such clumps; the distribution of the slowly varying energy (`energy_law`, with finite
+jumps) describes nothing but them. This form takes the weighted mean of both,
 
     E = (1 - w) E_closure + w E_energy,      w = gap / (gap + CLUMPING zeta),
 
@@ -31,11 +31,11 @@ from 11 to 3 %; at zeta up to 0.05 with gaps from 2 deviations, from 36 to 3 %. 
 error of sigma_v or of F1 grows by half (studies/13_linearisation_atlas)."""
 
 UNSEEN = 1e-6
-"""Weight of the law of the energy below which it is not computed."""
+"""Weight of the distribution of the energy below which it is not computed."""
 
 
 def energy_weight(model: Model) -> float:
-    """Weight of the law of the energy: 0 for the closure alone, as for a preload, up to 1.
+    """Weight of the distribution of the energy: 0 for the closure alone, as for a preload, up to 1.
 
     A mass without a spring or a damper has no deviation to measure by: its w is 0.
     """
@@ -49,7 +49,7 @@ def energy_weight(model: Model) -> float:
 
 
 def clumped(model: Model, closure: Candidate) -> Candidate:
-    """The answer of the closure corrected by the law of the energy, in SI units."""
+    """The answer of the closure corrected by the distribution of the energy, in SI units."""
     weight = energy_weight(model)
     if weight < UNSEEN:
         return closure

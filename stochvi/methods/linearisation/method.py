@@ -58,8 +58,9 @@ def linearise(
         law; by the closure also several coordinates, several pairs, and sines.
     form
         "closure", "motion" or "force" (see `stochvi.methods.linearisation`); "clumps", the
-        closure (of two stops its variant "box") corrected by the law of the energy, for one
-        oscillator between rigid stops in white noise; the best at light damping or in wide gaps.
+        closure (of two stops its variant "box") corrected by the distribution of the energy, for
+        one oscillator between rigid stops in white noise; the best at light damping or in wide
+        gaps.
     variant
         "consistent"; "book": the factors of m_F and k as in (B 13.12) for "motion", and of beta
         as in (B 8.54) for "force"; "box" for the closure between two rigid stops: impacts as those
@@ -74,7 +75,7 @@ def linearise(
         (`data/linearisation_atlas`; 99 % of the bounds hold, 98.3 % of the worst quantity) for one
         oscillator between rigid stops in white noise, and for a loose mass in a box; None, with the
         reason in `how`, outside of the atlas; 0 where the answer is exact, that is without stops,
-        and for the closure with stops that lose nothing in white noise (of several coordinates:
+        and for the closure with elastic stops in white noise (of several coordinates:
         one pair, and noise that matches the damping).
 
     Raises
@@ -236,13 +237,13 @@ _ASSUMPTIONS = {
         _CLUMPS,
     ),
     ("motion", "consistent"): (
-        "x has a normal law cut at the stops, whose mean and deviation before the cut are taken "
-        "for those of x; v is Gaussian and independent of x",
+        "x has a normal distribution truncated at the stops; its mean and deviation before the cut "
+        "are taken for those of x; v is Gaussian and independent of x",
         _RAYLEIGH,
     ),
     ("motion", "book"): (
-        "x has a normal law cut at the stops, whose mean and deviation before the cut are taken "
-        "for those of x; v is Gaussian and independent of x",
+        "x has a normal distribution truncated at the stops; its mean and deviation before the cut "
+        "are taken for those of x; v is Gaussian and independent of x",
         "the mean stop force is (1 + R^2) / 4 E v^2 times the density at the stop (B 13.12)",
         _RAYLEIGH,
     ),
@@ -270,7 +271,7 @@ def _is_structure(model: Model) -> bool:
 
 _WITHIN = {
     "closure": "within a compliant stop the density falls off with the energy stored there",
-    "motion": "the normal law goes on within a compliant stop",
+    "motion": "the normal distribution goes on within a compliant stop",
     "force": "spring and stop together have one inverse characteristic",
 }
 

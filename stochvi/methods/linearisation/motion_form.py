@@ -1,21 +1,22 @@
-"""The form "motion": x has a normal law, cut at rigid stops (B 8.58-8.77) and at no others.
+"""The form "motion": x has a normal distribution truncated at rigid stops (B 8.58-8.77) and at no
+others.
 
 With the force Phi of a stop as a function of x (B 8.46, 8.47),
 
     m_F = E Phi(x),        k = E Phi(x) (x - E x) / s^2,
 
-s the deviation of the normal law: where it is not cut, k = E Phi'(x). At a rigid stop the mean
-force is A p s_v^2. p is the density of the cut law at the stop, A the factor of `motion_factor`.
-For an elastic stop Phi = K (x - c)+ and u = (c - m) / s this is (B 8.48, 8.49)
+s the deviation of the normal distribution: where it is not cut, k = E Phi'(x). At a rigid stop the
+mean force is A p s_v^2. p is the density of the truncated distribution at the stop, A the factor of
+`motion_factor`. For an elastic stop Phi = K (x - c)+ and u = (c - m) / s this is (B 8.48, 8.49)
 
     m_F = K [s phi(u) - (c - m) Q(u)],        k = K Q(u),
 
-Q the upper tail of the normal law, and two stops add (B 8.50, 8.51); for a Hertz stop m_F =
-C s^(3/2) Gamma(5/2) / sqrt(2 pi) exp(-u^2 / 4) D_(-5/2)(u), D the parabolic cylinder function.
-Here all of them are quadratures relative to the density at the stop, which keep their digits in
-the tail. The loss is that of impacts with the restitution that a free mass sees, at the rate f at
-which x crosses the stop (B 8.54, 8.55): beta = (1 - R^2) f / 2 where the mean square impact speed
-is E v^2, as in the book, and twice that for Rayleigh speeds.
+Q the upper tail of the normal distribution, and two stops add (B 8.50, 8.51); for a Hertz stop m_F
+= C s^(3/2) Gamma(5/2) / sqrt(2 pi) exp(-u^2 / 4) D_(-5/2)(u), D the parabolic cylinder function.
+Here all of them are quadratures relative to the density at the stop, which keep their digits in the
+tail. The loss is that of impacts with the restitution that a free mass sees, at the rate f at which
+x crosses the stop (B 8.54, 8.55): beta = (1 - R^2) f / 2 where the mean square impact speed is E
+v^2, as in the book, and twice that for Rayleigh speeds.
 """
 
 from __future__ import annotations
@@ -52,9 +53,9 @@ def _start(gap: Gap, book: bool) -> Unknowns:
 
     Rigid stops govern in a narrow gap, and where a stop is far inside the rest position r. The stop
     force then has the slope k = A s_v^2 / s_x^2 and the mean k (m - c). A is its factor, c the mean
-    between the stops. In a narrow gap the cut law is even, under a deep preload exponential. The
-    balances are then m = c + (1 - A) (r - c) and s_x^2 = (1 - A) s_v^2 / omega^2. Here c = 0 and
-    s_v = 1.
+    between the stops. In a narrow gap the truncated distribution is even, under a deep preload
+    exponential. The balances are then m = c + (1 - A) (r - c) and s_x^2 = (1 - A) s_v^2 / omega^2.
+    Here c = 0 and s_v = 1.
     """
     if gap.soft:
         return np.zeros(3)
@@ -84,7 +85,7 @@ def _elastic_start(gap: Gap) -> Unknowns:
 
 
 def normal_law(gap: Gap, mean: float, deviation: float) -> TruncatedNormal:
-    """The normal law of a mean and a deviation, cut at rigid stops."""
+    """The normal distribution of a mean and a deviation, cut at rigid stops."""
     lower, upper = gap.walls
     return TruncatedNormal(
         slope=mean / deviation**2, curvature=deviation**-2, lower=lower, upper=upper
@@ -101,7 +102,7 @@ def _candidate(gap: Gap, unknowns: Unknowns, book: bool) -> Candidate:
     """Unknowns asinh(m / s_x), log s_x and log s_v: m may lie thousands of s_x beyond a stop.
 
     At a rigid stop k is d m_F / d m at fixed s_x: the derivative of the cut density p at a stop c
-    is p (c - mean of the cut law) / s_x^2.
+    is p (c - mean of the truncated distribution) / s_x^2.
     """
     bend, log_deviation, log_speed = unknowns.tolist()
     deviation, speed = math.exp(log_deviation), math.exp(log_speed)
@@ -131,7 +132,8 @@ def _candidate(gap: Gap, unknowns: Unknowns, book: bool) -> Candidate:
         mean=mean,
         variance=deviation**2,
         velocity_mean_square=speed**2,
-        # that of the cut law at its own mean, since m may lie beyond a stop (B 13.20 where m = 0)
+        # that of the truncated distribution at its own mean, since m may lie beyond a stop (B 13.20
+        # where m = 0)
         density_at_mean=law.density_at(law.mean),
         stop_force=force,
         stiffness=covariance / deviation**2,

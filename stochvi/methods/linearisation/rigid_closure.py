@@ -169,9 +169,10 @@ def _boxed(gap: Gap, hits: list[StopStatistics], speed: float) -> list[StopStati
 class OneStopLaw(NamedTuple):
     """Density of the distance y >= 0 from a single stop, scaled to unit deviation.
 
-    The truncated normal laws are a one-parameter family. It ends in the exponential law, as their
-    mean before the cut moves far beyond the stop. It is continued by exponential laws that stand
-    `rise` times higher right at the stop: a thin layer, made by chatter on an inelastic stop.
+    The truncated normal distributions are a one-parameter family. It ends in the exponential
+    distribution, as their mean before the cut moves far beyond the stop. It is continued by
+    exponential distributions that stand `rise` times higher right at the stop: a thin layer, made
+    by chatter on an inelastic stop.
     """
 
     mean: float
@@ -184,7 +185,7 @@ def _one_stop_law(shape: float) -> OneStopLaw:
     """The law of one shape number t, a smooth scale through the whole family.
 
     Mean over deviation before the cut is e^t - 1 where t >= 0 (it may be thousands), and
-    t / sqrt(1 + t) down to t = -1, the exponential law; below that, the rise is -t.
+    t / sqrt(1 + t) down to t = -1, the exponential distribution; below that, the rise is -t.
     """
     if shape < -1.0 + 1e-12:
         return OneStopLaw(1.0, max(-shape, 1.0), math.exp(-1.0), max(-shape, 1.0))

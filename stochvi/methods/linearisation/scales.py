@@ -105,7 +105,7 @@ class Frame:
 
 
 def gibbs_law(gap: Gap, speed: float) -> TruncatedNormal | GibbsLaw:
-    """exp(-U / speed^2), the exact law for stops that lose nothing (B 13.38)."""
+    """exp(-U / speed^2), the exact law for elastic stops (B 13.38)."""
     if gap.soft:
         return GibbsLaw.of(gap, theta=speed**2)
     lower, upper = gap.ends

@@ -3,7 +3,8 @@
 Between the stops x has the density C exp(lambda x - kappa x^2 / 2). Within a stop this is
 multiplied by exp(-V(y) / tau), V the energy stored at the deflection y. x' is Gaussian with the
 mean square s^2. lambda, kappa and s obey the balances of force, virial and energy. tau is s^2 for
-an elastic stop: with white noise the law is then the Gibbs law exp(-U / s^2), and exact (B 13.38).
+an elastic stop: with white noise the law is then the Gibbs distribution exp(-U / s^2), and exact (B
+13.38).
 
 A viscoelastic stop loses energy. A brief contact leaves with R = exp(-2 z arccos z / sqrt(1 - z^2))
 times its speed (B App. I); the mean push of such contacts is (1 + R) / 2 p s^2, p the density at
@@ -14,7 +15,8 @@ sqrt(pi tau / (2 K)). Its power is therefore multiplied by
     g = (1 - R^2) / (pi z sqrt(2 (1 + R))),
 
 which is 1 for a small z. Where a load keeps the mass within the stop the damper acts all the time
-as it is: tau = s^2 and g = 1, and the law is a Gibbs law again. In between the two are mixed by
+as it is: tau = s^2 and g = 1, and the law is a Gibbs distribution again. In between the two are
+mixed by
 
     r = sqrt(pi s^2 / (2 K)) / (time in contact per density at the surface), at most 1,
 
@@ -124,7 +126,7 @@ def _stretched(gap: Gap, unknowns: Unknowns) -> Candidate:
 
 @dataclass(frozen=True, kw_only=True)
 class SoftLaw:
-    """The law of x of this closure, and what it makes of the stops. Per unit mass.
+    """The distribution of x of this closure, and what it makes of the stops. Per unit mass.
 
     Parameters
     ----------

@@ -31,8 +31,8 @@ class Rule(NamedTuple):
 
 
 FINE, ROUGH = Rule.of(32), Rule.of(16)
-"""Rules of the two panels of each law. A normal law out to ten deviations keeps 1e-12 by the fine
-rule, and 1e-4 by the rough one, which is enough for a scale."""
+"""Rules of the two panels of each law. A normal distribution out to ten deviations keeps 1e-12 by
+the fine rule, and 1e-4 by the rough one, which is enough for a scale."""
 
 
 class TruncatedNormals(NamedTuple):

@@ -558,7 +558,7 @@ def _rotations(word: tuple[int, ...]) -> list[tuple[int, ...]]:
 
 
 def _settles(motion: solver.Motion, pattern: solver.Pattern, theta: Vector) -> bool:
-    """Whether Newton's iteration, in the place of theta, ends at a regime without a further impact.
+    """Whether Newton's iteration, in place of theta, ends at a regime without a further impact.
     No impact may be too slow, or too soon followed by another."""
     states = np.empty((len(theta), 2 * motion.rows.shape[1]))
     return bool(

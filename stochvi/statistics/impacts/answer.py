@@ -87,7 +87,7 @@ class PairStatistics:
     energy_unit: str = "J"
 
     def rayleigh(self, speed: ArrayLike) -> Vector:
-        """Rayleigh's density with the mean square seen, s/m: that of stops that lose nothing."""
+        """Rayleigh's density with the mean square seen, s/m: that of elastic stops."""
         if self.speed_rms is None:
             raise ValueError("no impact was seen: no distribution of speeds can be fitted")
         square = self.speed_rms.value**2 / 2.0

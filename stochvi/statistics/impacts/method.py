@@ -1,10 +1,10 @@
 """Statistics of impacts by Monte Carlo, from every impact of independent paths.
 
 Slow impacts on a stop of restitution R under white noise have speeds of density w^(1 - beta), where
-`impact_rates.corner_exponent` gives beta from R; Rayleigh's law at R = 1 has beta = 0. They come in
-clusters, and so do impacts of a light resonance: counts scatter more than Poisson's, and an
-interval from their number alone is too narrow. Intervals come from independent paths, therefore,
-unless the dispersion of the counts allows Poisson's exact ones.
+`impact_rates.corner_exponent` gives beta from R; Rayleigh's distribution at R = 1 has beta = 0.
+They come in clusters, and so do impacts of a light resonance: counts scatter more than Poisson's,
+and an interval from their number alone is too narrow. Intervals come from independent paths,
+therefore, unless the dispersion of the counts allows Poisson's exact ones.
 """
 
 from __future__ import annotations
@@ -134,7 +134,7 @@ def impacts(
         Slowest impacts that count, m/s; by default 0, or 5 % of the rms speed where stops lose
         energy.
     slow_impacts
-        Resolve impacts down to the threshold at lossy stops, as in `simulate`.
+        Resolve impacts down to the threshold at inelastic stops, as in `simulate`.
     first_hits
         Simulate first crossings, too, for the rate of first impacts without stops (one oscillator
         under Gaussian noise, a pair about its mean).

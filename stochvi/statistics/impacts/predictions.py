@@ -33,7 +33,8 @@ class LinearGap(NamedTuple):
 
 
 def linear_gap(model: Model, pair: Pair) -> LinearGap | None:
-    """None where noise and structure have no Gaussian stationary law, or a sine is in it."""
+    """None where noise and structure have no Gaussian stationary distribution, or a sine is in
+    it."""
     if model.sines:
         return None
     if not model.tables:

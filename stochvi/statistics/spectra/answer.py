@@ -64,8 +64,8 @@ class ResponseSpectrum(Result):
     bandwidth
         Narrowest half-power bandwidth expected, Hz, by which the segment was chosen.
     degrees_of_freedom
-        Degrees of freedom of a chi-square law with the scatter of the paths; median over the bins
-        of the first displacement.
+        Degrees of freedom of a chi-square distribution with the scatter of the paths; median over
+        the bins of the first displacement.
     meanings
         The meaning of each quantity in this scene, in words, or why it is left out.
 

@@ -256,9 +256,10 @@ def judge(
     Returns
     -------
     Judgement
-        All comparisons share one alarm rate, `FAMILY_ALARM_RATE` (Sidak, Student's law by the
-        number of paths). In a test: `assert judge(mine).passed`, or `judge(mine).assert_passed()`.
-        A quantity with an error of 20 % or more is no pass, whatever it agrees with.
+        All comparisons share one alarm rate, `FAMILY_ALARM_RATE` (Sidak, Student's distribution by
+        the number of paths). In a test: `assert judge(mine).passed`, or
+        `judge(mine).assert_passed()`. A quantity with an error of 20 % or more is no pass, whatever
+        it agrees with.
 
     Raises
     ------

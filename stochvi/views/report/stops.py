@@ -103,8 +103,8 @@ def _pictures(review: Review, motion: MotionBetweenStops) -> list[Picture]:
     found = [
         shown(
             lambda: plot_histogram(review),
-            "Relative displacement with stops at 3 sigma (grey), over the normal law without "
-            "stops; logarithmic.",
+            "Relative displacement with stops at 3 sigma (grey), over the normal distribution "
+            "without stops; logarithmic.",
         )
     ]
     if motion.faster_hits is not None:

@@ -87,7 +87,7 @@ class Record(NamedTuple):
     ----------
     ends : (periods + 1, 2 n), the state at the start and after each period.
     log : (most, 3 + 2 n), phase, stop, speed and state of each contact that begins; the last ones
-        in the place of the first where they are too many.
+        in place of the first where they are too many.
     factors : (2 n, 2 n), the factors of small perturbations; (0, 0) where they are not asked for.
     """
 

@@ -67,7 +67,7 @@ class Watched(NamedTuple):
     Parameters
     ----------
     log : (most, 3), phase, stop and speed of impacts, phases from the first watched period on; the
-        last ones in the place of the first where they are too many.
+        last ones in place of the first where they are too many.
     ends : (periods, 2 n), the state after each period.
     growth : (periods,), the logarithm by which the length of a small perturbation has grown in each
         period, -inf where nothing of it is left.

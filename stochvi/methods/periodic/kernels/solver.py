@@ -245,7 +245,7 @@ def transition(g, time):
 
 @kernel
 def solve(a, b):
-    """a^-1 b in the place of b; False where a is singular. Changes a."""
+    """a^-1 b in place of b; False where a is singular. Changes a."""
     size = len(a)
     for i in range(size):
         pivot = i
@@ -492,7 +492,7 @@ def has_converged(change, before, phase):
 
 @kernel
 def settle(motion, pattern, theta, states):
-    """Newton's iteration to a regime of one motion, in the place of theta; False where it fails."""
+    """Newton's iteration to a regime of one motion, in place of theta; False where it fails."""
     count = len(pattern.stops)
     left, jacobian, right = np.empty(count), np.empty((count, count)), np.empty((count, 1))
     none = np.empty((0, 0))
@@ -627,7 +627,7 @@ def step_of(motion):
 
 @kernel
 def correct(expansion, pattern, u, normal):
-    """Newton's iteration from u to a regime on the plane through u with a normal, in the place of
+    """Newton's iteration from u to a regime on the plane through u with a normal, in place of
     u; the tangent of the branch there is written to `normal`. The smallest impact speed there, or
     the shortest flight, as of `slowest`; NaN where the iteration fails."""
     count = len(pattern.stops)
@@ -951,7 +951,7 @@ def next_event(motion, touch, z, later, left, terms):
 
 @kernel
 def strike_or_rest(motion, stop, touch, z):
-    """An impact of a flight, in the place of z, after which it may rest on the stop; its speed."""
+    """An impact of a flight, in place of z, after which it may rest on the stop; its speed."""
     speed = strike(motion, stop, z[: 2 * motion.rows.shape[1]])
     touch.fastest[0] = max(touch.fastest[0], speed)
     touch.on[0], touch.on[1] = FREE, stop
@@ -970,7 +970,7 @@ def march(motion, start, periods, phase, ends, log):
 
     `ends` (periods + 1, 2 n) takes the state at the start and after each period. `log` (most, 3)
     takes the phase, stop and speed of impacts; for each release after a rest its phase and -1 less
-    the stop. Where they are too many, the last ones stand in the place of the first. Returns the
+    the stop. Where they are too many, the last ones stand in place of the first. Returns the
     number of rows, or -1 where impacts came too fast to be followed. Then come the largest
     displacement and absolute acceleration of the output over the last period. The last is the stop
     that is rested on at the end, or FREE.
