@@ -195,9 +195,9 @@ def absorber(
 ) -> AbsorberReport:
     """Effect of an impact absorber on the structure that carries it, over levels of excitation.
 
-    With the absorber by Monte Carlo, the same random numbers at every level; without it from the
-    linear response, exactly. Under white noise on the structure and R = 1 nothing changes: theta
-    = S0 / (2 c) is shared, E x^2 = theta / k (B section 17).
+    Motion with the absorber is simulated, with the same random numbers at every level. Motion
+    without it is exact, from the linear response. Under white noise on the structure and R = 1
+    nothing changes: theta = S0 / (2 c) is shared, E x^2 = theta / k (B section 17).
 
     Parameters
     ----------
@@ -628,7 +628,7 @@ def _absorbed(model: Model, response: Response) -> Estimate | None:
 
 
 def _mean_peak(found: Sequence[PairResponse]) -> Estimate | None:
-    """Mean over the contacts of all pairs of the largest force in each, N; None of rigid stops."""
+    """Mean over the contacts of all pairs of the largest force in each, N; None for rigid stops."""
     peaks = [each.peak_force for each in found]
     rates = [_known(each.collision_rate).value for each in found]
     if any(peak is None for peak in peaks) or not sum(rates):

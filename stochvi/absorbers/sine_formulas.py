@@ -54,7 +54,7 @@ class SymmetricRegime:
 
 @calculation
 def tuned_force(mass: float, play: float, omega: float, law: str = "flight") -> float:
-    """Amplitude of the sine force (N) whose first harmonic a mass that loses nothing cancels.
+    """Amplitude of the sine force (N) whose first harmonic an elastic loose mass cancels.
 
     The absorber is tuned where its partial frequency is that of the excitation, k(a_F) = M2 w^2
     (B 17.11); with k = a_F / a_x and the structure at rest a_F = a_p, so that a_p = M2 w^2 a_x.

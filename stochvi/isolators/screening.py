@@ -98,7 +98,7 @@ class Screening(Result):
         Names of the coordinates that are rotations, in rad.
     input_acceleration_std
         rms of the acceleration of the base of one mass, m/s^2; None where it is infinite (white
-        noise), or the mass itself is shaken, and of several coordinates.
+        noise), where the mass itself is shaken, and for several coordinates.
     miles
         Miles' equation for the absolute acceleration of one mass, m/s^2; None where it does not
         apply: the density at the natural frequency is 0, although the response is not, or the

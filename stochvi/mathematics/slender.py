@@ -203,7 +203,7 @@ def _rigid_motions(rotary: float) -> tuple[Shape, Shape]:
 def beam_compliance(
     support: str, x: float, y: float, *, shear: float = 0.0, tip_spring: float = 0.0
 ) -> float:
-    """Static deflection at x per unit force at y, in units of L^3 / EI; 0 of a free beam.
+    """Static deflection at x per unit force at y, in units of L^3 / EI; 0 for a free beam.
 
     A beam that is clamped at 0 is a cantilever. A force holds its other end, and a moment too where
     that end is clamped.
@@ -297,7 +297,7 @@ def _wave(
 
 
 def bar_compliance(support: str, x: float, y: float, *, tip_spring: float = 0.0) -> float:
-    """Static displacement at x per unit force at y, in units of L / EA; 0 of a free bar.
+    """Static displacement at x per unit force at y, in units of L / EA; 0 for a free bar.
 
     Examples
     --------

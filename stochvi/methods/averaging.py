@@ -68,7 +68,7 @@ def average(
     Response
         `bias` of "finite jumps" is a bound on the error that is read from an atlas of errors
         (`data/linearisation_atlas`), like that of `linearise`; None, with the reason in `how`,
-        outside of the atlas and of other variants. The error falls with b / omega and 1 - R. The
+        outside of the atlas and for other variants. The error falls with b / omega and 1 - R. The
         energy balance holds, those of virial and force only approximately.
 
     Raises

@@ -90,7 +90,7 @@ class Stop:
 
     @property
     def coefficient(self) -> float | None:
-        """R of a rigid stop whose restitution is one number; None of any other stop."""
+        """R of a rigid stop whose restitution is one number; None for any other stop."""
         return self.law.coefficient if isinstance(self.law, Restitution) else None
 
     def deflection(self, y: ArrayLike) -> Vector:
@@ -134,7 +134,7 @@ class Pair:
 
     @property
     def play(self) -> float | None:
-        """Distance between the two stops, m; None of a pair with one stop."""
+        """Distance between the two stops, m; None for a pair with one stop."""
         if self.lower is None or self.upper is None:
             return None
         return self.upper.position - self.lower.position

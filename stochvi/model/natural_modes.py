@@ -25,7 +25,7 @@ class NaturalMode(NamedTuple):
     Parameters
     ----------
     frequency_hz
-        Natural frequency, Hz; 0 of a mode that no spring holds.
+        Natural frequency, Hz; 0 for an unrestrained mode.
     damping_ratio
         phi'C phi / (2 omega), dimensionless; None where no spring holds the mode.
     motion

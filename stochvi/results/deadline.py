@@ -215,7 +215,7 @@ NEVER = Deadline()
 def asked_for(budget: float | None) -> Iterator[None]:
     """Let messages name this budget for all deadlines that are made within the `with` block.
 
-    Such deadlines may have only a part of the budget. Of nested blocks the outermost one counts.
+    Such deadlines may have only a part of the budget. The outermost of nested blocks counts.
 
     >>> with asked_for(60.0):
     ...     str(Deadline.after(17.3).fell_short("on the way", "raise budget"))

@@ -203,7 +203,7 @@ class TextTable:
         return split_cells(self.lines[0][1], self.delimiter)
 
     def columns(self, *places: int) -> list[Vector]:
-        """The numbers of some columns, NaN where one is missing; of time stamps, s after the first.
+        """The numbers of some columns, NaN where one is missing; time stamps as s after the first.
 
         Raises
         ------

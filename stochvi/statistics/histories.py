@@ -89,7 +89,7 @@ class PairHistory(Numbers):
     Parameters
     ----------
     hits, hits_lower, hits_upper
-        Number of impacts, and of those on the lower and the upper stop; None of a stop that the
+        Number of impacts, and of those on the lower and the upper stop; None for a stop that the
         pair does not have.
     impact_speed_max
         Largest impact speed, m/s; None without an impact.

@@ -225,8 +225,7 @@ def lifetimes(
     regimes: Sequence[str] | None = None,
     **options: Unpack[AccuracyOptions],
 ) -> LifeTimes:
-    """Life time of each regime under a sine in the noise of the scene, and destinations of the
-    paths.
+    """Life time of each regime under a sine in the noise of the scene, and where paths then go.
 
     Paths start in each of the motions that coexist without noise. They are simulated with noise
     until enough of them have left the basin of their regime.

@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
 
 MOST_MARKS = 1000
-"""Largest number of impacts of a pair that are marked; of more, the fastest in each of so many
-equal intervals is."""
+"""Largest number of impacts of a pair that are marked. If there are more, the fastest in each of so
+many equal intervals is marked."""
 
 SMALLEST_MARK, MARK_GROWTH = 10.0, 50.0
 """Area of the mark of an impact at speed 0, and addition to it for the fastest impact, points^2."""

@@ -42,7 +42,7 @@ class BoxOverview:
 
 
 def box_overview(scene: Scene, mission: float) -> BoxOverview | None:
-    """The overview of a scene with a rigid body; None of any other.
+    """The overview of a scene with a rigid body; None for any other.
 
     Parameters
     ----------

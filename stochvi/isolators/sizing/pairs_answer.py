@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 
 MOST_NAMED = 3
-"""Most pairs whose clearances a sentence lists; of more it names the smallest and the largest."""
+"""Most pairs whose clearances a sentence lists; beyond that it names the smallest and the
+largest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,8 +96,8 @@ class PairsSizing(Result):
     method
         How the clearances were found, in words.
     box
-        Modes of a rigid body, and what one oscillator along each axis would buy; None of any other
-        structure.
+        Modes of a rigid body, and the clearances of one oscillator along each axis; None for any
+        other structure.
     allowed
         The tolerances that were asked for, within all of which the clearances of `made` keep the
         risk.
@@ -176,8 +177,8 @@ class PairsSizing(Result):
         return pd.DataFrame(rows, columns=["pair", "mean_gap", "clearance", "lower", "upper"])
 
     def verdict(self) -> str:
-        """The clearances to make and the risk that they keep, in one sentence; of many pairs the
-        ends of their clearances."""
+        """The clearances to make and the risk that they keep, in one sentence; for many pairs the
+        smallest and the largest clearance."""
         made = self.made()
         named = list(made)
         first = ""

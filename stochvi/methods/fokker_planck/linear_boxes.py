@@ -73,7 +73,7 @@ class LinearBox(Generic[Number]):
     def log_weight(self, xi: Array) -> Array:
         """-energy(xi) in units of the squared speed, 0 at its largest value in the box.
 
-        The last axis holds the places; of many boxes the first axis of the result is that of the
+        The last axis holds the places; with many boxes the first axis of the result is that of the
         boxes.
         """
         force, stiffness = np.asarray(self.force)[..., None], np.asarray(self.stiffness)[..., None]

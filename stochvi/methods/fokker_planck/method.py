@@ -64,9 +64,9 @@ def fokker_planck(
     """Stationary response of one oscillator with stops under white noise, by Galerkin's method.
 
     Solves -v p_x + [(b(v) + g(x) - load) p]_v + S0 / 2 p_vv = 0 (B 13.34).
-    At a rigid upper stop c, p(c, -R w) = p(c, w) / R^2, w > 0: what arrives at w leaves at R w.
-    Other stops are part of g. Meshes of the whole range come first;
-    where they do not reach rtol, strips of velocity cells.
+    At a rigid upper stop c, p(c, -R w) = p(c, w) / R^2, w > 0: a mass that arrives at w leaves at R
+    w. Other stops are part of g. Meshes of the whole range come first; where they do not reach
+    rtol, strips of velocity cells.
 
     Parameters
     ----------

@@ -168,8 +168,8 @@ def first_passage(
     times
         Seconds, in any order.
     start
-        "rest" where spring and load balance; "stationary", the law without barriers and stops,
-        whose part beyond a barrier has passed at once; a point (m, m/s); or a `Gaussian`.
+        "rest" where spring and load balance; "stationary", the distribution without barriers and
+        stops, whose part beyond a barrier counts as passed; a point (m, m/s); or a `Gaussian`.
     rtol
         Relative error to reach in every number, however small it is. At early times a probability
         P(t) may be smaller than 1 - exp(-lambda (t + three natural periods)); its error is then

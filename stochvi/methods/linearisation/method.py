@@ -58,8 +58,8 @@ def linearise(
         law; by the closure also several coordinates, several pairs, and sines.
     form
         "closure", "motion" or "force" (see `stochvi.methods.linearisation`); "clumps", the
-        closure (of two stops its variant "box") corrected by the distribution of the energy, for
-        one oscillator between rigid stops in white noise; the best at light damping or in wide
+        closure (between two stops its variant "box") corrected by the distribution of the energy,
+        for one oscillator between rigid stops in white noise; the best at light damping or in wide
         gaps.
     variant
         "consistent"; "book": the factors of m_F and k as in (B 13.12) for "motion", and of beta
@@ -75,8 +75,8 @@ def linearise(
         (`data/linearisation_atlas`; 99 % of the bounds hold, 98.3 % of the worst quantity) for one
         oscillator between rigid stops in white noise, and for a loose mass in a box; None, with the
         reason in `how`, outside of the atlas; 0 where the answer is exact, that is without stops,
-        and for the closure with elastic stops in white noise (of several coordinates:
-        one pair, and noise that matches the damping).
+        and for the closure with elastic stops in white noise (with several coordinates: one pair,
+        and noise that matches the damping).
 
     Raises
     ------

@@ -45,7 +45,7 @@ class Branch:
         The coordinates (points, coordinates) just before the first impact, or at the phase 0 of
         motion without impacts or with rests, m and m/s.
     impact_speed
-        Incident speeds (points, impacts), m/s; of successive impacts that count as one the largest.
+        Incident speeds (points, impacts), m/s; the largest of successive impacts that count as one.
     multiplier
         Largest modulus of the factors by which small perturbations change over the regime.
     stable, admissible
@@ -259,7 +259,7 @@ class HarmonicResponse(Result):
     jumps
         Jumps of a slow sweep up and one down where the regime that they follow ends.
     starts
-        What became of random starts; None of harmonic linearisation.
+        Ends of random starts; None for harmonic linearisation.
     model_error
         Errors of harmonic linearisation: "median" and "largest" relative difference of its impact
         speeds from those of the fastest exact stable regime of a period; "without_exact", the share

@@ -80,7 +80,7 @@ class Attractor:
     kind
         "periodic", "other regular" or "chaotic".
     track
-        The regime of a periodic motion, a branch of one point; None of others.
+        The regime of a periodic motion, a branch of one point; None for others.
     points
         States of the motion (number, 2 n) at the phase at which flights are looked at: one for each
         of its periods, or those of a long flight.

@@ -49,8 +49,8 @@ LEAP = 64
 that are compliant is watched; they grow by less than the range of floating-point numbers."""
 
 MOST_DRAWN = 8
-"""Largest number of impacts that are kept for each period that is watched; of more impacts the last
-ones are kept."""
+"""Largest number of impacts that are kept for each period that is watched; if there are more, the
+last ones are kept."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -81,7 +81,7 @@ class Sine(BaseExcitation):
 
     @property
     def crank(self) -> float | None:
-        """Radius (m) of a crank between two coordinates; None of a force, or of a base."""
+        """Radius (m) of a crank between two coordinates; None for a force, or on a base."""
         return None if self.between is None else self.displacement
 
     @property

@@ -75,7 +75,7 @@ class AnyStructure(Checked):
 
     @property
     def rates(self) -> tuple[float, float] | None:
-        """omega (rad/s) and b (1/s) of a structure of one coordinate; None of several."""
+        """omega (rad/s) and b (1/s) of a structure of one coordinate; None for several."""
         mass, damping, stiffness = self.matrices
         if len(mass) > 1:
             return None

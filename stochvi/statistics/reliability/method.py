@@ -99,12 +99,12 @@ def reliability(
         The coordinate, or the named point, whose acceleration is limited; by default every
         coordinate that is a length, not an angle. It counts while any stop is touched.
     pair
-        Name of the one of several pairs whose probability of an impact is asked after, as if it
-        alone had stops; by default that any pair is hit.
+        Name of one of several pairs: the probability is then that of an impact on it, as if it
+        alone had stops. By default it is that of an impact on any pair.
     start
-        "rest", where spring and load balance; or "stationary". For an impact or a passage that is
-        the law without stops and barriers, beyond which it has happened at once; for all else the
-        law with the stops.
+        "rest", where spring and load balance; or "stationary". For an impact or a passage the
+        stationary start is that without stops and barriers, and a start beyond one counts at once.
+        For all else it is that with the stops.
     way
         "crude", "splitting" or "first crossings" instead of what the pilot would choose.
     confidence

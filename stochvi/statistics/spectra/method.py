@@ -96,13 +96,13 @@ def spectrum(
 ) -> ResponseSpectrum:
     """Power spectral densities of the stationary response, one-sided per hertz, with 95 % bands.
 
-    Every coordinate has spectra of its relative displacement and its velocity and, on a moving
-    base, of its absolute acceleration: with compliant stops of all of it, with rigid stops of
-    that between impacts (by springs and dampers, without the impulses). One oscillator also has its
-    apparent transmissibility and the coherence with what shakes it, a base acceleration or a force;
-    both are of what springs and dampers (and compliant stops) transmit. The transmissibility
-    has two forms: H1 takes the part of the response that is linear in the input, the square root of
-    the ratio of the densities all of it. Without stops the two are equal.
+    Every coordinate has spectra of its relative displacement and its velocity; on a moving base
+    also of its absolute acceleration. With rigid stops that acceleration leaves out the impulses:
+    it is the one by springs and dampers between impacts. One oscillator also has its apparent
+    transmissibility and its coherence with the excitation, a base acceleration or a force. Both
+    count what springs, dampers and compliant stops transmit. The transmissibility has two forms. H1
+    takes the part of the response that is linear in the input; the square root of the ratio of the
+    densities takes all of it. Without stops the two are equal.
 
     Parameters
     ----------

@@ -176,7 +176,7 @@ def _tolerances(sizing: PairsSizing) -> Section:
 
 
 def _clearance_cards(sizing: PairsSizing) -> list[Fact]:
-    """The clearance of each pair to make; of many pairs the smallest and the largest."""
+    """The clearance of each pair to make; for many pairs the smallest and the largest."""
     made = sizing.made()
     named = list(sizing.clearances)
     if len(named) > MOST_NAMED:
