@@ -1,4 +1,4 @@
-"""CPU time against bias of the collision rate: this engine and what is written instead."""
+"""CPU time against bias of the impact rate: this engine and the usual code."""
 
 import argparse
 import math
@@ -78,7 +78,7 @@ def draw(table: pd.DataFrame, path: Path) -> None:
     for name, part in table[table["bias"].notna()].groupby("method", sort=False):
         size = np.maximum(np.abs(part["bias"]), part["bias_error"])
         ax.loglog(size, part["cpu_ns_per_second"], "o", label=name)
-    ax.set_xlabel("bias of the collision rate (relative), or its standard error if larger")
+    ax.set_xlabel("bias of the impact rate (relative), or its standard error if larger")
     ax.set_ylabel("CPU ns per second of scene time")
     ax.grid(which="major", color="#dddddd", linewidth=0.6)
     ax.legend(frameon=False)

@@ -1,4 +1,4 @@
-"""Hits per second of isolators against clearance: resonance inside and outside the table."""
+"""Impacts per second of isolators against clearance: resonance inside and outside the table."""
 
 import argparse
 from pathlib import Path

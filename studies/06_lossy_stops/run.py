@@ -1,4 +1,4 @@
-"""Lossy stops: solver, Monte Carlo and averaging, R = 0 to 1, and the exponent of the corner."""
+"""Inelastic stops: solver, Monte Carlo and averaging, R = 0 to 1; exponent of the corner."""
 
 import argparse
 from pathlib import Path

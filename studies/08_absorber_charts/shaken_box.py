@@ -21,7 +21,7 @@ PERIODS = 200
 SETTLING = 60
 STARTS = 8
 MOST_IMPACTS = 40
-"""In a step, after which the mass is laid on the wall."""
+"""Largest number of impacts in a step, after which the mass is laid on the stop."""
 
 
 @numba.njit(cache=True)

@@ -11,7 +11,10 @@ import pandas as pd
 from stochvi.testing import judge
 
 SCENES = ("linear", "elastic-half-sigma", "lossy-0.5", "elastic-bench-12-hz")
-QUANTITIES = ("displacement_std", "velocity_std", "collision_rate", "impact_speed_rate")
+QUANTITIES = {
+    "displacement_std": "rms displacement", "velocity_std": "rms velocity",
+    "collision_rate": "impact rate", "impact_speed_rate": "F1",
+}  # fmt: skip
 
 
 def rows(name: str, verdict, seconds: float) -> list[dict[str, object]]:
@@ -28,11 +31,11 @@ def draw(table: pd.DataFrame, path: Path) -> None:
     shown = table[table["scene"] == "elastic-half-sigma"]
     names = list(dict.fromkeys(shown["integrator"]))
     figure, ax = plt.subplots(figsize=(8.4, 4.4), layout="constrained")
-    for k, quantity in enumerate(QUANTITIES):
+    for k, (quantity, label) in enumerate(QUANTITIES.items()):
         part = shown[shown["quantity"] == quantity].set_index("integrator").reindex(names)
         at = [index + 0.16 * (1.5 - k) for index in range(len(names))]
         ax.errorbar(part["bias_percent"], at, xerr=2.0 * part["bias_error_percent"], fmt="o",
-                    markersize=5, label=quantity.replace("_", " "))  # fmt: skip
+                    markersize=5, label=label)  # fmt: skip
     ax.axvline(0.0, color="#8a8f98", linewidth=1.0)
     ax.set_yticks(range(len(names)), [name.replace(", ", ",\n") for name in names])
     ax.invert_yaxis()

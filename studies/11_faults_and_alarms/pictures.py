@@ -22,7 +22,7 @@ def draw(faults: pd.DataFrame | None, alarms: pd.DataFrame | None, z: float, pat
         left.set_xscale("log")
         left.axvline(z, color=ALARM, linestyle="--")
         left.set_xlim(1.0, 60.0)
-        left.set_xlabel("score of the clearest alarm (37 is the most that is told)")
+        left.set_xlabel("score of the clearest alarm (37 is the reporting limit)")
         left.set_title("faults put in, and how often caught")
     if alarms is not None:
         scores = np.sort(alarms["largest_score"].to_numpy())

@@ -1,4 +1,4 @@
-"""Chances of sharp hits on rubber stops, on every shipped profile; `run.py` has the other study."""
+"""Probabilities of sharp impacts on rubber stops, on every shipped profile."""
 
 import argparse
 import math
@@ -12,7 +12,7 @@ from stochvi.scenes.datasets import profiles
 
 MISSION = 3600.0  # s
 GAP = 4.0  # clearance per side, rms displacements without stops
-WANTED = 1e-4  # chance that the limit is chosen for, as if the first contact were a free mass's
+WANTED = 1e-4  # probability of the limit, as if the first contact were a free mass's
 STIFFNESS_RATIO, DAMPING_RATIO = 100.0, 0.2  # of the rubber, over the spring of the mount
 BELOW = 15.0  # Hz; a table that starts above it is given the stiffer mount
 FREQUENCIES = (12.0, 40.0)  # Hz, of the mounts, zeta = 0.1
@@ -30,7 +30,7 @@ def mounted(profile: str) -> tuple[stochvi.Scene, float]:
     )
     stops = stochvi.ImpactPair(clearance=GAP * linear.displacement_std, law=rubber)
     scene = stochvi.Scene(structure=mount, impact_pairs=[stops], excitations=[noise])
-    # Rice: hits faster than w come at the rate of all hits times exp(-w^2 / (2 sigma_v^2))
+    # Rice: impacts faster than w come at the rate of all impacts times exp(-w^2 / (2 sigma_v^2))
     hits = MISSION * linear.rice_rate(GAP * linear.displacement_std)
     speed = linear.velocity_std * math.sqrt(2.0 * math.log(hits / WANTED))
     return scene, rubber.impact(speed, 1.0).peak_force

@@ -1,4 +1,4 @@
-"""Chances of 1e-3, 1e-6 and 1e-9 in ten periods: splitting, crude counting, Fokker-Planck."""
+"""Probabilities of 1e-3, 1e-6 and 1e-9 in ten periods: splitting, crude counting, Fokker-Planck."""
 
 import argparse
 import math
@@ -34,7 +34,7 @@ def between(restitution: float) -> stochvi.Scene:
 
 
 def row(case: str, limit: float, chance: Chance, truth: float | None) -> dict[str, object]:
-    """One chance by one way, and its price in CPU seconds; that of crude at the same error."""
+    """One probability by one way, and its price in CPU seconds; that of crude at the same error."""
     found, price = chance.estimate, chance.seconds_per_mission or 0.0
     return {
         "case": case, "limit": limit, "way": chance.way, "probability": found.value,

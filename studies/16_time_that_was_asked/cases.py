@@ -104,7 +104,7 @@ SHIPPED = {
 
 OWN = {"truck, rubber stops": "rubber.toml", "hammer": "hammer.toml"}
 """Scenes of this study: the isolator that is sized for 40 g, and a light mass without a spring that
-a load presses on a lossy stop of a shaken body."""
+a load presses onto an inelastic stop of a shaken body."""
 
 
 def scenes() -> dict[str, Path]:
