@@ -1,4 +1,4 @@
-"""How often a box that is sized axis by axis, each axis as one oscillator, hits a stop at a corner."""
+"""How often a box that is sized axis by axis, as one oscillator each, hits a stop at a corner."""
 
 import argparse
 import math
