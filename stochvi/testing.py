@@ -4,7 +4,7 @@
 behind a wrapper). It says, quantity by quantity, whether the function agrees with the exact
 answers. Where it does not, it says by how much, and names likely causes. `judge_file` does the same
 with what another program wrote, for a problem that `stochvi problems` wrote as plain numbers.
-`known_answers` are those answers, `assert_agrees` the comparison of one sampled number with one of
+`known_answers` returns the exact answers; `assert_agrees` compares one sampled number with one of
 them.
 
 In a test suite of one's own pytest knows the fixture `stochvi_judge`:

@@ -444,8 +444,9 @@ def _best_box(points: Vector, sigma: float, range_db: float, seed: int) -> BestB
 def _smoothed(
     at: Vector, values: Vector, errors: Vector, grid: Vector, random: np.random.Generator
 ) -> Vector:
-    """A polynomial through values, by weighted least squares, on a grid; in the rows below it
-    polynomials whose coefficients are drawn with the errors that those of the values leave them.
+    """A polynomial through values, by weighted least squares, on a grid. The rows below it are
+    polynomials whose coefficients are drawn with their errors, which follow from those of the
+    values.
 
     The degree is the lowest whose residuals are as small as the errors make them (chi^2 below its
     expectation plus two deviations), at most `DEGREE`.

@@ -140,9 +140,8 @@ class AbsorberSine(Result):
         )
 
     def summary(self) -> str:
-        """The vibration that is left at the resonance and over all frequencies, and the best
-        tuning, in words; where several motions may last, ratios are those of the one that displaces
-        most."""
+        """The residual vibration at the resonance and over all frequencies, and the best tuning, in
+        words. Where several motions may last, ratios are those of the largest."""
         curve, left = self.frequency, self.frequency.worst * self.frequency.without
         if np.all(np.isnan(left)):
             return "no motion was found that lasts"
@@ -182,7 +181,7 @@ class AbsorberSine(Result):
 
 
 def tuned_key(key: str) -> tuple[str, str, float]:
-    """A key that is tuned in words, the unit in which it is shown, and the factor from that of the
+    """A tuned key in words, the unit in which it is shown, and the factor from the unit of the
     scene.
 
     Examples
@@ -205,7 +204,7 @@ TUNED = {
 
 
 ALIKE = 0.995
-"""Ratio of the smaller displacement to the larger one from which on the words name one only."""
+"""Two displacements count as one in words from this ratio of the smaller to the larger on."""
 
 
 def _mm(metres: float) -> str:

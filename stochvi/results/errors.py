@@ -1,4 +1,4 @@
-"""Errors that the package raises, each in one sentence that says what to do about it."""
+"""Errors that the package raises: one sentence each, with the remedy."""
 
 from __future__ import annotations
 

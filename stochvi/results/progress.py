@@ -19,11 +19,11 @@ FIRST_SECONDS = 1.0
 display would only blink."""
 
 NEXT_SECONDS = 0.2
-"""Seconds between two changes of what a notebook shows."""
+"""Seconds between two updates of the display in a notebook."""
 
 _CELL = Lock()
-"""Lock that is held while a notebook shows the progress of a calculation, so that the calculations
-which this one calls do not show theirs."""
+"""Lock that is held while a notebook shows the progress of a calculation. Calculations that it
+calls then do not show theirs."""
 
 
 def part_of(progress: Progress | None, low: float, high: float, words: str = "") -> Progress | None:

@@ -3,8 +3,8 @@
 The first line of a checkpoint is "stochvi checkpoint 4" with the SHA-256 of the rest of the file. A
 JSON document follows: command, scene, arguments, versions, processor and samples. A sample is a
 function of its sampler and of the blocks in it alone. It is therefore kept under a digest of the
-sampler, and is taken when the same sampler is asked for again: a run that goes on takes the way of
-one that never stopped, and finds what it has done before. Floats are written with all their digits.
+sampler, and is taken when the same sampler is asked for again: a resumed run takes the way of one
+that never stopped, and finds the samples that it had. Floats are written with all their digits.
 """
 
 from __future__ import annotations

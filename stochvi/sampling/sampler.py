@@ -13,8 +13,8 @@ Piece = TypeVar("Piece")
 Sample = TypeVar("Sample")
 
 MARGIN, LEAST_GROWTH, MOST_GROWTH = 1.1, 0.1, 3.0
-"""Factor on the number of paths that are missing, and the limits of their ratio to those that there
-are."""
+"""Factor on the number of missing paths, and the limits of its ratio to the number of paths so
+far."""
 
 
 class Sampler(ABC, Generic[Piece, Sample]):

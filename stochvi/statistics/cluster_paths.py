@@ -85,8 +85,7 @@ class OscillatorFlights:
         self.together, self.found = plan.block, self.records.found
 
     def part(self, widening: float, first_path: int) -> Part:
-        """Crossings of one block of paths, and the clusters that follow those that are first
-        impacts."""
+        """Crossings of one block of paths, and the clusters after first impacts."""
         records = self.records
         free, unit = records.block(first_path)
         ages = records.ages_in(free, unit)

@@ -524,9 +524,9 @@ def _hits(model: Model, impacts: pd.DataFrame) -> dict[str, PairHistory]:
 
 
 def _resolving(plan: Plan) -> Plan:
-    """The plan that resolves slow impacts at the same step, where the usual one does not; that one
-    where there is none, or where the motion of a base is to be kept, which the other draws as it
-    needs it."""
+    """The plan that resolves slow impacts at the same step. The given plan stays where it resolves
+    them itself, where no finer one has its step, or where the motion of a base is kept: a finer
+    plan draws that only as it needs it."""
     if _resolved(plan) or plan.model.moving_base:
         return plan
     finer = plan.finer()

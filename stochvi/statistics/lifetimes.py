@@ -59,8 +59,8 @@ DECIDED = 200
 """Number of periods for which a state is followed on without noise to the regime of its basin."""
 
 MIXED = 0.1
-"""Share of the looks at which paths lie outside a basin to which they come back, from which on a
-warning is given."""
+"""A warning is given from this share of the looks on at which paths lie outside a basin to which
+they come back."""
 
 GROUP = 64
 """Number of paths that are simulated together."""
@@ -382,8 +382,8 @@ class Group:
     left, left_at, ends
         (paths,): whether it has left, since which look, and for which motion.
     seen, returned
-        Number of looks at paths that had not left, and of those at paths that lay outside a basin
-        to which they came back.
+        Number of looks at paths that had not left. In `returned` of these looks the path lay
+        outside its basin, and came back later.
     """
 
     regime: int

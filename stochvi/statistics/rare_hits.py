@@ -75,7 +75,7 @@ SHARE = 0.25
 """Share of the trials that should exceed the next level."""
 
 MOVES = 4
-"""Number of times that every trial is moved at each level, so that copies of one come to differ."""
+"""Number of moves of every trial at each level, so that its copies come to differ."""
 
 ACCEPTED = 0.35
 """Share of the moves that should leave a trial above its level; the work for a given error hardly
@@ -246,8 +246,8 @@ class Kind(ABC):
     @abstractmethod
     def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
         """Probability of an exceedance in a mission, from three probabilities of a trial: of an
-        exceedance (`exceeded`), of one that falls only into the second half of what is counted
-        (`late`), and of having a score (`scored`)."""
+        exceedance (`exceeded`), of one in the second half of the count alone (`late`), and of a
+        score (`scored`)."""
 
     @abstractmethod
     def overlap(self, scored: float) -> float:
@@ -255,13 +255,13 @@ class Kind(ABC):
 
     @abstractmethod
     def bias(self, scored: float, mission: float) -> float:
-        """Relative bias of the risk, from clusters that overlap and from those that the start or
-        the end of a mission cuts."""
+        """Relative bias of the risk: from overlapping clusters, and from clusters cut by the start
+        or the end of a mission."""
 
     @abstractmethod
     def unfinished(self, exceeded: float, late: float, scored: float) -> float:
-        """Share of the exceedances that fall into the second half of what is counted, without those
-        of new clusters."""
+        """Share of the exceedances in the second half of the count, without those of new
+        clusters."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -123,8 +123,7 @@ class StructureFlights:
         return self.records.found(ages)
 
     def part(self, widening: float, first_path: int) -> Part:
-        """Crossings of one block of paths, and the clusters that follow those that are first
-        impacts."""
+        """Crossings of one block of paths, and the clusters after first impacts."""
         records, n = self.records, self.model.modal.size
         free = self.motion.modes.records(self.seed, first_path, self.together, np.arange(n))
         gaps = np.empty((*free.shape[:2], 2 * len(records.pairs)))

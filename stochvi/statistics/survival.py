@@ -31,15 +31,15 @@ class MeanLife(NamedTuple):
 
 
 class Beginning(NamedTuple):
-    """The looks before the start is forgotten: the share of paths that are there after each, and
-    the squared relative error that each adds to the shares of all later ones."""
+    """The looks before the start is forgotten: after each look the share of paths still there, and
+    the squared relative error that the look adds to the shares of all later looks."""
 
     alive: Vector
     squared_error: Vector
 
     def mean_life(self, beyond: float) -> tuple[float, float]:
-        """The mean life, and its standard error (M. Greenwood 1926), where those that are still
-        there at the end live on for so many looks."""
+        """The mean life, and its standard error (M. Greenwood 1926), where the paths still there at
+        the end live on for so many looks."""
         before = np.concatenate([[1.0], self.alive])
         # departures are noted half an interval late
         spent = np.append(0.5 * (before[1:] + before[:-1]), before[-1] * beyond)

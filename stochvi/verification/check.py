@@ -370,7 +370,7 @@ def compare(
 
     The first response is the reference. The others are judged against it, and the residuals of the
     balances of all responses against zero. `family` is the number of comparisons that share one
-    alarm rate, by default those that are judged here.
+    alarm rate; by default all that are judged here.
     """
     everything = (*responses, *approximations)
     rows, z = _judged(responses, approximations, family) if responses else ([], 0.0)

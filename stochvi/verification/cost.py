@@ -240,7 +240,7 @@ class WorkPrecision(Result):
         return min((one for one in found if one), key=lambda one: one.seconds, default=None)
 
     def _priced(self, rows: Sequence[StepError], target: float) -> Prediction | None:
-        """The price at one step, which is that of the quantity that takes longest."""
+        """The price at one step: that of the slowest quantity."""
         prices = [(row.seconds(target), row) for row in rows]
         known = [(price, row) for price, row in prices if price is not None]
         if not known or len(known) < len(prices):

@@ -165,8 +165,7 @@ CANDIDATES = (
 
 
 def rivals_in_words(found: Design) -> str:
-    """The candidates whose ratio does not differ clearly from that of the best one; empty without
-    one."""
+    """The candidates about as good as the best one; empty without any."""
     best = found.best.ratio
     near = [
         f"restitution {each['restitution']:g} with {each['units']:g} unit(s)"

@@ -58,7 +58,7 @@ BASINS = (
 """Colours of basins, light enough for the marks of their regimes."""
 
 CHAOTIC, UNDECIDED, BEYOND = "#4d4d4d", "#d0d0d0", "#ffffff"
-"""Colours of starts that end in chaos, of those that are undecided, and of those beyond a stop."""
+"""Colours of starts that end in chaos, that are undecided, and that lie beyond a stop."""
 
 
 def owner_colours(number: int) -> list[str]:

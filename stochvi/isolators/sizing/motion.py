@@ -220,11 +220,11 @@ def _impacts(scene: Scene, speeds: Vector, settings: PathSettings) -> pd.DataFra
 
 WHITE_SAMPLES = 40
 """Samples in a natural period where white noise shakes the base and a density is taken: at the long
-steps that are enough for averages, the density is that of the kicks and not that of the noise."""
+steps that suffice for averages, the density is that of the kicks, not of the noise."""
 
 MOST_FOLDED = 0.03
-"""Largest share of the transmissibility at a frequency that another one may add, which the sampling
-folds to it."""
+"""Largest share of the transmissibility at a frequency that may come from another one, folded to it
+by the sampling."""
 
 
 def _apparent_transmissibility(

@@ -65,15 +65,15 @@ class SearchSettings:
     most_clearances
         Largest number of clearances that are tried for a target that needs impacts.
     rough_looks
-        Number of clearances that are looked at roughly before each is looked at accurately.
+        Number of clearances that are tried roughly before each is tried accurately.
     least_sigma
         The smallest clearance that is tried for a rate of impacts, in standard deviations.
     most_overlap
-        Largest number of first impacts in the time that a cluster is followed for which two
-        clusters are taken for separate ones.
+        Two clusters count as separate up to this number of first impacts in the time for which a
+        cluster is followed.
     closer
-        Ratio of a clearance to the one before it, where clearances below those of clusters are
-        tried.
+        Ratio of a clearance to the one before it, below the clearances at which clusters are
+        separate.
     near_enough
         That ratio from which on no closer one is tried.
     rough_error, share_of_limit
@@ -740,8 +740,8 @@ def _within(chance: Estimate, accepted: float) -> bool:
 
 
 def _more_telling(known: Estimate, found: Estimate | None) -> Estimate:
-    """A probability that was found in another way, unless it is a limit that says less than what
-    was known: one without time for a single window is at most 1."""
+    """The better of a known probability and one found in another way. The latter may be an upper
+    limit that says less, such as 1 without time for a single window."""
     if found is None or found.upper_95 is None:
         return found or known
     most = known.value + known.half_width_95() if known.upper_95 is None else known.upper_95

@@ -70,7 +70,7 @@ of any impact; the second is for targets that impacts decide, where that probabi
 reported. The probability over the risk changes slowly, and is interpolated between them."""
 
 ROOM = 1.25
-"""Factor by which the risks that are looked at reach beyond those that can be the answer."""
+"""Factor by which the risks that are tried reach beyond those of possible answers."""
 
 SHARE_OF_CURVES, SHARE_OF_ALL = 0.4, 0.8
 """Share of the budget for the curves of the single pairs, and share of the time that is then left

@@ -32,8 +32,8 @@ RARE_ENOUGH = 10.0
 probabilities; for more, it is read from the rate of first impacts."""
 
 LIKELY = 0.5
-"""Probability of an impact above which its error may be taken from that of the rate of first
-impacts, where that is smaller."""
+"""Probability of an impact above which the rate of first impacts may give its error, if that is
+smaller."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -276,8 +276,8 @@ def _elastic_speed(oscillators: OscillatorArrays) -> Vector:
 
 
 def _rough_log_speed(o: OscillatorArrays) -> Vector:
-    """Logarithm of a speed above the answer: of the speed that the damper alone leaves, or without
-    a damper of the largest one that springs, stops and noise have a scale for."""
+    """Logarithm of a speed above the answer. With a damper it is the speed that the damper alone
+    leaves. Without one it is the largest speed scale of springs, stops and noise."""
     gap = o.upper - o.lower
     rest = o.load / o.omega**2
     away = np.fmin(np.abs(o.upper - rest), np.abs(rest - o.lower))

@@ -11,7 +11,7 @@ from stochvi.model.gap import Gap
 
 
 def form_of(name: str, variant: str, gap: Gap) -> Form:
-    """The form for a gap whose only stop, where it has one stop, is the upper one."""
+    """The form for a gap; a single stop must be the upper one."""
     if name == "motion":
         return motion_form(book=variant == "book")
     if name == "force":

@@ -50,7 +50,7 @@ _SPEED = PchipInterpolator(BOX_RESTITUTION, BOX_SPEED)
 
 
 def rigid_closure(gap: Gap, box: bool = False) -> Form:
-    """The closure of a gap whose only stop, where it has one stop, is the upper one."""
+    """The closure of a gap; a single stop must be the upper one."""
     if len(gap.stops) == 1:
         return Form(_one_stop_start, _one_stop_candidate)
     floor = curvature_floor((stop.law.restitution for stop in gap.stops), box)

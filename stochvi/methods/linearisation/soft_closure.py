@@ -169,8 +169,8 @@ class SoftLaw:
         }
 
     def _rise_at(self, stop: Stop) -> float:
-        """Factor on the density at a stop: `rise`, but 1 at one that takes no energy where another
-        does, since a mass that has stopped bouncing lies on the latter."""
+        """Factor on the density at a stop: `rise`. It is 1 at an elastic stop opposite an inelastic
+        one, since the mass comes to rest on the latter."""
         return 1.0 if stop.law.conservative and not self.gap.elastic else self.rise
 
     def _layer(self, stop: Stop, law: CompliantLaw) -> _Within:

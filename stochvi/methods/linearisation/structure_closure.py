@@ -87,9 +87,9 @@ class _Solution(NamedTuple):
 def closure(scene: Scene, deadline: Deadline = NEVER) -> tuple[Response, ...]:
     """Approximate stationary responses of several coordinates, pairs, or signals.
 
-    White, filtered and tabulated noise, sines and loads; stops of any law. Exact without stops,
-    and for one pair that loses nothing where noise matches damping. One loose mass in a box on one
-    mode under white noise is linearised at every amplitude instead, see `loose_mass`.
+    White, filtered and tabulated noise, sines and loads; stops of any law. Exact without stops, and
+    for one elastic pair where noise matches damping. One loose mass in a box on one mode under
+    white noise is linearised at every amplitude instead, see `loose_mass`.
 
     White noise has one response. In coloured noise and under sines there may be several. Those
     found from starts at several speeds are returned, the one next to the response without stops

@@ -168,13 +168,13 @@ class Jump:
 
 @dataclass(frozen=True, kw_only=True)
 class RandomStarts:
-    """Where motions from random starts ended.
+    """Ends of motions from random starts.
 
     Parameters
     ----------
     number, listed
-        Number of random starts, spread over the range, and of those that ended in a regime of one
-        of the branches.
+        Number of random starts, spread over the range. `listed` of them ended in a regime of a
+        branch.
     elsewhere
         Smallest and largest value at which a start or a slow sweep ended in none: in motion that
         does not repeat itself within 8 periods, or has more than 24 impacts in its period; None

@@ -63,8 +63,8 @@ FARTHEST = 0.04
 """Largest relative change of the varied number in a step along a branch."""
 
 ONE_POINT = 1e-6
-"""Difference of points of a branch up to which a change of stability is that of a fold or of a
-grazing itself."""
+"""A change of stability so close to a fold or a grazing of the branch belongs to it; difference of
+points of the branch."""
 
 MOST_WORDS = 16
 """Largest number of orders of impacts with which Newton's iteration is started; the shortest orders
@@ -77,8 +77,8 @@ STARTS = 10
 """Number of starts of Newton's iteration for each impact of an order."""
 
 SUBHARMONICS = (1, 2, 3)
-"""Numbers of periods within which a regime of one impact, or of one on each of two stops, is looked
-for."""
+"""Numbers of periods within which regimes of one impact are looked for; with two stops, also those
+of one impact on each."""
 
 LOOKED_AT, LOOKS = 50, 12
 """Number of periods after which a flight is looked at for having ended in a regime, and how often

@@ -71,8 +71,7 @@ class Numbers:
         return motion
 
     def units(self) -> tuple[Numbers, float, float]:
-        """The numbers of which each is the unit that makes it of order one, with the units of
-        length and time."""
+        """Units that make all numbers of order one, and those of length and time."""
         reach = float(np.max(np.linalg.norm(self.rows, axis=1), initial=0.0)) or 1.0
         rate = max(self.omega, math.sqrt(max(float(np.linalg.eigvalsh(self.stiffness)[-1]), 0.0)))
         pushed = reach * float(np.max(np.abs(self.forces))) / rate**2
@@ -239,7 +238,7 @@ class Family:
     laws
         Coefficients (terms, numbers) of the numbers of `_laws`, scaled.
     pieces
-        Number of straight pieces of the force of each stop, 0 of a rigid one.
+        Number of straight pieces of the force of each stop, 0 for a rigid one.
     stops
         "pair side" of each stop.
     length, time

@@ -311,5 +311,5 @@ SEEN = 3.0
 """Excess of a kurtosis over 3, in standard errors, above which it counts as not Gaussian."""
 
 COARSE = 1.1
-"""Ratio of the width of the bins to the width that the mount needs, above which a warning says that
-the record is short. It is above 1 because segments have a whole number of samples."""
+"""Width of the bins over the width that the mount needs, above which a warning says that the record
+is short. It is above 1 because segments have a whole number of samples."""

@@ -13,7 +13,7 @@ from stochvi.scenes.excitations.base import BASE, BaseExcitation
 from stochvi.scenes.validation import Number, Positive, given
 
 STRENGTHS = ("amplitude", "displacement", "velocity", "unbalance")
-"""Keys that give the strength of a sine, of which it takes one."""
+"""Keys for the strength of a sine; a sine takes one of them."""
 
 
 class Sine(BaseExcitation):

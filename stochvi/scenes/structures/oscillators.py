@@ -193,7 +193,7 @@ class Isolator(Oscillator):
         if self.mounts is not None and self.frequency_hz is not None:
             raise ValueError(
                 "takes mounts with the mass, and the stiffness and damping of one mount, got "
-                "mounts with frequency_hz, which is that of all"
+                "frequency_hz, which belongs to all mounts together"
             )
         if self.gravity and self.omega == 0.0:
             raise ValueError("needs a stiffness that carries the mass under gravity, got 0")

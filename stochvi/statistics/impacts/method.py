@@ -104,7 +104,7 @@ REL_ERROR = 0.02
 for."""
 
 FOR_FIRST_HITS = 0.3
-"""Share of the time that is kept for the rate of first impacts, where that is asked for."""
+"""Share of the time that is kept for the rate of first impacts, if wanted."""
 
 NO_FIRST_HITS = "no time was left for the rate of first impacts; raise budget"
 """Note where the deadline passed before the rate of first impacts was found."""

@@ -313,7 +313,7 @@ def judge_returned(
     *,
     allowed_percent: float = 0.0,
 ) -> Judgement:
-    """Judge what was returned for one problem, in one of the three forms that `judge` takes.
+    """Judge the answer to one problem, in one of the three forms that `judge` takes.
 
     Parameters
     ----------
@@ -371,8 +371,8 @@ def _judgement(measured: Sequence[Measured], allowed_percent: float) -> Judgemen
 
 
 def _missing(name: str, sample: Sample) -> str:
-    """The name of a quantity that was not returned, and the averages that it still needs where some
-    of them were."""
+    """The name of a quantity that was not returned, with the averages that it still needs if some
+    were returned."""
     lacking = [each for each in needs(name) if each not in sample.parts()]
     if 0 < len(lacking) < len(needs(name)):
         return f"{name} (which needs {', '.join(lacking)} too)"

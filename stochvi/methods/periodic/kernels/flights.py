@@ -136,7 +136,7 @@ def turn(generator, time, perturbations, column, out):
 @kernel
 def turn_at_impact(motion, stop, z, perturbations):
     """Take small perturbations over an impact, before it turns the state z: a perturbed flight is
-    struck at another moment, before which the old rates act and after which the new ones."""
+    struck at another moment. The old rates act before it, the new ones after it."""
     n = motion.rows.shape[1]
     before, after, moved = np.empty(2 * n), np.empty(2 * n), np.empty(len(z))
     put(z, moved)

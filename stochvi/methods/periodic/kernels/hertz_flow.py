@@ -89,7 +89,7 @@ def curve(now, hertz, contacts, z, curves):
     terms, bends, pace, clock = curves
     m, n = now.rows.shape
     size = len(now.generator)
-    # products of the roots of the stops before one, and of those from one on
+    # products of the roots: of the stops before a stop, and from it on
     until, onwards = np.zeros((m + 1, TERMS)), np.zeros((m + 1, TERMS))
     until[0, 0], onwards[m, 0] = 1.0, 1.0
     squares, others = np.zeros((m, TERMS)), np.zeros((m, TERMS))

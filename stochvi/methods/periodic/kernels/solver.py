@@ -104,8 +104,9 @@ class Pattern(NamedTuple):
 
 
 class Touch(NamedTuple):
-    """State of a flight besides its motion: `on` (3,), the stop that is rested on, the one that was
-    struck last and the one to be passed over; `fastest` (1,), the largest impact speed."""
+    """State of a flight besides its motion: `on` (3,) holds the stop that is rested on, the last
+    stop that was struck, and the stop to be passed over. `fastest` (1,) is the largest impact
+    speed."""
 
     on: np.ndarray
     fastest: np.ndarray
