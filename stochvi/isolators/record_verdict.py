@@ -112,6 +112,8 @@ class RecordVerdict:
     clearance
         The smallest distance of stops from the static equilibrium that the record does not reach,
         m, on the sides on which the scene has stops.
+    clearance_lower, clearance_upper
+        The same for each side alone; None where the scene has a stop on the other side only.
     p_values
         Probability that a stationary Gaussian process deviates as far, to either side, in its
         "peak", in its "kurtosis" and in its "level"; None where the record is too short to tell.
@@ -137,6 +139,8 @@ class RecordVerdict:
     kurtosis: float
     kurtosis_error: float
     clearance: float
+    clearance_lower: float | None
+    clearance_upper: float | None
     p_values: dict[str, float | None]
     level_ratio: float | None
     crossings: tuple[Crossings, ...]
@@ -156,20 +160,29 @@ class RecordVerdict:
     def needed(self) -> float:
         """The clearance that the record itself needs, rounded up to a micrometre, in millimetres:
         the one number that words, pages and pictures state."""
-        return math.ceil(1e6 * self.clearance) / 1e3
+        return _rounded_up(self.clearance)
+
+    @property
+    def needed_on_each_side(self) -> str:
+        """The clearances that the record needs below and above the static equilibrium, in words;
+        empty where there is one side, or both need the same."""
+        if self.clearance_lower is None or self.clearance_upper is None:
+            return ""
+        below, above = _rounded_up(self.clearance_lower), _rounded_up(self.clearance_upper)
+        return "" if below == above else f"{below:.3f} mm below, {above:.3f} mm above"
 
     def needs(self) -> str:
         """The clearance that the record itself needs, in words."""
-        return f"the record itself needs {self.needed:.3f} mm per side"
+        sides = f" ({self.needed_on_each_side})" if self.needed_on_each_side else ""
+        return f"the record itself needs {self.needed:.3f} mm per side{sides}"
 
     def sentence(self) -> str:
         """The verdict in one sentence."""
         needs = self.needs()
         if self.contradicts:
             return (
-                "THE RECORD CONTRADICTS THE GAUSSIAN MODEL: "
-                f"{'; '.join(self.reasons)}; {needs}, and numbers for Gaussian noise do not hold "
-                "for it"
+                "THE RECORD CONTRADICTS THE GAUSSIAN MODEL, and numbers for Gaussian noise do not "
+                f"hold for it: {'; '.join(self.reasons)}; {needs}"
             )
         if not self.judged:
             why = (
@@ -230,6 +243,8 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     judged = 2 * len(settled) >= len(whole)
     x = settled if judged else whole
     sides = {stop.side for stop in model.stops} or {-1, 1}
+    clearance_lower = BEYOND * max(below, 0.0) if -1 in sides else None
+    clearance_upper = BEYOND * max(above, 0.0) if 1 in sides else None
     motion = JudgedMotion(
         x,
         duration=len(x) / rate,
@@ -240,7 +255,8 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     )
     return _verdict(
         motion,
-        clearance=BEYOND * max(above if 1 in sides else 0.0, below if -1 in sides else 0.0),
+        clearance_lower=clearance_lower,
+        clearance_upper=clearance_upper,
         law=law,
         clipped=any(cut_off(each.as_read.values) for each in records),
         lost=[each for each in lost if each is not None],
@@ -481,8 +497,8 @@ class JudgedMotion(NamedTuple):
 
 
 def _verdict(
-    motion: JudgedMotion, *, clearance: float, law: ResponseLaw, clipped: bool,
-    lost: Sequence[tuple[float, str]],
+    motion: JudgedMotion, *, clearance_lower: float | None, clearance_upper: float | None,
+    law: ResponseLaw, clipped: bool, lost: Sequence[tuple[float, str]],
 ) -> RecordVerdict:  # fmt: skip
     """The verdict on a response."""
     x, duration, largest, whole, settled, judged = motion
@@ -500,8 +516,9 @@ def _verdict(
     reasons = [sentence for _, sentence in lost] if judged else []
     if unlikely is not None and unlikely < limit:
         reasons.append(
-            f"through the mount it moves {1e3 * settled:.4g} mm or {settled / sigma:.3g} sigma, "
-            f"where Gaussian noise would move {expected:.3g} sigma ({p_value_in_words(unlikely)})"
+            f"through the mount it moves {1e3 * settled:.4g} mm ({settled / sigma:.3g} sigma), "
+            f"where Gaussian noise would move {1e3 * expected * sigma:.3g} mm ({expected:.3g} "
+            f"sigma; {p_value_in_words(unlikely)})"
         )
     if shape is not None and shape < limit:
         reasons.append(
@@ -529,13 +546,20 @@ def _verdict(
         expected_peak_in_sigma=expected,
         kurtosis=kurtosis,
         kurtosis_error=math.sqrt(24.0 * law.memory / duration),
-        clearance=clearance,
+        clearance=max(clearance_lower or 0.0, clearance_upper or 0.0),
+        clearance_lower=clearance_lower,
+        clearance_upper=clearance_upper,
         p_values=p_values,
         level_ratio=level and level.ratio,
         crossings=tuple(_crossings(centred, sigma, level, duration, law) for level in LEVELS),
         clipped=clipped,
         lost_share=max((share for share, _ in lost), default=0.0),
     )
+
+
+def _rounded_up(clearance: float) -> float:
+    """A clearance in millimetres, rounded up to a micrometre."""
+    return math.ceil(1e6 * clearance) / 1e3
 
 
 def p_value_in_words(value: float) -> str:

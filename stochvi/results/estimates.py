@@ -78,7 +78,7 @@ class Estimate:
     >>> float(rate)
     0.2828
     >>> Estimate(value=0.28, standard_error=0.003, bias=0.002, bias_error=0.004, how="64 paths")
-    0.2800(30), bias up to 0.002 [64 paths]
+    0.2800(30), bias up to 0.0059 [64 paths]
     >>> [round(end, 4) for end in rate.interval()]
     [0.282, 0.2836]
     >>> [round(end, 4) for end in rate.interval(0.99)]
@@ -160,16 +160,35 @@ class Estimate:
         return f"{number} [{self.how}]"
 
     @property
+    def printed_bias(self) -> float | None:
+        """What the bias, and its own error, add to the half width of the 95 % interval; None where
+        the bias is not known.
+
+        Tables print it behind the value: 1.96 standard errors and this number are the half width.
+
+        Examples
+        --------
+        >>> found = Estimate(value=1.0, standard_error=0.3, bias=0.1, bias_error=0.4)
+        >>> round(found.printed_bias, 3), round(found.half_width_95(), 3)
+        (0.492, 1.08)
+        """
+        if self.bias is None:
+            return None
+        return self.half_width_95() - GAUSSIAN_95 * self.standard_error
+
+    @property
     def bias_matters(self) -> bool:
         """Whether the bias is not known, or widens the 95 % interval by more than a tenth."""
-        return self.bias is None or self.bias > NEGLIGIBLE_BIAS * self.standard_error
+        added = self.printed_bias
+        return added is None or added > NEGLIGIBLE_BIAS * self.standard_error
 
     @property
     def bias_in_words(self) -> str:
         """The bias, to follow the value; empty where it does not matter."""
         if not self.bias_matters:
             return ""
-        return ", bias not known" if self.bias is None else f", bias up to {self.bias:.2g}"
+        added = self.printed_bias
+        return ", bias not known" if added is None else f", bias up to {added:.2g}"
 
     def reach(self, quantile: float) -> float:
         """Distance from the value to the end of its interval, with all errors that are known;

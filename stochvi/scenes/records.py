@@ -15,7 +15,13 @@ from numpy.typing import NDArray
 from stochvi.mathematics import rounding
 from stochvi.mathematics.arguments import checked
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.spectra import Table, response_moments, squared_gain, welch
+from stochvi.mathematics.spectra import (
+    MOST_BREAKPOINTS,
+    Table,
+    response_moments,
+    squared_gain,
+    welch,
+)
 from stochvi.results.errors import SceneError
 from stochvi.results.intervals import jackknife_error
 from stochvi.scenes.readers import TIME_RESPONSE, Columns, read_columns
@@ -28,6 +34,10 @@ FEWEST_BINS = 16
 
 FEWEST_SEGMENT_LENGTHS = 8
 """Smallest length of a record, in windows: the standard error of a bin is then 37 %."""
+
+LONGEST_WINDOW = 1.9 * MOST_BREAKPOINTS
+"""Largest number of samples that is asked for in a window: half as many lines, and a few more for a
+length that a fast Fourier transform likes, are no more than a table may have."""
 
 BINS_IN_BANDWIDTH = 6.0
 """Number of bins in a half-power bandwidth: a Hann window (1.5 bins) covers a quarter of it."""
@@ -201,10 +211,13 @@ class Record:
         For an oscillator it is the coarsest that resolves its resonance, but no finer than the
         record allows. The coarsest is the smallest of b / (2 pi) / 6 (b / (2 pi) = 2 zeta f_n is
         the half-power bandwidth), f_n / 10 and a sixteenth of the sampling rate. The finest is the
-        larger of 8 / duration and one over the length of the longest segment.
+        largest of 8 / duration, one over the length of the longest segment, and the spacing at
+        which a density has as many lines as a table may have.
         """
         longest = max(map(len, self.segments)) / self.fs
-        finest = max(FEWEST_SEGMENT_LENGTHS / self.duration, 1.0 / longest)
+        finest = max(
+            FEWEST_SEGMENT_LENGTHS / self.duration, 1.0 / longest, self.fs / LONGEST_WINDOW
+        )
         if not omega or not damping_rate:
             return finest
         return max(finest, min(wanted_resolution(omega, damping_rate), self.fs / FEWEST_BINS))

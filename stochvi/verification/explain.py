@@ -198,9 +198,9 @@ def _environments(scene: Scene) -> list[str]:
     for each in scene.excitations:
         if isinstance(each, TabulatedNoise | RecordedNoise):
             where = scene.place(each)
-            words = scene.place_in_words(each)
-            name, source, extent = each.facts(words, each.numbers())[0]
-            rms = math.sqrt(each.table.mean_square())
+            words, numbers = scene.place_in_words(each), each.numbers()
+            name, source, extent = each.facts(words, numbers)[0]
+            rms = numbers.get("rms", math.sqrt(each.table.mean_square()))
             size = f"{rms / STANDARD_GRAVITY:.4g} g" if where == BASE else f"{rms:.4g} N"
             found.append(f"{name[0].lower()}{name[1:]}: {source}, {extent}, {size} rms")
     return found

@@ -179,7 +179,7 @@ def plot_clearances(found: Replay, ax: Axes | None = None) -> Axes:
             )  # fmt: skip
     ax.margins(x=0.12)
     ax.set_xlabel(f"clearance ({name})")
-    ax.set_ylabel("impacts, largest speed")
+    ax.set_ylabel("impacts in the record")
     add_grid(ax)
     return ax
 

@@ -60,7 +60,8 @@ NEGLIGIBLE = 1e-12
 def print_response(console: Console, response: Response) -> None:
     """Print every quantity with its errors, then effects, assumptions, cost and warnings."""
     table = new_table(
-        response.method, ["of", "quantity", "value", "unit", "rel. error", "rel. bias"]
+        response.method,
+        ["of", "quantity", "value", "unit", "rel. error", "rel. bias", "95 % within"],
     )
     deviation = _deviation(response)
     for (owner, name), estimate in response.estimates().items():
@@ -73,6 +74,7 @@ def print_response(console: Console, response: Response) -> None:
             in_angles(owner, QUANTITY_UNITS[name]),
             relative_error(estimate.standard_error, estimate),
             "unknown" if estimate.bias is None else relative_bias(estimate),
+            relative_half_width(estimate),
         )
     print_table(console, table)
     for reason in _without_bound(response):
@@ -264,7 +266,8 @@ def value_with_error(estimate: Estimate, scale: float = 0.0, *, with_bias: bool 
         text = format_with_error(estimate.value, estimate.standard_error)
     if not with_bias or not estimate.bias_matters:
         return text
-    return f"{text}+-?" if estimate.bias is None else f"{text}+-{estimate.bias:.2g}"
+    added = estimate.printed_bias
+    return f"{text}+-?" if added is None else f"{text}+-{added:.2g}"
 
 
 def relative_error(error: float, estimate: Estimate) -> str:
@@ -273,14 +276,24 @@ def relative_error(error: float, estimate: Estimate) -> str:
     if error == 0.0:
         return "0"
     ratio = error / abs(estimate.value) if estimate.value else float("inf")
-    return f"{ratio:.1e}" if ratio < 1.0 else "-"
+    return f"{ratio:.1e}" if math.isfinite(ratio) else "-"
+
+
+def relative_half_width(estimate: Estimate) -> str:
+    """Half the width of the 95 % interval over the value, with all errors that are known, in
+    percent; "-" where there is no interval, or the value does not differ clearly from 0."""
+    no_interval = estimate.upper_95 is not None or estimate.bias is None
+    if no_interval or abs(estimate.value) < NOISE * estimate.standard_error or not estimate.value:
+        return "-"
+    return f"{100.0 * estimate.half_width_95() / abs(estimate.value):.2g} %"
 
 
 def relative_bias(estimate: Estimate) -> str:
-    """The relative bias in words; "-" where the value does not differ clearly from 0."""
+    """What the bias adds to the half width of the 95 % interval, over the value; "-" where the
+    value does not differ clearly from 0."""
     if 0.0 < abs(estimate.value) < NOISE * estimate.standard_error:
         return "-"
-    return relative_error(estimate.bias or 0.0, estimate)
+    return relative_error(estimate.printed_bias or 0.0, estimate)
 
 
 def formatted_cell(value: object, form: str) -> str:

@@ -202,6 +202,11 @@ def test_the_clearance_of_the_record_is_not_hit(tmp_path: Path) -> None:
     assert float(free.impact_pairs["stops"].hits) == 0.0
     assert float(hit.impact_pairs["stops"].hits) > 0.0
     assert verdict.displacement_max == pytest.approx(verdict.clearance)
+    # what each side needs is what the free motion reaches there
+    motion = free.coordinates["x"]
+    assert verdict.clearance_lower == pytest.approx(-float(motion.displacement_min), rel=1e-4)
+    assert verdict.clearance_upper == pytest.approx(float(motion.displacement_max), rel=1e-4)
+    assert verdict.clearance == max(verdict.clearance_lower, verdict.clearance_upper)
     assert float(free.coordinates["x"].displacement_kurtosis or 0.0) == pytest.approx(
         verdict.kurtosis, rel=1e-9
     )

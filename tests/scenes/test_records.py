@@ -10,7 +10,7 @@ import pytest
 from scipy.io import savemat
 
 from stochvi import RecordedNoise, SceneError, TabulatedNoise, screen
-from stochvi.mathematics.spectra import response_moments
+from stochvi.mathematics.spectra import MOST_BREAKPOINTS, response_moments
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.readers import TIME_RESPONSE
 from stochvi.scenes.records import Record, read_record, response_error, wanted_resolution
@@ -530,3 +530,17 @@ def test_times_are_read_from_the_column_that_says_so(tmp_path: Path) -> None:
     assert RecordedNoise(file=path, column="acc").record.fs == pytest.approx(FS)
     with pytest.raises(SceneError, match="which holds the time"):
         RecordedNoise(file=path, column=2)
+
+
+def test_an_hour_of_a_fast_logger_has_a_density_that_a_table_can_hold(tmp_path: Path):
+    """The finest density of 3.6 million samples would have 225,000 lines."""
+    samples = np.random.default_rng(4).normal(size=3_600_000)
+    np.save(tmp_path / "hour.npy", samples)
+    noise = RecordedNoise(file=str(tmp_path / "hour.npy"), unit="m/s2", fs=1000.0)
+    lines = len(noise.table.frequency_hz)
+    assert 0.9 * MOST_BREAKPOINTS < lines <= MOST_BREAKPOINTS
+    # white noise of variance 1 between 0 and 500 Hz
+    assert float(noise.table.density.mean()) == pytest.approx(2e-3, rel=4.5 / lines**0.5)
+    # the same lines asked for by hand are refused with those that there can be
+    with pytest.raises(ValueError, match=r"expected 0\.00526 to"):
+        RecordedNoise(file=str(tmp_path / "hour.npy"), unit="m/s2", fs=1000.0, resolution_hz=1e-3)

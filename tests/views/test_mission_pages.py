@@ -46,7 +46,9 @@ def test_a_replay_has_a_page_that_names_its_record(stochvi: Run, tmp_path: Path)
     assert (
         text.index("impacts on stops") < text.index("Motion and impacts") < text.index("Approved")
     )
-    assert 'class="verdict alarm"' in text  # a sine is no Gaussian noise
+    assert 'class="verdict alarm"' in text  # it touches its stops
+    assert "Clearance of &#39;stops&#39;, lower" in text and "2.000 mm" in text
+    assert "Natural frequency" in text and "damping ratio 0.1" in text
     # the same question may be asked again, another one not
     assert stochvi("replay", scene, "--out", out, "--quiet").code == 0
     asked = ("replay", scene, "--clearances", "1mm,3mm", "--out", out, "--quiet")
@@ -54,6 +56,12 @@ def test_a_replay_has_a_page_that_names_its_record(stochvi: Run, tmp_path: Path)
     assert stochvi(*asked, "--force").code == 0
     text = page_in(out)
     assert "at 1.000 mm" in text and "at 3.000 mm" in text
+    # farther than the motion reaches there is no impact, and no alarm
+    far = ("replay", scene, "--clearances", "30mm", "--out", out, "--quiet", "--force")
+    assert stochvi(*far).code == 0
+    quiet = page_in(out)
+    assert "no impact on stops" in quiet or "impacts 0 at 30 mm" in quiet
+    assert 'class="verdict alarm"' not in quiet and "largest impact speed (m/s)" not in quiet
     # what the record needs comes first, then the hits at each clearance
     assert (
         text.index("The record itself needs") < text.index(": impacts ") < text.index("Motion and")

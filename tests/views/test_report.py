@@ -440,6 +440,7 @@ def test_a_record_that_does_not_agree_has_the_first_card(
         contradicts=contradicts, judged=judged, reasons=("its peak",) if contradicts else (),
         displacement_max=8e-3, displacement_std=1e-3, peak_in_sigma=8.0,
         expected_peak_in_sigma=3.5, kurtosis=6.0, kurtosis_error=0.2, clearance=8.1004e-3,
+        clearance_lower=8.1004e-3, clearance_upper=6.2e-3,
         p_values={"peak": 0.0, "kurtosis": 0.0 if judged else None}, crossings=(), clipped=False,
         lost_share=0.0, level_ratio=None,
     )  # fmt: skip
@@ -458,7 +459,11 @@ def test_a_record_that_does_not_agree_has_the_first_card(
     # one number in words, on the card and in the picture, rounded upward
     assert ("the record itself: 8.101 mm" in labels) == doubtful
     assert page.cards[names.index("The record itself needs")].value == "8.101 mm"
-    assert record.needs() == "the record itself needs 8.101 mm per side"
+    assert record.needs() == (
+        "the record itself needs 8.101 mm per side (8.101 mm below, 6.200 mm above)"
+    )
+    one_sided = replace(record, clearance_upper=None)
+    assert one_sided.needs() == "the record itself needs 8.101 mm per side"
     assert not doubtful or ax.get_xlim()[1] > 8.1
     plt.close(ax.get_figure())
 

@@ -256,15 +256,7 @@ class Replay(Result):
             f"{1e3 * float(each.displacement_max):.4g} mm"
             for name, each in self.coordinates.items()
         ]
-        hit = [
-            f"{float(each.hits):.0f} impacts on {name}"
-            + (
-                f", up to {float(each.impact_speed_max):.4g} m/s"
-                if each.impact_speed_max is not None
-                else ""
-            )
-            for name, each in self.impact_pairs.items()
-        ]
+        hit = [_impacts_in_words(name, each) for name, each in self.impact_pairs.items()]
         return f"replay of {self.duration:.4g} s of record: {'; '.join([*moved, *hit])}"
 
     def to_frame(self) -> pd.DataFrame:
@@ -283,3 +275,12 @@ class Replay(Result):
             "impact_pairs": top.get("impact_pairs", {}),
             **found,
         }
+
+
+def _impacts_in_words(name: str, pair: PairReplay) -> str:
+    """The number of impacts on a pair, and the fastest of them."""
+    hits = round(float(pair.hits))
+    number = "no impact" if not hits else "1 impact" if hits == 1 else f"{hits} impacts"
+    fastest = pair.impact_speed_max
+    speed = "" if fastest is None else f", {'up to ' * (hits > 1)}{float(fastest):.4g} m/s"
+    return f"{number} on {name}{speed}"

@@ -24,6 +24,7 @@ from stochvi.scenes.excitations.base import (
 from stochvi.scenes.records import (
     FEWEST_BINS,
     FEWEST_SEGMENT_LENGTHS,
+    LONGEST_WINDOW,
     Record,
     listed_gaps,
     read_record,
@@ -120,12 +121,13 @@ class RecordedNoise(DensityNoise):
                 f"its unit, {self._unit.name}, is the one that {columns.stated_in} states",
             )
         self._as_read = record
+        finest = max(1.0 / record.duration, record.fs / LONGEST_WINDOW)
         if self.resolution_hz is not None and not within(
-            self.resolution_hz, 1.0 / record.duration, record.fs / FEWEST_BINS
+            self.resolution_hz, finest, record.fs / FEWEST_BINS
         ):
             raise ValueError(
                 f"has resolution_hz = {self.resolution_hz:g}, expected "
-                f"{1.0 / record.duration:.3g} to {record.fs / FEWEST_BINS:.3g} Hz for this record"
+                f"{finest:.3g} to {record.fs / FEWEST_BINS:.3g} Hz for this record"
             )
         self._set_level()
         return self

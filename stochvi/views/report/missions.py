@@ -6,15 +6,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.model.model import model_of
+from stochvi.model.natural_modes import at_rest, natural_modes
 from stochvi.results.base import plain
 from stochvi.results.origin import Origin, origin_of
+from stochvi.scenes.structures import Oscillator
 from stochvi.views.axes import PAGE, axes_or_new, label_for_page
 from stochvi.views.colours import COLOURS
 from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history
 from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
+from stochvi.views.schematic import draw_problem
 from stochvi.views.statistics_tables import NEAR_ONE, SURELY
 from stochvi.views.words import MM, UNKNOWN, G, count_of, four_digits
 
@@ -23,7 +25,7 @@ if TYPE_CHECKING:
 
     from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.methods.replay import Replay
-    from stochvi.methods.replay.answer import CoordinateReplay
+    from stochvi.model.model import Model
     from stochvi.results.estimates import Estimate
     from stochvi.scenes.scene import Scene
     from stochvi.statistics.reliability import Chance, Reliability
@@ -35,7 +37,6 @@ EVENTS = {
     "peak_acceleration": "a peak acceleration above",
 }
 """Events of a mission in words."""
-
 
 # Reliability ------------------------------------------------------------------------------
 
@@ -253,14 +254,50 @@ def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:
 
 
 def _scene_section(scene: Scene) -> Section:
+    """What shakes what, and where it hits, with the drawing of the scene."""
+    model = model_of(scene)
+    _, gaps = at_rest(model)
+    rests = {name: gap.position for name, gap in gaps.items()}
+    frequencies = [f"{mode.frequency_hz:.4g}" for mode in natural_modes(model)]
     facts = []
+    if frequencies:
+        name = "Natural frequency" if len(frequencies) == 1 else "Natural frequencies"
+        facts.append(Fact(name, f"{', '.join(frequencies)} Hz", _damping(scene, model)))
     for pair in scene.impact_pairs:
         for side, law in pair.stops():
-            place = f"{MM * getattr(pair, side):+.4g} mm"
-            facts.append(Fact(f"Stop {pair.name!r}, {side}", place, law.phrase()))
-    facts += [Fact("Effect", effect) for effect in scene.effects()]
-    lead = "Stops are measured from the position of the unloaded spring." if facts else ""
-    return Section(title="Scene", lead=lead, facts=facts)
+            place = getattr(pair, side)
+            distance = abs(place - rests.get(pair.name, 0.0))
+            facts.append(
+                Fact(
+                    f"Clearance of {pair.name!r}, {side}",
+                    f"{four_digits(MM * distance)} mm",
+                    f"from the static equilibrium; {side} = {place:.6g} (m) from the unloaded "
+                    f"spring; {law.phrase()}",
+                )
+            )
+    for excitation in scene.excitations:
+        facts += [
+            Fact(*each) for each in excitation.facts(scene.place(excitation), excitation.numbers())
+        ]
+    facts.append(Fact("Simulated", "; ".join(scene.effects())))
+    return Section(
+        title="Scene",
+        facts=facts,
+        pictures=[
+            shown(
+                lambda: draw_problem(scene, rests),
+                "The scene with its stops as the scene file states them; not to scale.",
+                wide=True,
+            )
+        ],
+    )
+
+
+def _damping(scene: Scene, model: Model) -> str:
+    """The damping ratio of one mass on its spring, else nothing."""
+    if not isinstance(scene.structure, Oscillator) or not model.omega:
+        return ""
+    return f"damping ratio {0.5 * model.damping_rate / model.omega:.4g}"
 
 
 # Replay -----------------------------------------------------------------------------------
@@ -287,8 +324,12 @@ def replay_page(found: Replay, scene: Scene, record: RecordVerdict | None, origi
         subtitle=f"The record itself through the structure and its stops, {found.duration:.4g} s",
         verdict=f"{summary[0].upper()}{summary[1:]}.",
         statements=[] if record is None else [f"{record.sentence()}."],
-        alarm=record is not None and not record.agrees,
-        cards=_replay_cards(found),
+        alarm=any(
+            float(pair.hits) > 0.0
+            for each in found.clearances
+            for pair in each.impact_pairs.values()
+        ),
+        cards=[*_needs_card(record), *_replay_cards(found)],
         warnings=list(found.warnings),
         sections=[
             Section(
@@ -317,7 +358,12 @@ def _replay_cards(found: Replay) -> list[Fact]:
     if found.single is None:
         return []
     cards = [
-        Fact(f"Largest motion of {name}", f"{four_digits(MM * _largest(each))} mm", "either side")
+        Fact(
+            f"Motion of {name}",
+            f"{four_digits(MM * float(each.displacement_min))} to "
+            f"{four_digits(MM * float(each.displacement_max))} mm",
+            "from the unloaded spring",
+        )
         for name, each in found.coordinates.items()
     ]
     cards += [
@@ -327,8 +373,18 @@ def _replay_cards(found: Replay) -> list[Fact]:
     return cards
 
 
-def _largest(each: CoordinateReplay) -> float:
-    return float(np.max(np.abs([float(each.displacement_max), float(each.displacement_min)])))
+def _needs_card(record: RecordVerdict | None) -> list[Fact]:
+    """The clearance that the record needs, if it was judged."""
+    if record is None:
+        return []
+    sides = record.needed_on_each_side or "per side"
+    return [
+        Fact(
+            "The record itself needs",
+            f"{record.needed:.3f} mm",
+            f"{sides}; from the static equilibrium",
+        )
+    ]
 
 
 def _replay_grid(found: Replay) -> Grid:
@@ -342,7 +398,9 @@ def _replay_grid(found: Replay) -> Grid:
                     continue
                 words, factor = ROWS[name]
                 values = [getattr(each, group)[owner][name] for each in found.clearances]
-                texts = [UNKNOWN if v is None else f"{factor * float(v):.4g}" for v in values]
+                if all(value is None for value in values):
+                    continue  # the speed of no impact, the force of a rigid stop
+                texts = ["none" if v is None else f"{factor * float(v):.4g}" for v in values]
                 rows.append([f"{owner}: {words}", *texts])
     headings = [
         "as in the scene" if each.clearance is None else f"at {four_digits(MM * each.clearance)} mm"
