@@ -157,9 +157,9 @@ def _warnings(model: Model, law: EnergyLaw) -> list[str]:
             found.append(
                 f"the mass rests on the {name} stop, which takes "
                 f"{100.0 * (1.0 - stop.restitution**2):.0f} % of its energy in every cycle, while "
-                "averaging takes this part to be small: displacement_std is off by a factor of "
-                f"{factor:.2g} if only a load holds the mass there, and by less if a spring or a "
-                "damper helps; use fokker-planck or linearise"
+                "averaging takes this part to be small. A stated error holds; where none is "
+                f"stated, displacement_std is off by up to a factor of {factor:.2g}, which it is "
+                "if only a load holds the mass there; use fokker-planck or linearise"
             )
     return found
 

@@ -271,12 +271,13 @@ def value_with_error(estimate: Estimate, scale: float = 0.0, *, with_bias: bool 
 
 
 def relative_error(error: float, estimate: Estimate) -> str:
+    """An error over the value; "-" where the value does not differ from 0, or has no interval."""
     if estimate.upper_95 is not None or (error == 0.0 and estimate.bias is None):
         return "-"
     if error == 0.0:
         return "0"
     ratio = error / abs(estimate.value) if estimate.value else float("inf")
-    return f"{ratio:.1e}" if math.isfinite(ratio) else "-"
+    return f"{ratio:.1e}" if ratio < 1.0 else "-"
 
 
 def relative_half_width(estimate: Estimate) -> str:
@@ -293,7 +294,11 @@ def relative_bias(estimate: Estimate) -> str:
     value does not differ clearly from 0."""
     if 0.0 < abs(estimate.value) < NOISE * estimate.standard_error:
         return "-"
-    return relative_error(estimate.printed_bias or 0.0, estimate)
+    added = estimate.printed_bias or 0.0
+    # a bound above the value itself is told, as it says how little is known
+    if estimate.upper_95 is None and added > abs(estimate.value) > 0.0:
+        return f"{added / abs(estimate.value):.1e}"
+    return relative_error(added, estimate)
 
 
 def formatted_cell(value: object, form: str) -> str:

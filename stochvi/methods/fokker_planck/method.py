@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -26,6 +26,7 @@ from stochvi.methods.fokker_planck.fixed_meshes import (
 from stochvi.methods.fokker_planck.linear_boxes import speed_scale
 from stochvi.methods.fokker_planck.motion import Motion
 from stochvi.methods.fokker_planck.refinement import (
+    TIME_RATIO,
     Refinement,
     rates_not_resolved,
     refine,
@@ -117,17 +118,29 @@ def fokker_planck(
     model = motion.model
     if speed_threshold is None:
         speed_threshold = _slow(motion)
-    found, balances = None, None
+    rates, balances = _finite_rates(model, speed_threshold), None
+    found, how = None, "half-range Galerkin"
     if _all_numbers(model):
         found = _on_fixed_meshes(model, rtol, speed_threshold)
-    how = "half-range Galerkin"
-    if found is None:
-        rates = _finite_rates(model, speed_threshold)
+    if found is None or not _resolved(found, rtol, rates):
         answered = refine(motion, rtol, speed_threshold, rates, deadline)
-        found, how = (answered.averages, answered.errors), "refined Galerkin"
+        refined = answered.averages, answered.errors
+        # where time or meshes end first, the better of both ways is the answer
+        if found is None or _worst(refined) <= max(rtol, _worst(found)):
+            found, how = refined, "refined Galerkin"
         if functions(model):
             balances = _balances(answered)
     return _response(scene, found, rtol, speed_threshold, how, started, balances, deadline)
+
+
+def _worst(found: tuple[Averages, Averages]) -> float:
+    """The largest relative error of averages with their bounds."""
+    return float(worst_relative_error(*found))
+
+
+def _resolved(found: tuple[Averages, Averages], rtol: float, rates: Collection[str]) -> bool:
+    """Whether all errors are within rtol, and the rates of these sides are known."""
+    return _worst(found) <= rtol and rates_not_resolved(*found).isdisjoint(rates)
 
 
 @calculation
@@ -220,20 +233,21 @@ def _all_numbers(model: Model) -> bool:
 def _on_fixed_meshes(
     model: Model, rtol: float, speed_threshold: float
 ) -> tuple[Averages, Averages] | None:
-    """Averages and bounds on their errors by meshes of the whole range; None where these do not
-    reach rtol."""
+    """Averages and bounds on their errors by meshes of the whole range: the first that reach rtol,
+    else the best ones; None where there are none."""
     scenes = OscillatorArrays.of(model)
     speed, threshold = speed_scale(scenes), np.array([speed_threshold])
     before = _first_levels(scenes, speed, threshold)
+    rates, best = _finite_rates(model, speed_threshold), None
     for level in LEVELS[len(before) :]:
         fine, bounds = _refine(scenes, speed, level, threshold, before)
         found = _averages(_physical(fine)), _averages(bounds)
-        if worst_relative_error(*found) <= rtol and rates_not_resolved(*found).isdisjoint(
-            _finite_rates(model, speed_threshold)
-        ):
+        if _resolved(found, rtol, rates):
             return found
+        if _worst(found) < (math.inf if best is None else _worst(best)):
+            best = found
         before = [*before[1:], fine]
-    return None
+    return best
 
 
 def _averages(found: Moments) -> Averages:
@@ -263,7 +277,7 @@ def _response(
     if balances is not None:
         response = replace(response, identities=balances)
     reached = worst_relative_error(*found)
-    if reached > rtol and deadline.passed():
+    if reached > rtol and deadline.left <= TIME_RATIO * (time.perf_counter() - started):
         raise deadline.fell_short(
             f"at a relative error of {reached:.2g} by fokker-planck, asked for {rtol:g}",
             "raise budget or rtol",

@@ -330,7 +330,8 @@ def _flight(
         return 0.0, start
     if not lower < start.x < upper:
         raise ValueError(
-            f"start must lie between the stops, {lower:g} and {upper:g} m, got {start.x:g} m"
+            f"start must lie between the stops, {lower:g} and {upper:g} m, got {start.x:g} m; "
+            "give start=(x, v)"
         )
     longest = LONGEST_FLIGHT * layout.box.time / layout.natural
     # quadratic: as fine early on, where a start near a stop has little time

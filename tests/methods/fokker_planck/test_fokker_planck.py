@@ -442,3 +442,19 @@ def test_arrays_out_of_range_are_refused(changes: dict[str, float], sentence: st
 def test_arguments_out_of_range_are_refused(argument: dict[str, float]) -> None:
     with pytest.raises(ValueError, match=next(iter(argument))):
         fokker_planck(oscillator(-1.0, 1.0), **argument)
+
+
+def test_time_that_ends_leaves_the_better_of_both_ways() -> None:
+    """Two coarse meshes in strips are less accurate than the meshes of the whole range."""
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.02, stiffness=1.0),
+        impact_pairs=[ImpactPair(lower=0.0, law=Restitution(coefficient=0.9))],
+        excitations=[WhiteNoise(intensity=0.04)],
+    )
+    rough = fokker_planck(scene, rtol=1e-5).coordinates["x"]["velocity_mean_square"]
+    with pytest.raises(NotConverged, match=r"budget of 0\.001 s ended at a relative error") as late:
+        fokker_planck(scene, rtol=1e-7, budget=1e-3)
+    left = late.value.partial.coordinates["x"]["velocity_mean_square"]
+    accurate = fokker_planck(scene, rtol=1e-7).coordinates["x"]["velocity_mean_square"]
+    assert accurate.bias < 0.1 * left.bias <= 0.1 * rough.bias * (1.0 + 1e-6)
+    assert abs(left.value - accurate.value) <= left.bias + accurate.bias
