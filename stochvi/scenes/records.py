@@ -211,8 +211,8 @@ class Record:
         For an oscillator it is the coarsest that resolves its resonance, but no finer than the
         record allows. The coarsest is the smallest of b / (2 pi) / 6 (b / (2 pi) = 2 zeta f_n is
         the half-power bandwidth), f_n / 10 and a sixteenth of the sampling rate. The finest is the
-        largest of 8 / duration, one over the length of the longest segment, and the spacing at
-        which a density has as many lines as a table may have.
+        largest of 8 / duration, one over the length of the longest segment, and the sampling rate
+        over `LONGEST_WINDOW`.
         """
         longest = max(map(len, self.segments)) / self.fs
         finest = max(

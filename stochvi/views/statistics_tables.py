@@ -44,7 +44,11 @@ def print_spectrum(console: Console, found: ResponseSpectrum) -> None:
 
 def print_impacts(console: Console, found: ImpactStatistics) -> None:
     """Print the rates of impacts with their intervals."""
-    print_frame(console, found.to_table(), "impacts, with 95 % intervals of the rates, by their statistical errors alone")
+    print_frame(
+        console,
+        found.to_table(),
+        "impacts, with 95 % intervals of the rates, by their statistical errors alone",
+    )
     console.print(found.summary(), highlight=False)
     _print_limits(console, found.assumptions, found.warnings)
 
