@@ -43,14 +43,14 @@ class PairScale(NamedTuple):
 
 
 def scales_of(
-    model: Model, modes: ModalForm, method: str = "simulate", *, giving_way: bool = False
+    model: Model, modes: ModalForm, method: str = "simulate", *, compliant: bool = False
 ) -> tuple[LinearLaw, tuple[PairScale, ...]] | None:
     """A linear law close to the stationary one, and the scales of each pair; None if none is found.
 
     Every pair is replaced by a spring and a damper. The spring gives the gap the mean and the
     variance of a normal distribution truncated at the stops. The damper takes as much power as the
     restitution does at Rayleigh impact speeds. Both are found by iteration. Compliant stops are
-    treated as rigid ones with their restitution or, if `giving_way`, by the energy that they store.
+    treated as rigid ones with their restitution or, if `compliant`, by the energy that they store.
     `method` is the name of the method in error messages.
     """
     substitutes = [_first_guess(modes, pair) for pair in model.pairs]
@@ -69,7 +69,7 @@ def scales_of(
                 old,
                 _without_own_spring(modes, substitutes, j),
                 method,
-                giving_way,
+                compliant,
             )
             for j, (pair, old) in enumerate(zip(model.pairs, substitutes, strict=True))
         ]
@@ -131,7 +131,7 @@ def _substitute(
     old: EquivalentLinear,
     held: tuple[float, float],
     method: str,
-    giving_way: bool,
+    compliant: bool,
 ) -> tuple[EquivalentLinear, PairScale] | None:
     """The next spring and damper, and the scales of the pair.
 
@@ -152,8 +152,8 @@ def _substitute(
     lifting = _energy_behind(modes, law, pair, gap) if pressing > 0.0 else 0.0
     swinging = max(energy, lifting)
     try:
-        cut = _law_of_gap(pair, held, energy, giving_way)
-        spread = cut if swinging == energy else _law_of_gap(pair, held, swinging, giving_way)
+        cut = _law_of_gap(pair, held, energy, compliant)
+        spread = cut if swinging == energy else _law_of_gap(pair, held, swinging, compliant)
     except ValueError:
         return None
     needed = swinging / spread.variance
@@ -186,7 +186,7 @@ def _energy_behind(modes: ModalForm, law: LinearLaw, pair: Pair, gap: Vector) ->
 
 
 def _law_of_gap(
-    pair: Pair, held: tuple[float, float], energy: float, giving_way: bool
+    pair: Pair, held: tuple[float, float], energy: float, compliant: bool
 ) -> TruncatedNormal | GibbsLaw:
     """The law exp(-(k y^2 / 2 - f y) / energy) of a gap that the force k y - f pulls back.
 
@@ -197,7 +197,7 @@ def _law_of_gap(
     gap = Gap.of_pair(
         pair, omega=math.sqrt(own / pair.mass), damping_rate=0.0, load=force / pair.mass
     )
-    if giving_way and gap.soft:
+    if compliant and gap.soft:
         return GibbsLaw.of(gap, theta=energy / pair.mass)
     lower, upper = gap.ends
     return TruncatedNormal(slope=force / energy, curvature=own / energy, lower=lower, upper=upper)

@@ -125,7 +125,7 @@ def solutions(model: Model, deadline: Deadline = NEVER) -> list[_Solution]:
         Where there is no stationary response; where no law was found before the deadline.
     """
     modes = model.modal
-    rough = scales_of(model, modes, "linearise", giving_way=True)
+    rough = scales_of(model, modes, "linearise", compliant=True)
     if rough is None:
         raise NotApplicable(
             "linearise",

@@ -322,11 +322,11 @@ class Place:
     """A scene at its own values: its regimes, and the states from which motions can start."""
 
     def __init__(
-        self, scene: Scene, most_impacts: int, deadline: Deadline, *, giving_way: bool = False
+        self, scene: Scene, most_impacts: int, deadline: Deadline, *, compliant: bool = False
     ) -> None:
         self.model = model_of(scene)
-        if conditions := unmet(self.model, giving_way=giving_way):
-            raise NotApplicable("sine" if giving_way else "basins", conditions)
+        if conditions := unmet(self.model, compliant=compliant):
+            raise NotApplicable("sine" if compliant else "basins", conditions)
         _, values, scene_at = varied(scene, None, None)
         value = float(values[0])
         low, high = (1.0 - MARGIN) * value, (1.0 + MARGIN) * value

@@ -384,7 +384,7 @@ def lyapunov_exponent(
             f"settling must be at least 0 and periods at least {BATCHES}, got {settling} and "
             f"{periods}"
         )
-    place = Place(scene, 1, NEVER, giving_way=True)
+    place = Place(scene, 1, NEVER, compliant=True)
     (state,) = place.states.starts(start or {})
     flight = _watched(place.finder, place.sigma, state, settling, periods, 1)
     if flight is None:

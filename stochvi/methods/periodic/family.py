@@ -157,16 +157,16 @@ def forced(parts: Mapping[str, Matrix], omega: Vector, force: Waves) -> Waves:
     return np.asarray(np.linalg.solve(matrix, force[:, :, None])[:, :, 0])
 
 
-def unmet(model: Model, *, giving_way: bool = False) -> list[str]:
-    """The conditions of periodic regimes that a model does not meet, in sentences; `giving_way`
+def unmet(model: Model, *, compliant: bool = False) -> list[str]:
+    """The conditions of periodic regimes that a model does not meet, in sentences; `compliant`
     says that stops need not be rigid."""
     found = functions(model)
-    kinds = "one whose force a simulation follows" if giving_way else "'restitution'"
+    kinds = "one whose force a simulation follows" if compliant else "'restitution'"
     found += [
         f"law.kind must be {kinds}, got {stop.law.kind!r} at the {stop.name} stop of {pair.name}"
         for pair in model.pairs
         for stop in pair.stops
-        if not stop.rigid and not (giving_way and stop.law.form() is not None)
+        if not stop.rigid and not (compliant and stop.law.form() is not None)
     ]
     if not model.sines:
         found.append("the scene needs an excitation of kind = 'sine', got none")
@@ -271,7 +271,7 @@ class Family:
             If a model is not covered.
         """
         middle = model_at(_value(low, high, 0.5))
-        if conditions := unmet(middle, giving_way=True):
+        if conditions := unmet(middle, compliant=True):
             raise NotApplicable("sine", conditions)
         number = 0 if coordinate is None else _place(middle, coordinate)
         numbers = numbers_of(middle, number)

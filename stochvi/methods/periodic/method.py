@@ -147,7 +147,7 @@ def harmonic_response(
     deadline = Deadline.after(budget)
     key, values, scene_at = varied(scene, frequency_hz, vary)
     model = model_of(scene_at(float(values[0])))
-    if conditions := unmet(model, giving_way=True) if form == "exact" else not_covered(model):
+    if conditions := unmet(model, compliant=True) if form == "exact" else not_covered(model):
         raise NotApplicable("sine" if form == "exact" else f"sine:{form}", conditions)
     low, high = float(values[0]), float(values[-1])
     if key == FREQUENCY and high > WIDEST * low:

@@ -217,9 +217,7 @@ def test_the_start_is_the_answer_where_it_is_exact() -> None:
     scene = matched(Elastic(stiffness=30.0), True, 0.0)
     model = model_of(scene)
     truth = exact(scene).estimates()["stops", "relative_displacement_std"].value
-    soft, hard = (
-        scales_of(model, model.modal, giving_way=giving_way) for giving_way in (True, False)
-    )
+    soft, hard = (scales_of(model, model.modal, compliant=compliant) for compliant in (True, False))
     assert soft is not None and hard is not None
     assert soft[1][0].deviation == pytest.approx(truth, rel=1e-9)
     assert hard[1][0].deviation < 0.95 * truth

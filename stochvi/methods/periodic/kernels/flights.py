@@ -248,7 +248,7 @@ def settle_on(motion, stop, perturbation):
 @kernel
 def reached(y, targets):
     """The number of the target around which a state lies within the limit of its quadratic form;
-    WANDERS where there is none."""
+    NO_ATTRACTOR where there is none."""
     points, forms, limits = targets
     two = len(y)
     for t in range(len(points)):
