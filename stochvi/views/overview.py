@@ -65,7 +65,7 @@ def plot_velocity_density(found: Overview, ax: Axes | None = None) -> Axes:
     if found.exact_velocity_std is None:
         ax.plot(
             v, normal_density(v, 0.0, found.velocity_rms), color=COLOURS["stop"], linestyle="--",
-            linewidth=1.4, label="normal law of the same rms",
+            linewidth=1.4, label="normal distribution, same rms",
         )  # fmt: skip
     else:
         density = normal_density(v, 0.0, found.exact_velocity_std)

@@ -262,7 +262,7 @@ def plot_histogram(review: Review, ax: Axes | None = None) -> Axes:
               alpha=0.55, label="with stops")  # fmt: skip
     x = np.linspace(edges[0], edges[-1], 401)
     ax.plot(x, normal_density(x, rest, deviation), color=COLOURS["exact"], linestyle="--",
-            linewidth=1.3, label="normal law, no stops")  # fmt: skip
+            linewidth=1.3, label="normal distribution, no stops")  # fmt: skip
     ax.set_yscale("log")
     ax.set_xlim(edges[0], edges[-1])
     peak = float(normal_density(0.0, 0.0, deviation))

@@ -118,7 +118,7 @@ def draw_scores(found: Checks, ax: Axes | None = None) -> Axes:
     exactly = frame["reference"] == "exact"
     ax = axes_or_new(ax)
     reach = 1.1 * max(found.z, float(frame["score"].abs().max()) if len(frame) else 0.0)
-    ax.plot([-reach, reach], [-reach, reach], color=COLOURS["stop"], label="normal law")
+    ax.plot([-reach, reach], [-reach, reach], color=COLOURS["stop"], label="normal distribution")
     for side in (-found.z, found.z):
         ax.axhline(side, color=COLOURS["linearise:closure"], linestyle="--")
     ax.text(-reach, found.z, f"  alarm at {found.z:.2f}", va="bottom")
