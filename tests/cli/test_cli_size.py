@@ -182,7 +182,7 @@ def printed(sizing: Sizing) -> str:
 
 
 def test_the_stops_of_the_scene_are_judged_where_they_are() -> None:
-    """Of each, half the bursts of two at its distance."""
+    """Of each, half the clusters of two at its distance."""
     sizing = sizing_of(scene_between_stops(), paths=64)
     rest = -sizing.scene.structure.sag  # type: ignore[union-attr]
     bursts = [

@@ -1,4 +1,4 @@
-"""Screening of isolators, and hit rate against clearance."""
+"""Screening of isolators, and impact rate against clearance."""
 
 import math
 
@@ -88,7 +88,7 @@ def test_clearances_share_a_budget_and_those_without_an_answer_are_named() -> No
         clearance_curve(scene, [2e-3, 3e-3], rel_error=0.01, budget=1e-3)
     curve = late.value.partial
     assert list(curve["clearance"]) == [2e-3]  # the second was not begun
-    # in so short a time hits may not be seen: their rate is then below a limit
+    # in so short a time impacts may not be seen: their rate is then below a limit
     assert 0.0 <= curve["simulated"][0] <= curve["simulated_high"][0] > 0.0
 
 

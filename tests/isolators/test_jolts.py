@@ -58,13 +58,13 @@ def test_below_the_energy_boundary_jolts_are_caught_and_stay() -> None:
     assert not found.left.any()
     rate, low, high = found.escape_rate()
     assert rate == 0.0 and low == 0.0
-    # none of an exponential law is seen in 3.7 mean times in 2.5 % of cases
+    # none of an exponential distribution is seen in 3.7 mean times in 2.5 % of cases
     assert high * found.watched.sum() == pytest.approx(-math.log(0.025), rel=1e-9)
     assert "none left it" in found.summary()
 
 
 def test_a_jolt_is_a_velocity_whatever_the_mass() -> None:
-    """Hits of ten periods, over which rounding does not grow to their size."""
+    """Impacts of ten periods, over which rounding does not grow to their size."""
     one = mount(0.8 * BOUNDARY)
     heavy = one.replace(
         structure=Oscillator(mass=3.0, damping=3.0 * DAMPING, stiffness=3.0 * OMEGA**2),

@@ -1,4 +1,5 @@
-"""Clearances of several pairs: against one oscillator, against the chance that they are to keep."""
+"""Clearances of several pairs: against one oscillator, against the probability that they are to
+keep."""
 
 from __future__ import annotations
 
@@ -59,8 +60,8 @@ QUICK = {"probability": TARGET, "mission": MISSION, "rel_error": 0.1, "seed": 1}
 
 
 def sized(scene: Scene, *, whole: bool = False, **changed: object) -> PairsSizing:
-    """An answer; without the hits at its clearances and without tolerances, which are most of its
-    time, unless it is asked for as a whole."""
+    """An answer; without the impacts at its clearances and without tolerances, which are most of
+    its time, unless it is asked for as a whole."""
     hits = pairs.count_impacts if whole else no_hits
     table = pairs.tolerance_table if whole else no_tolerances
     with mock.patch.multiple(pairs, count_impacts=hits, tolerance_table=table):
@@ -89,7 +90,7 @@ def test_uncoupled_pairs_share_the_risk(both: PairsSizing) -> None:
     independent = 1.0 - (1.0 - alone[0]) ** 2
     assert both.probability.lower < independent < both.probability.upper
     assert both.probability.lower < TARGET < both.probability.upper
-    # half of the first hits each, of some thousand crossings
+    # half of the first impacts each, of some thousand crossings
     assert both.pairs["share_of_first_hits"].tolist() == pytest.approx([0.5, 0.5], abs=0.05)
     x, z = both.clearances["x"], both.clearances["z"]
     assert x.lower < x.value < x.upper
@@ -201,8 +202,8 @@ def test_a_centre_elsewhere_is_a_box_described_from_there() -> None:
 
 @pytest.mark.verify
 def test_a_sized_changed_scene_agrees_with_the_tolerances(both: PairsSizing) -> None:
-    """Hits may cluster otherwise: a factor r in the rate of first hits is ln(r) / c^2 of c / sigma,
-    and a factor of 1.5 is more than a change of the damping by 30 % makes."""
+    """Impacts may cluster otherwise: a factor r in the rate of first impacts is ln(r) / c^2 of c /
+    sigma, and a factor of 1.5 is more than a change of the damping by 30 % makes."""
     light = both.scene.structure.model_copy(update={"damping": ((0.07, 0.0), (0.0, 0.14))})
     again = sized(both.scene.model_copy(update={"structure": light}))
     row = both.tolerances.set_index("change").loc["damping ratio -30 %"]
@@ -235,7 +236,7 @@ def test_changed_scenes_of_pairs_are_sized_anew(both: PairsSizing) -> None:
     assert louder["clearance_change"] == pytest.approx(
         max(louder[name] / c.value for name, c in both.clearances.items()) - 1.0
     )
-    # no more first hits than crossings (Rice) of the old stops by a motion larger by the gain
+    # no more first impacts than crossings (Rice) of the old stops by a motion larger by the gain
     crossings = sum(
         omega / math.pi * math.exp(-0.5 * (c.value / gain) ** 2)
         for omega, c in zip((1.0, 2.0), both.clearances.values(), strict=True)
@@ -271,7 +272,7 @@ def test_the_answer_holds_the_hits_that_are_expected(both: PairsSizing) -> None:
     assert both.expected_hits is not None
     by_pair = both.pairs["expected_hits"]
     assert by_pair.sum() == pytest.approx(both.expected_hits.value)
-    # hits cluster behind first hits
+    # impacts cluster behind first impacts
     assert both.expected_hits.value > 1.2 * -math.log1p(-TARGET)
     assert (both.pairs["impact_speed_mean"] > 0.5).all()
 
@@ -421,7 +422,7 @@ def test_a_chance_next_to_one_has_an_interval(hazard: float) -> None:
     found = total.at(0.2)
     assert found.value == pytest.approx(values[1], rel=1e-6)
     assert 0.0 <= found.lower < found.value <= found.upper <= 1.0
-    # where a chance and its complement are resolved, the interval is that of the estimate
+    # where a probability and its complement are resolved, the interval is that of the estimate
     half = 1.959964 * errors[1]
     assert found.value - found.lower == pytest.approx(min(half, found.value), rel=1e-3)
     risk, width = total.risk(found.value)

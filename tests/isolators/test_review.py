@@ -136,7 +136,7 @@ def test_uneven_stops_have_their_own_chance_and_even_ones_that_of_the_curve(sizi
 
 
 def test_the_only_stop_of_a_scene_brings_all_the_bursts_of_its_distance(sizing: Sizing) -> None:
-    """The curve of a sizing with one stop counts the hits on it alone."""
+    """The curve of a sizing with one stop counts the impacts on it alone."""
     pair = sizing.scene.impact_pairs[0].model_copy(update={"lower": None, "upper": 8e-3})
     scene = sizing.scene.model_copy(update={"impact_pairs": (pair,)})
     expected = bursts(sizing, 8e-3 + sizing.scene.structure.sag)
@@ -214,7 +214,8 @@ def test_numbers_of_a_review_without_stops_are_plain_sums_and_motions() -> None:
 
 
 def test_a_long_path_between_elastic_stops_has_the_exact_law() -> None:
-    """Rates by speed and kurtosis of the Gibbs law; far from stops the linear transmissibility."""
+    """Rates by speed and kurtosis of the Gibbs distribution; far from stops the linear
+    transmissibility."""
     mount = Isolator(frequency_hz=1.0, zeta=0.05)
     noise = WhiteNoise(density=1e-3, unit="g2/Hz")
     stops = ImpactPair(clearance=1.0, law=Restitution(coefficient=1.0))
@@ -228,7 +229,7 @@ def test_a_long_path_between_elastic_stops_has_the_exact_law() -> None:
     known = exact(at_clearances(scene, 1.5 * sigma)).impact_pairs["stops"]
     rate = float(known.collision_rate or 0.0)
     hits = motion.hits / motion.duration
-    # hits of a resonance come in groups of some ten
+    # impacts of a resonance come in groups of some ten
     spread = math.sqrt(20.0 / motion.hits)
     assert hits == pytest.approx(rate, rel=4.5 * spread) and 4.5 * spread < 0.2
     kurtosis = np.trapezoid(law * x**4, x) * np.trapezoid(law, x) / np.trapezoid(law * x**2, x) ** 2

@@ -86,7 +86,7 @@ def test_the_chance_at_the_clearance_is_the_one_asked_for(hourly: Sizing) -> Non
 
 @pytest.mark.parametrize("wanted", [0.95, 0.999])
 def test_a_chance_near_certainty_has_a_clearance_too(wanted: float) -> None:
-    """Other random numbers find the same mean number of bursts there, -ln(1 - P)."""
+    """Other random numbers find the same mean number of clusters there, -ln(1 - P)."""
     sized = size(ten_hertz(0.05), probability=wanted, seed=1)
     c = sized.clearance
     (rate,) = first_crossings(
@@ -183,14 +183,15 @@ def test_hits_are_counted_with_the_stop_law() -> None:
     recommended = found.simulated.iloc[-1]
     assert recommended["by"] == "bursts"
     assert recommended["clearance"] == found.clearance.value
-    # 1 % of the hours have hits, and then a little more than one on average
+    # 1 % of the hours have impacts, and then a little more than one on average
     expected = recommended["hit_rate"] * HOUR / recommended["hits_per_first_hit"]
     assert expected == pytest.approx(-math.log1p(-0.01), rel=0.1)
     assert set(found.evidence) == {"three_sigma"}
 
 
 def test_the_clearance_for_a_rate_of_elastic_stops_is_the_exact_one() -> None:
-    """At R = 1 in white noise hits come at Rice's rate over the share of time between the stops."""
+    """At R = 1 in white noise impacts come at Rice's rate over the share of time between the
+    stops."""
     wanted = 1e-3
     found = size(ten_hertz(0.05, Restitution(coefficient=1.0)), rate=wanted, seed=3)
     level = found.clearance.value / found.sigma
@@ -267,7 +268,8 @@ def test_a_mount_below_its_table_is_called_pumped() -> None:
 def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_judged(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """Counted bursts show no chance below 1 %: there are more first hits than bursts."""
+    """Counted clusters show no probability below 1 %: there are more first impacts than
+    clusters."""
     seen = Estimate(value=0.0, upper_95=2e-5, how="none of 8")
     chances = SimpleNamespace(chances={"impact_speed": SimpleNamespace(estimate=seen)})
     monkeypatch.setattr(nominal, "reliability", lambda scene, **asked: chances)
@@ -316,7 +318,7 @@ def test_the_chance_that_is_kept_already_is_told_where_it_was_seen(
 
 
 def test_a_limit_that_says_nothing_does_not_replace_a_chance_that_was_seen() -> None:
-    """Words said "over 99.9 %" of a chance that stood beside them in the picture as 1.5 %."""
+    """Words said "over 99.9 %" of a probability that stood beside them in the picture as 1.5 %."""
     bursts = Estimate(value=0.015, standard_error=0.008)
     without_time = Estimate(value=0.0, upper_95=1.0, how="not one window")
     assert nominal._more_telling(bursts, without_time) is bursts
@@ -348,7 +350,7 @@ def test_the_bursts_of_a_pumped_mount_do_not_end() -> None:
 
 
 def test_a_chance_that_is_not_known_gives_no_clearance(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few bursts reach a limit, and where they are too few, their standard error is no guide."""
+    """Few clusters reach a limit, and where they are too few, their standard error is no guide."""
     now = [0.0]
     monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))
 
@@ -430,7 +432,7 @@ def test_what_cannot_be_kept_says_why() -> None:
 
 
 def test_the_chance_between_uneven_stops_is_that_of_their_first_passage() -> None:
-    """Bursts on two even stops touch both: half of them for either side are too few."""
+    """Clusters on two even stops touch both: half of them for either side are too few."""
     mount = Isolator(frequency_hz=10.0, zeta=0.02)
     free = Scene(structure=mount, excitations=[WhiteNoise(intensity=0.5)])
     sigma, mission = screen(free).displacement_std, 30.0
@@ -534,7 +536,7 @@ def soft_bumper() -> Scene:
 
 
 def test_a_soft_bumper_may_stand_closer_than_bursts_can_judge() -> None:
-    """Where hits follow each other without pauses, windows of the whole motion decide."""
+    """Where impacts follow each other without pauses, windows of the whole motion decide."""
     limit = 20.0 * STANDARD_GRAVITY
     found = size(
         soft_bumper(), peak_acceleration=limit, exceedance=0.2, mission=36.0, rel_error=0.3,
@@ -578,7 +580,7 @@ def test_the_picture_of_a_limit_shows_the_chance_of_that_limit() -> None:
     drawn = labels["an impact beyond the limit, simulated"].lines[0]
     assert drawn.get_ydata() == pytest.approx(table["probability"])
     assert "peak acceleration" in ax.get_ylabel() and "any impact" not in ax.get_ylabel()
-    # any hit at all is some ten times as likely there
+    # any impact at all is some ten times as likely there
     hit = found.curve.set_index("clearance")["probability"]
     assert np.interp(found.clearance.value, hit.index, hit) > 5.0 * 0.01
     plt.close(ax.get_figure())

@@ -129,7 +129,7 @@ def test_the_command_of_a_box(stochvi: Run, tmp_path: Path) -> None:
 
 
 def test_hits_of_pairs_against_their_clearances() -> None:
-    """Stops that lose nothing leave the hits of uncoupled pairs what Rice says, over what is left
+    """Elastic stops leave the impacts of uncoupled pairs what Rice says, over what is left
     between the stops."""
     elastic = {"law": Restitution(coefficient=1.0)}
     scene = uncoupled(

@@ -1,4 +1,4 @@
-"""Worst cases over tolerances, chances of hard hits, and the judgement of balances."""
+"""Worst cases over tolerances, probabilities of hard impacts, and the judgement of balances."""
 
 from __future__ import annotations
 
@@ -56,7 +56,8 @@ def test_a_changed_scene_is_sized_without_its_tolerances(
 
 
 def test_the_worst_level_scales_the_clearance(sizing: Sizing) -> None:
-    """Linear until the first hit: a level raised by 2 dB takes a clearance 10^0.1 times larger."""
+    """Linear until the first impact: a level raised by 2 dB takes a clearance 10^0.1 times
+    larger."""
     table = worst_case(sizing, Tolerances(frequency=0.0, damping=0.0, level_db=2.0), threads=1)
     assert table["change"].tolist() == [
         "as stated", "level -2 dB", "level +2 dB", f"{WORST}: level +2 dB"
@@ -102,7 +103,7 @@ def test_the_tolerances_of_the_scene_stand_unless_others_are_stated() -> None:
     assert Tolerances.of(scene, frequency=0.02).frequency == 0.02
 
 
-# Chances of hard hits ---------------------------------------------------------------------
+# Probabilities of hard impacts ------------------------------------------------------------
 
 
 def chances(clearance: float, **asked: object) -> pd.DataFrame:
@@ -113,12 +114,13 @@ def chances(clearance: float, **asked: object) -> pd.DataFrame:
 
 
 def test_any_speed_at_all_is_the_chance_of_a_hit(sizing: Sizing) -> None:
-    """First crossings, which know no impact, give the chance of any hit; so does a limit of 0."""
+    """First crossings, which know no impact, give the probability of any impact; so does a limit of
+    0."""
     table = chances(sizing.clearance.value, marks=[1e-9])
     (row,) = table[table["mark"]].to_dict("records")
     assert row["by"] == "bursts" and row["event"] == "impact_speed"
     assert row["probability_low"] <= 0.05 <= row["probability_high"]
-    # the control: a mission twice as long is another chance
+    # the control: a mission twice as long is another probability
     assert not row["probability_low"] <= 1.0 - 0.95**2 <= row["probability_high"]
     falling = table.sort_values("limit")["probability"]
     assert falling.is_monotonic_decreasing and falling.iloc[-1] < 0.2 * falling.iloc[0]

@@ -1,4 +1,4 @@
-"""Steps and stationary laws of linear systems, against integrals over time."""
+"""Steps and stationary distributions of linear systems, against integrals over time."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The density of a mass between stops that give way, against adaptive integrals of exp(-U)."""
+"""The density of a mass between compliant stops, against adaptive integrals of exp(-U)."""
 
 import math
 from itertools import pairwise

@@ -61,7 +61,8 @@ def test_a_resonance_off_the_table_is_noted_and_gets_no_miles(
 
 
 def test_the_note_on_bursts_is_true() -> None:
-    """At 3 sigma the truth is tens of times Rice's rate; where no burst is noted it is near it."""
+    """At 3 sigma the truth is tens of times Rice's rate; where no cluster is noted it is near
+    it."""
     rate = simulate(BELOW_ITS_TABLE, rel_error=0.05).estimates()["stops", "collision_rate"]
     rice = screen(BELOW_ITS_TABLE).rice_rate(0.6e-3)
     assert rate.value - 4.5 * rate.standard_error > 20.0 * rice

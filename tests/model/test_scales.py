@@ -1,4 +1,4 @@
-"""Scales of a model: exact where the Gibbs law is, and nothing where no law is found."""
+"""Scales of a model: exact where the Gibbs distribution is, and nothing where no law is found."""
 
 import math
 

@@ -1,5 +1,5 @@
-"""Chance that any snubber of a rigid box is hit, against counting missions of a motion that is made
-from direct matrices and the densities of the base alone."""
+"""Probability that any snubber of a rigid box is hit, against counting missions of a motion that is
+made from direct matrices and the densities of the base alone."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MISSION, APART = 4.0, 1.0
 """Length of a mission, and what lies between two of one record: five time constants, s."""
 
 REACHES = (4.2, 4.75, 5.2)
-"""Distances of all snubbers, in standard deviations: chances of some 1e-1, 1e-2 and 1e-3."""
+"""Distances of all snubbers, in standard deviations: probabilities of some 1e-1, 1e-2 and 1e-3."""
 
 
 def random_box(number: int) -> RigidBody:

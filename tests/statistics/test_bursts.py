@@ -1,4 +1,4 @@
-"""Bursts of hits from first hits on, against exact laws and against simulating everything."""
+"""Impact clusters from first impacts on, against exact laws and against simulating everything."""
 
 import math
 from dataclasses import replace
@@ -69,7 +69,8 @@ def truck(level: float, law: Law) -> Scene:
 
 
 def test_elastic_stops_are_hit_as_often_as_the_exact_law_says() -> None:
-    """At R = 1 the rate is Rice's, however the hits cluster; so lambda times hits per burst."""
+    """At R = 1 the rate is Rice's, however the impacts cluster; so lambda times impacts per
+    cluster."""
     found = bursts(unit(4.5, Restitution(coefficient=1.0)), rel_error=0.03, seed=1)
     assert found.apart
     exact = 2.0 * rice_rate(4.5, 1.0, 1.0) / math.erf(4.5 / math.sqrt(2.0))
@@ -99,7 +100,7 @@ def test_stops_at_two_distances_against_the_exact_law() -> None:
 
 @rel_errors(0.1, 0.04)
 def test_a_mount_that_its_stops_pump_against_simulation(rel_error: float) -> None:
-    """Where one first hit leads to twenty, and the overlap of bursts is stated."""
+    """Where one first impact leads to twenty, and the overlap of clusters is stated."""
     mount = Isolator(frequency_hz=12.0, zeta=0.1)
     scene = Scene(structure=mount, excitations=[TabulatedNoise(profile="gevs-qualification")])
     place = 3.9 * screen(scene).displacement_std
@@ -235,14 +236,15 @@ def test_what_no_burst_does_has_the_limit_of_so_many_trials() -> None:
 
 
 def test_equally_far_stops_of_different_laws_are_hit_alike_from_either_side() -> None:
-    """Of a stiff and a soft stop only the stiff one is sharp, and takes half of the first hits."""
+    """Of a stiff and a soft stop only the stiff one is sharp, and takes half of the first
+    impacts."""
     stiff, soft = Elastic(stiffness=1e4), Elastic(stiffness=1e2)
 
     def rate(lower: Law, upper: Law) -> Estimate:
         pair = ImpactPair(lower=-4.0, upper=4.0, lower_law=lower, upper_law=upper)
         scene = unit(4.0, stiff).model_copy(update={"impact_pairs": (pair,)})
         found = bursts(scene, rel_error=0.1, seed=1).exceedance_rate("peak_acceleration", 30.0)
-        return replace(found, bias=None)  # that bursts overlap counts in all alike
+        return replace(found, bias=None)  # that clusters overlap counts in all alike
 
     def apart(one: Estimate, other: Estimate) -> Estimate:
         error = math.hypot(one.standard_error, other.standard_error)

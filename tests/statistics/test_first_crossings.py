@@ -59,11 +59,11 @@ def unit() -> FirstCrossings:
 
 @pytest.mark.parametrize("outside", [0.0, 0.2])
 def test_a_constant_hazard_is_found_again_in_the_ages_of_its_crossings(outside: float) -> None:
-    """With a share P0 beyond a stop at the start and the hazard h after it, first hits have the
+    """With a share P0 beyond a stop at the start and the hazard h after it, first impacts have the
     density h (1 - P0) e^(-h t), which is nu P(age > t), nu the rate of crossings.
 
     Ages at evenly spaced quantiles leave errors of at most nu horizon / number = 4e-4 in the sums,
-    which are 4e-3 of the rate and 2e-2 of the smallest chance to survive.
+    which are 4e-3 of the rate and 2e-2 of the smallest probability to survive.
     """
     hazard, nu, horizon, number = 0.3, 1.0, 6.0, 128 * 128
     left = 1.0 - (np.arange(number) + 0.5) / number
@@ -141,8 +141,8 @@ def test_a_short_mission_on_a_truck_against_counting(
     (chance,) = first_crossings(
         TRUCK, **sides, upper=[upper * s_x], mission=MISSION, rel_error=0.01, seed=5
     ).probability(MISSION)
-    # between samples a peak is higher by (s_v step)^2 u / 24 s_x^2 on average, and the chance is
-    # as much larger as exp(-u^2 / 2) is
+    # between samples a peak is higher by (s_v step)^2 u / 24 s_x^2 on average, and the probability
+    # is as much larger as exp(-u^2 / 2) is
     missed = (min(lower, upper) * step * s_v / s_x) ** 2 / 24.0
     both = Estimate(
         value=chance.value,
@@ -253,7 +253,7 @@ def envelope_rate(scene: Scene, level: float) -> float:
 
 
 def test_an_input_narrower_than_the_mount_is_remembered_for_as_long_as_it_lasts() -> None:
-    """Bursts are then excursions of the envelope, of some 14 crossings at 5 sigma each."""
+    """Clusters are then excursions of the envelope, of some 14 crossings at 5 sigma each."""
     scene = narrow(0.02)
     short = plan_tabulated(model_of(scene), None, None)
     assert short.block_length * 0.04 < 4.0  # bins

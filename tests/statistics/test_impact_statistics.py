@@ -325,8 +325,8 @@ def test_densities_of_intervals_hold_at_any_length_of_paths(duration, paths, dep
 
 
 def test_times_between_impacts_agree_with_the_rate() -> None:
-    """Where paths hold few impacts: the chance that an impact follows a moment within a time is the
-    rate times the mean of the times between impacts, longer ones counted as that time."""
+    """Where paths hold few impacts: the probability that an impact follows a moment within a time
+    is the rate times the mean of the times between impacts, longer ones counted as that time."""
     lossy, paths, duration = scene(0.5, -2.0, 2.0), 2048, 60.0
     answer = impacts(lossy, paths=paths, duration=duration, seed=4, threads=1)
     pair = answer.pairs["stops"]
@@ -477,7 +477,7 @@ def test_never_hit() -> None:
     pair = found.pairs["stops"]
     both = pair.rates["both"]
     assert both.estimate.value == 0.0 and both.interval == "Poisson"
-    # the exact upper limit at no cluster, of as many hits as a relaxation time has periods
+    # the exact upper limit at no cluster, of as many impacts as a relaxation time has periods
     cluster = max(1.0, 1.0 / (2.0 * math.pi) / 0.1)
     assert math.isclose(both.upper, -math.log(0.05) * cluster / (16 * found.duration), rel_tol=1e-6)
     assert pair.speeds is None and pair.dispersion is None

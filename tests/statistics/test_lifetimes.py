@@ -137,8 +137,8 @@ def own_lives(intensity: float, paths: int, outside: float) -> Vector:
     0.1 mm at 100 Hz.
 
     Symplectic steps with kicks, and reflections. Every five periods the states are kept, and
-    followed on without noise for 100 periods: what still hits then has left. A path has left where
-    it did so for `outside` seconds on end, from the first look of that stay on.
+    followed on without noise for 100 periods: what still hits then has left. A path has left
+    where it did so for `outside` seconds on end, from the first look of that stay on.
     """
     random, drive, steps = np.random.default_rng(8), 200.0 * math.pi, 48
     stiffness, damping, push = (0.1 * drive) ** 2, 0.02 * drive, 1e-4 * drive**2

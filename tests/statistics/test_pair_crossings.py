@@ -1,4 +1,5 @@
-"""First hits of any of several pairs, against independent simulation and against one oscillator."""
+"""First impacts of any of several pairs, against independent simulation and against one
+oscillator."""
 
 from __future__ import annotations
 
@@ -150,7 +151,7 @@ def random_scene(number: int, coordinates: int, stops: int, rarity: float) -> Sc
 
 def hits(scene: Scene, missions: int, seed: int) -> Matrix:
     """(missions, pairs) whether a pair is hit, from exact steps of the linear motion under white
-    noise, drawn at its stationary law; gaps are cubics between samples."""
+    noise, drawn at its stationary distribution; gaps are cubics between samples."""
     structure = scene.structure
     assert isinstance(structure, Matrices)
     m, c, k = structure.matrices
@@ -304,7 +305,7 @@ def test_records_have_the_deviations_of_the_structure_under_every_noise() -> Non
 
 
 def no_hits(*_: object, **__: object) -> None:
-    """In place of the simulation of hits, which has tests of its own."""
+    """In place of the simulation of impacts, which has tests of its own."""
     raise NotApplicable("hits", ["they are left out here"])
 
 

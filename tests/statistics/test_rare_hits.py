@@ -1,4 +1,5 @@
-"""Chances of rare hits by splitting of Gaussian records, against counting and each other."""
+"""Probabilities of rare impacts by splitting of Gaussian records, against counting and each
+other."""
 
 import math
 
@@ -49,7 +50,7 @@ def truck(lower: float, upper: float, law: Law, upper_law: Law | None = None) ->
 
 
 def estimate(kind: Kind, rows: np.ndarray, mission: float) -> Estimate:
-    """The chance in a mission that repetitions show, with the error of their scatter."""
+    """The probability in a mission that repetitions show, with the error of their scatter."""
     count, mean = len(rows), rows.mean(axis=0)
     left_out = ((rows.sum(axis=0) - rows) / (count - 1)).T
     risks = kind.risk(left_out[0], left_out[2], left_out[3], mission)

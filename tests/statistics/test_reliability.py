@@ -94,7 +94,8 @@ def test_a_stationary_start_is_a_matter_of_first_crossings() -> None:
 
 
 def test_missions_shorter_than_what_settles_them() -> None:
-    """Fast impacts of 5 s meet a bound, and 12 times their chance is about that of a minute."""
+    """Fast impacts of 5 s meet a bound, and 12 times their probability is about that of a
+    minute."""
     box, asked = oscillator(-2.0, 2.0), {"impact_speed": 5.0, "seed": 1, "rel_error": 0.2}
     short, minute = (
         reliability(box, mission=mission, threads=1, **asked)  # type: ignore[arg-type]
@@ -105,7 +106,7 @@ def test_missions_shorter_than_what_settles_them() -> None:
     assert_agrees(replace(short.hits, bias=0.0), 5.0 * rate.value)
     one, many = (each.chances["impact_speed"].estimate for each in (short, minute))
     assert one.value - 4.5 * one.standard_error < 5.0 * rate.value * math.exp(-12.5)
-    # P(A or B) is at most P(A) + P(B), and bursts belong to both
+    # P(A or B) is at most P(A) + P(B), and clusters belong to both
     assert many.value - 12.0 * one.value < 4.5 * math.hypot(
         12.0 * one.standard_error, many.standard_error
     )

@@ -1,4 +1,4 @@
-"""Bursts of hits on several pairs of a structure, against counting hits in long paths, and the
+"""Impact clusters on several pairs of a structure, against counting impacts in long paths, and the
 largest accelerations in contacts against a plain integration."""
 
 import math
@@ -71,7 +71,8 @@ SCENES = {
 
 
 def counted(scene: Scene, paths: int) -> dict[str, tuple[float, float]]:
-    """Hits per second of each pair in long paths of the whole motion, with the standard error."""
+    """Impacts per second of each pair in long paths of the whole motion, with the standard
+    error."""
     plan = make_plan(model_of(scene), None, None, None)
     parts = [plan.averages(11, first, plan.block) for first in range(0, paths, plan.block)]
     averages = np.concatenate(parts, axis=1)
@@ -96,7 +97,7 @@ def assert_as_counted(found: Bursts, known: dict[str, tuple[float, float]]) -> N
     ("name", "rel_error", "paths"),
     [
         ("two masses", 0.1, 256),
-        # hits of the two masses are rarest, and of theirs the fewest are not first ones
+        # impacts of the two masses are rarest, and of theirs the fewest are not first ones
         *(
             pytest.param(
                 name, 0.03, 2**17 if name == "two masses" else 2048, marks=pytest.mark.verify
@@ -111,7 +112,7 @@ def test_rates_of_hits_agree_with_counting(name: str, rel_error: float, paths: i
     known = counted(scene, paths)
     assert_as_counted(found, known)
     if rel_error < 0.1:
-        # hits cluster: their number is not that of first hits
+        # impacts cluster: their number is not that of first impacts
         total = sum(rate for rate, _ in known.values())
         error = math.hypot(*(error for _, error in known.values()))
         first = found.first_rate
@@ -143,7 +144,8 @@ def test_uncoupled_pairs_have_the_bursts_of_one_oscillator() -> None:
 
 @pytest.mark.verify
 def test_fast_first_hits_drawn_more_often_change_no_expectation() -> None:
-    """The rate of bursts beyond a speed that few reach, against first hits drawn as they come."""
+    """The rate of clusters beyond a speed that few reach, against first impacts drawn as they
+    come."""
     scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0))
     plain = bursts(scene, rel_error=0.03, seed=4).exceedance_rate("impact_speed", 4.0)
     wide = bursts(scene, rel_error=0.1, seed=5, widening=2.0)

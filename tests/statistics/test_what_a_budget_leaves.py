@@ -47,7 +47,7 @@ def scene(stop: float | None, *, damping: float = 0.1) -> Scene:
 
 
 FAR = scene(2.5, damping=0.05)
-"""Elastic stops at 2.5 deviations: hits come in clusters of some ten periods."""
+"""Elastic stops at 2.5 deviations: impacts come in clusters of some ten periods."""
 
 
 def partial_answer(calculate: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
@@ -190,7 +190,7 @@ def exact_hits() -> float:
 
 
 def exact_chance() -> float:
-    """The chance of a passage from rest, by the Fokker-Planck equation."""
+    """The probability of a passage from rest, by the Fokker-Planck equation."""
     passed = first_passage(scene(None), -4.0, 4.0, times=[MISSION])
     return float(passed.probability[-1].value)
 

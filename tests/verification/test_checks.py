@@ -155,7 +155,7 @@ def test_nothing_to_check_is_no_pass() -> None:
     assert not check_many({}).passed
 
 
-# Student's law ------------------------------------------------------------------------------
+# Student's distribution ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("degrees", [5.0, 63.0, math.inf])

@@ -417,7 +417,7 @@ def test_too_little_time_and_senseless_wishes_are_refused(monkeypatch) -> None:
 
 
 def test_a_price_from_few_paths_tells_how_little_is_known_of_it() -> None:
-    """Of 256 paths the price of hits to 0.1 % was 11 s, or 26 s with another seed, where the
+    """Of 256 paths the price of impacts to 0.1 % was 11 s, or 26 s with another seed, where the
     usual step reaches it in 0.04 s."""
     scene = oscillator(-1.0, 1.0, 0.7)
     few, many = cost(scene, paths=256), cost(scene, paths=16384)

@@ -62,7 +62,7 @@ def test_a_replay_has_a_page_that_names_its_record(stochvi: Run, tmp_path: Path)
     quiet = page_in(out)
     assert "no impact on stops" in quiet or "impacts 0 at 30 mm" in quiet
     assert 'class="verdict alarm"' not in quiet and "largest impact speed (m/s)" not in quiet
-    # what the record needs comes first, then the hits at each clearance
+    # what the record needs comes first, then the impacts at each clearance
     assert (
         text.index("The record itself needs") < text.index(": impacts ") < text.index("Motion and")
     )

@@ -290,7 +290,7 @@ def test_peaks_on_the_page_are_those_of_its_table(folder: Path, html: str) -> No
     for row in own.to_dict("records"):
         assert f"{row['largest_acceleration_m_s2'] / 9.80665:.3g} ±" in text
         assert f"{row['rms_amplification']:.3f}" in text
-    # the hits hardly show in the rms, and multiply the peak
+    # the impacts hardly show in the rms, and multiply the peak
     assert 1.0 < own["rms_amplification"].iloc[0] < 1.1 < own["peak_amplification"].iloc[0]
 
 

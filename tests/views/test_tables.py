@@ -55,7 +55,8 @@ def test_the_modes_of_a_box_are_not_cut_to_the_width_of_the_terminal() -> None:
 
 
 def test_a_number_that_is_not_known_is_a_dash() -> None:
-    """Where a budget ended before hits were counted, a table of a sizing ended in a traceback."""
+    """Where a budget ended before impacts were counted, a table of a sizing ended in a
+    traceback."""
     written = io.StringIO()
     frame = pd.DataFrame({"hits": pd.Series([2.5, None, float("nan")], dtype=object)})
     print_frame(Console(file=written, width=100), frame, "hits")

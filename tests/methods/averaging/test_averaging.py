@@ -183,7 +183,7 @@ def test_against_the_reference_table_at_one_twentieth_of_critical_damping(row):
 
 @pytest.mark.parametrize("restitution", [0.9, 0.5, 0.2])
 def test_the_unfolded_motion_loses_two_over_one_plus_r_times_as_much(restitution):
-    """Its energy balance is S0 / 2 = b E v^2 + (1 - R) F2, with a damper in the place of a stop."""
+    """Its energy balance is S0 / 2 = b E v^2 + (1 - R) F2, with a damper in place of a stop."""
     found = values(average(oscillator(-0.5, 1.2, restitution, load=0.2), variant=UNFOLDED))
     supplied = 0.1 * found["velocity_mean_square"]
     supplied += (1.0 - restitution) * found["impact_speed_square_rate"]

@@ -1,4 +1,4 @@
-"""With matched noise and elastic stops the Gibbs law holds at every number of modes."""
+"""With matched noise and elastic stops the Gibbs distribution holds at every number of modes."""
 
 from __future__ import annotations
 

@@ -54,7 +54,7 @@ def test_the_bound_is_above_rices_mean_crossings(model, start, barrier, duration
     (bound,) = passages_at_most(model, start, -math.inf, barrier, np.array([duration]))
     crossings = mean_crossings(model, start, barrier, duration)
     assert 0.0 < crossings <= bound < 1.0
-    # it knows that the noise has not had the time to spread to the stationary law
+    # it knows that the noise has not had the time to spread to the stationary distribution
     rest = model.rest
     z = (barrier - rest) * model.omega / math.sqrt(model.intensity / 2.0 / model.damping_rate)
     assert bound < duration * model.omega / (2.0 * math.pi) * math.exp(-(z**2) / 2.0)

@@ -167,7 +167,8 @@ def test_the_mean_time_is_the_integral_of_survival() -> None:
 
 
 RARE = lightly_damped(0.0109), 4.913, (-0.87155, 0.21364)
-"""Hardly damped, the barrier five deviations away: early chances are nothing beside later ones."""
+"""Hardly damped, the barrier five deviations away: early probabilities are nothing beside later
+ones."""
 
 
 @pytest.mark.verify
@@ -388,7 +389,8 @@ def _fly(x, v, step, noise, floor, goal, barrier, paths):  # type: ignore[no-unt
 
 def rare_rate(barrier: float, zeta: float, paths: int) -> Estimate:
     """Forward flux sampling (R. J. Allen et al., Phys. Rev. Lett. 94 (2005) 018104): the rate of
-    rising from the bulk to a first energy, times the chances to rise from each to the next."""
+    rising from the bulk to a first energy, times the probabilities to rise from each to the
+    next."""
     h, floor, energies = 0.02, 0.7, np.arange(2.0, barrier**2 / 2.0 - 0.5, 1.4)
     generator = np.array([[0.0, 1.0], [-1.0, -2.0 * zeta]])
     step = transition(generator, h)
@@ -427,7 +429,7 @@ def _record(step, noise, length):  # type: ignore[no-untyped-def]
 @pytest.mark.verify
 def test_a_rare_rate_agrees_with_splitting() -> None:
     """3e-8 of the frequency. Looked at after each step alone, excursions shorter than a step are
-    missed: those of speeds below h B / 2, a part (h B / 2)^2 / 2 by Rayleigh's law."""
+    missed: those of speeds below h B / 2, a part (h B / 2)^2 / 2 by Rayleigh's distribution."""
     known = first_passage(lightly_damped(0.02), -5.6, 5.6).decay_rate
     sampled = rare_rate(5.6, 0.02, 60_000)
     missed = (0.02 * 5.6 / 2.0) ** 2 / 2.0

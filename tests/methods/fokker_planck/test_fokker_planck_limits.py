@@ -35,11 +35,11 @@ from support.known import oscillator
 HITS = ("rate_upper", "speed_rate_upper", "speed_square_rate_upper")
 
 
-# A mass that leans on a lossy stop ----------------------------------------------------------
+# A mass that leans on an inelastic stop ----------------------------------------------------------
 
 
 def leaning(upper: float, restitution: float = 0.3, zeta: float = 0.1) -> Motion:
-    """A preload of 3 deviations on a lossy stop; an elastic one above."""
+    """A preload of 3 deviations on an inelastic stop; an elastic one above."""
     plain = oscillator(None, None, damping=2.0 * zeta, intensity=4.0 * zeta)
     pair = ImpactPair(
         lower=3.0,

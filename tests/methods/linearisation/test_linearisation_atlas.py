@@ -1,5 +1,5 @@
 """The bounds that `linearise` and `average` state, and the form that is corrected for clumps of
-hits."""
+impacts."""
 
 from __future__ import annotations
 

@@ -128,7 +128,8 @@ def test_motion_deep_within_a_stop(variant: str) -> None:
         # damping takes b s_v^2 besides
         own = damping * speed / (lost / math.sqrt(2.0 * math.pi) + damping * speed)
         expected = 2.0 * damping * math.sqrt(math.pi / 2.0) / lost * (1.0 - own)
-        # the cut law is exponential but for 1 / u^2, u = d (1 - A) / s_x from its stop to m
+        # the truncated distribution is exponential but for 1 / u^2, u = d (1 - A) / s_x from its
+        # stop to m
         factor = (1.0 + restitution**2) / 4.0 if variant == "book" else (1.0 + restitution) / 2.0
         rest = (speed / preload) ** 2 / (1.0 - factor)
         assert speed == pytest.approx(expected, rel=2.0 * rest + 1e-9)

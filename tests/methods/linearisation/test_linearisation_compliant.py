@@ -1,4 +1,4 @@
-"""Linearisation of stops that give way: exact laws, printed characteristics, limits, balances."""
+"""Linearisation of compliant stops: exact laws, printed characteristics, limits, balances."""
 
 from __future__ import annotations
 

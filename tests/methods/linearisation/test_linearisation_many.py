@@ -142,7 +142,7 @@ def test_exact_for_elastic_stops() -> None:
 
 
 def test_another_restitution_would_be_seen() -> None:
-    """Negative control: R = .999 in the place of 1 is far outside of the tolerance above."""
+    """Negative control: R = .999 in place of 1 is far outside of the tolerance above."""
     columns = random_columns(np.random.default_rng(2), 200, elastic=True)
     wrong = linearise_many(**columns | {"restitution_upper": 0.999})
     hits = wrong.rate_upper * np.sqrt(columns["intensity"]) > 1e-3

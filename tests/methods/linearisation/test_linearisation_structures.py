@@ -1,4 +1,4 @@
-"""Tables, and stops that give way, on several coordinates: the closure, its limits, its spectra."""
+"""Tables, and compliant stops, on several coordinates: the closure, its limits, its spectra."""
 
 from __future__ import annotations
 
@@ -173,7 +173,7 @@ def test_one_mass_is_answered_as_an_oscillator(law: Law) -> None:
             assert abs(found[key].value - expected[key].value) < 1e-7 * scale, key
 
 
-# Stops that give way ---------------------------------------------------------------------------
+# Compliant stops ---------------------------------------------------------------------------
 
 
 def matched(law: Law, between: bool, load: float, theta: float = 1.0) -> Scene:
@@ -213,7 +213,7 @@ def test_one_elastic_pair_in_matching_noise_is_exact(law: Law, between: bool, lo
 
 
 def test_the_start_is_the_answer_where_it_is_exact() -> None:
-    """And rigid stops in the place of soft ones, which the steps of paths go by, are not."""
+    """And rigid stops in place of soft ones, which the steps of paths go by, are not."""
     scene = matched(Elastic(stiffness=30.0), True, 0.0)
     model = model_of(scene)
     truth = exact(scene).estimates()["stops", "relative_displacement_std"].value

@@ -94,7 +94,7 @@ def test_a_corner_hits_a_far_snubber_at_the_rate_of_rice(rel_error: float) -> No
 
 
 def test_a_snubber_that_impacts_alone_would_move_is_no_obstacle() -> None:
-    """A symmetric box shaken along z does not move sideways until its corner hits."""
+    """A symmetric box shaken along z does not move sideways until its corner hits a stop."""
     corners = [(x, y, 0.0) for x in (-0.2, 0.2) for y in (-0.1, 0.1)]
     mounts = [{"at": at, "stiffness": [2e4, 2e4, 3e4], "zeta": 0.1} for at in corners]
     body = RigidBody(mass=10.0, inertia=[0.2, 0.2, 0.2], mount=mounts)

@@ -211,7 +211,7 @@ def test_a_motion_that_rests_on_a_stop_is_regular_where_it_attracts() -> None:
 
 
 def test_a_motion_of_two_frequencies_is_regular() -> None:
-    """Elastic stops and no damping: nothing attracts, and no disturbance grows."""
+    """Elastic stops and no damping: nothing attracts, and no perturbation grows."""
     sides = {"displacement.x": [0.0], "velocity.x": [-1.5, 1.7]}
     law = Restitution(coefficient=1.0)
     scene = Scene(
@@ -227,7 +227,7 @@ def test_a_motion_of_two_frequencies_is_regular() -> None:
     assert found.cost.threads == 2
     assert {regime.kind for regime in found.regimes} == {"other regular"}
     start = {"velocity.x": 1.7}
-    # a disturbance grows as the number of periods, not as its exponential
+    # a perturbation grows as the number of periods, not as its exponential
     for periods in (300, 2000):
         rate = lyapunov_exponent(scene, start, periods=periods)
         assert abs(rate.value) < 4.0 * rate.standard_error
@@ -282,7 +282,7 @@ def test_the_exponent_of_chaos_is_the_growth_between_two_neighbours() -> None:
     found = lyapunov_exponent(hammer(ratio))
     assert found.value > 5.0 * found.standard_error
     assert abs(found.value - rate) < 4.0 * math.hypot(error, found.standard_error)
-    # the disturbance of a lossier stop grows at another rate
+    # the perturbation of a lossier stop grows at another rate
     assert abs(lyapunov_exponent(hammer(ratio, restitution=0.6)).value - found.value) > 0.02
 
 

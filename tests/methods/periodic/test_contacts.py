@@ -1,4 +1,4 @@
-"""Regimes between stops that give way, against integration of the equations of motion."""
+"""Regimes between compliant stops, against integration of the equations of motion."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ def test_disturbances_grow_by_the_multiplier(law: Law) -> None:
     unstable = [each for each in found if not each[0].stable[each[1]]]
     assert unstable
     for branch, place, start, phase in unstable:
-        # not where a contact begins: a disturbance of that state is in contact, or is not; a step
+        # not where a contact begins: a perturbation of that state is in contact, or is not; a step
         # of 1e-5 keeps the error of the integration over kinks of a force below 1e-4
         start, phase = integrated(scene, start, phase, 0.2), phase + 0.4 * math.pi
         change = 1e-5 * np.eye(2)

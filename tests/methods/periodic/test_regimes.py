@@ -153,7 +153,7 @@ def _repeats(speeds: list[float], regime: np.ndarray) -> bool:
 
 
 def test_disturbances_grow_by_the_multiplier_or_die_away() -> None:
-    """From a regime that is disturbed by 1e-7, over the periods that keep it small."""
+    """From a regime that is perturbed by 1e-7, over the periods that keep it small."""
     scene = mount()
     found, flight = harmonic_response(scene), Bounces(scene)
     seen = set()
@@ -166,7 +166,7 @@ def test_disturbances_grow_by_the_multiplier_or_die_away() -> None:
         away = np.abs(speeds / np.tile(np.roll(branch.impact_speed[i], -1), 12) - 1.0)
         seen.add(stable)
         if stable:
-            # the first impacts may be further away than the disturbance was
+            # the first impacts may be further away than the perturbation was
             assert away[-4:].max() < away[:4].max() * max(factor, 0.5) ** 4
         else:
             assert away[8:10].max() / away[4:6].max() == pytest.approx(factor**2, rel=0.1)
@@ -268,7 +268,7 @@ def test_a_period_doubling_has_a_multiplier_of_minus_one() -> None:
     start = flight.start(branch.displacement[i], branch.velocity[i], branch.phase[i, 0])
     period = 2.0 * math.pi * branch.periods / flight.omega
     waiting = 0.4 * (branch.phase[i, 0] + 2.0 * math.pi * branch.periods - branch.phase[i, -1])
-    # a place between two impacts, at which a small disturbance changes no time
+    # a place between two impacts, at which a small perturbation changes no time
     before = flight.flown(start, -waiting / flight.omega)
     columns = []
     for k in range(2):

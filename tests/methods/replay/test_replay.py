@@ -90,7 +90,7 @@ def linear(a: Vector, fs: float = FS) -> Vector:
 
 
 def integrated(a: Vector, gap: float, law: Law, lower: bool = True) -> tuple[Vector, int]:
-    """x at the samples and the number of hits, by an integrator for any right-hand side."""
+    """x at the samples and the number of impacts, by an integrator for any right-hand side."""
     times = np.arange(len(a)) / FS
     unit = law.per_unit_mass(MASS)
 
