@@ -51,6 +51,7 @@ class Ingredients:
         self._met: dict[int, tuple[int, Any]] = {}  # what lives on keeps its `id`
         self._generic: list[Any] = []
         self._classes: list[type] = [object]
+        self._running = False  # whether functions are met that run while numba compiles
 
     def digest(self) -> str:
         """Return the digest of all that was added, with the functions that its classes choose."""
@@ -99,11 +100,15 @@ class Ingredients:
         elif hasattr(value, "made_of"):
             self._tell("generic", value.__module__, value.__qualname__)
             self._generic.append(value)
-        elif hasattr(value, "_defn"):  # numba's `intrinsic`
+        elif hasattr(value, "_defn"):  # numba's `intrinsic`, whose functions run while it compiles
+            running, self._running = self._running, True
             self.function(value._defn)
+            self._running = running
         elif isinstance(value, FunctionType):
             if _package(value) in BY_NAME:
                 self._tell(value.__module__, value.__qualname__)
+            elif self._running:
+                self.function(value)
             else:
                 self._hinder(value, "does not declare in `made_of` what numba compiles for it")
         elif isinstance(value, type):
