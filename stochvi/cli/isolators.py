@@ -184,9 +184,9 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
 )
 @click.option(
     "--tolerances", metavar="LIST",
-    help="Tolerances within which the clearance keeps its goal. usual: "
-    "frequency=10%,damping=30%,level=3dB,stiffness=20%; or some of these; a rigid body also has "
-    "centre=5mm [those that the scene states, such as structure.frequency_tolerance].",
+    help="Tolerances within which the clearance keeps its goal: usual (frequency=10%, "
+    "damping=30%, level=3dB, stiffness=20%), or some, as frequency=5%,level=1dB; a rigid body "
+    "also takes centre=5mm [those that the scene states, as structure.frequency_tolerance].",
 )  # fmt: skip
 @keeping
 @common("kept budget", "seed", "threads", "json", "out", "force", "quiet")

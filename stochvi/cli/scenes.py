@@ -107,9 +107,9 @@ def profiles() -> None:
 @click.option(
     "--kind", type=click.Choice(["any", *KINDS]), default="any",
     show_default=True,
-    help="Kind of scene: any is an isolator with every key in comments; bumper to "
-    "potholes and sine are isolators of this kind, with their tables; rigid-body is a box on its "
-    "mounts, hammer a percussion machine, modes a structure by its natural modes.",
+    help="Kind of scene: any has every key, in comments; bumper, road, vehicle, record, potholes "
+    "and sine are isolators with their tables; rigid-body is a box on its mounts, hammer a "
+    "percussion machine, modes a structure by its natural modes.",
 )  # fmt: skip
 def new(file: Path, kind: str) -> None:
     """Write a commented scene file to start from."""
