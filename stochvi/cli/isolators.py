@@ -78,6 +78,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
         clearance_curve,
         clearance_notes,
         predicted_curve,
+        unseen_notes,
     )
     from stochvi.isolators.screening import screen as solve
     from stochvi.results.base import plain
@@ -97,7 +98,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
         )
     places = np.transpose([lengths("--gaps", gaps, plain=std) for std in stds.values()])
     places = places.reshape(-1, len(stds))
-    notes = clearance_notes(linear, places)
+    unseen: list[str] = []
     if not options.quiet:
         print_record(options.console, record)
 
@@ -106,6 +107,8 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
             return clearance_curve(loaded, places, progress=report, **options.sampling, **asked)
 
     def show(curve: pd.DataFrame) -> None:
+        unseen.extend(unseen_notes(curve))
+        notes = [*clearance_notes(linear, places), *unseen]
         document = {
             "method": "clearance",
             "displacement_std": stds if len(stds) > 1 else next(iter(stds.values())),
@@ -121,6 +124,8 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
 
     shown(simulated, show, asked)
     fail_unless_gaussian(record)
+    if unseen:
+        stop(f"upper limits alone are known of {len(unseen)} of the simulated rates", FAILED)
 
 
 @main.command()

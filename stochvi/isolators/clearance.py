@@ -57,6 +57,28 @@ def clearance_notes(linear: Screening, clearances: ArrayLike) -> tuple[str, ...]
     return (*linear.notes, *sags)
 
 
+def unseen_notes(curve: pd.DataFrame) -> tuple[str, ...]:
+    """A sentence for each row of a `clearance_curve` whose impacts were too rare to be counted.
+
+    Examples
+    --------
+    >>> import pandas as pd
+    >>> row = {"clearance": 5e-3, "simulated": 0.0, "simulated_high": 0.0123}
+    >>> unseen_notes(pd.DataFrame([row]))[0][:62]
+    'at 5 mm hardly any impact was seen: the rate is at most 0.0123'
+    """
+    rare = curve[(curve["simulated"] == 0.0) & (curve["simulated_high"] > 0.0)]
+    pairs = rare["pair"] if "pair" in rare else [""] * len(rare)
+    return tuple(
+        f"at {1e3 * clearance:.4g} mm hardly any impact{f' on {pair}' if pair else ''} was seen: "
+        f"the rate is at most {most:.3g} per second; raise budget, or let reliability count what "
+        "is rare"
+        for pair, clearance, most in zip(
+            pairs, rare["clearance"], rare["simulated_high"], strict=True
+        )
+    )
+
+
 def _rows(linear: Screening, clearances: ArrayLike) -> Matrix:
     """Clearances as rows (places, pairs)."""
     places = np.asarray(clearances, dtype=float)

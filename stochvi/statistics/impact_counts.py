@@ -23,7 +23,8 @@ class ImpactCounts:
     """Impacts per second, together and by pair, and their mean speeds (m/s; None where unknown).
 
     `way` is "bursts" or "simulation", and `samples` the number of independent paths. `response` is
-    that of the simulation; it is `short` where the budget ended before it was accurate enough.
+    that of the simulation; it is `short` where the budget ended before it was accurate enough, or
+    hardly an impact was seen.
     """
 
     rate: Estimate
@@ -79,6 +80,7 @@ def count_impacts(scene: Scene, overlap: float, run: Run) -> ImpactCounts:
         assert isinstance(rate, Estimate)
         rates[pair.name] = rate
         speeds[pair.name] = speed if isinstance(speed, Estimate) else None
+    short = short or all(rate.upper_95 is not None for rate in rates.values())
     return ImpactCounts(
         rate=_sum([*rates.values()]), rates=rates, speeds=speeds, way="simulation",
         samples=response.cost.paths, response=response, short=short,

@@ -163,8 +163,8 @@ def print_frame(
 
 
 LAST_DIGITS = (
-    "607(20): a standard error of 20; 841(15)+-4.3: a bias of up to 4.3 besides, from the step or "
-    "the model, shown where it widens the 95 % interval by more than a tenth (+-?: not known)"
+    "value(standard error in its last digits)+-bias of the step or the model, where that widens "
+    "the 95 % interval by more than a tenth (+-?: not known)"
 )
 """Explanation of the notation of an `Estimate`."""
 

@@ -175,6 +175,9 @@ def test_an_isolator_is_screened_and_its_clearance_answered(stochvi: Run, tmp_pa
     assert document["displacement_std"] == linear["displacement_std"]
     assert document["record"] is None and document["notes"] == linear["notes"]
     assert [row["simulated"] for row in document["curve"]] == pytest.approx(curve["simulated"])
+    rare = stochvi("clearance", truck, "--gaps", "7", "--rel-error", "0.3", "--json", "-")
+    assert rare.code == 1 and "upper limits alone are known of 1 " in rare.err
+    assert any("hardly any impact was seen" in note for note in one_document(rare.out)["notes"])
     code, _, err = stochvi("clearance", truck, "--gaps", "1,x")
     assert (code, "--gaps must be a number" in err) == (2, True)
 

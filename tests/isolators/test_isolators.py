@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from stochvi import (
@@ -18,7 +19,12 @@ from stochvi import (
     screen,
 )
 from stochvi.isolators import clearance_curve, size
-from stochvi.isolators.clearance import clearance_notes, predicted_curve, predicted_rates
+from stochvi.isolators.clearance import (
+    clearance_notes,
+    predicted_curve,
+    predicted_rates,
+    unseen_notes,
+)
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.deadline import Deadline
@@ -188,3 +194,13 @@ def test_numbers_of_a_screening_are_sums_over_frequency() -> None:
     assert sorted(gap["distances"].values()) == pytest.approx(
         sorted((8e-3 - sag, 5e-3 + sag)), rel=1e-9
     )
+
+
+def test_rates_that_were_hardly_seen_have_a_note_for_each() -> None:
+    rows = [
+        {"pair": "left", "clearance": 3e-3, "simulated": 0.2, "simulated_high": 0.22},
+        {"pair": "left", "clearance": 5e-3, "simulated": 0.0, "simulated_high": 0.0123},
+        {"pair": "right", "clearance": 5e-3, "simulated": 0.0, "simulated_high": 0.0},
+    ]
+    (note,) = unseen_notes(pd.DataFrame(rows))
+    assert note.startswith("at 5 mm hardly any impact on left was seen: the rate is at most 0.0123")

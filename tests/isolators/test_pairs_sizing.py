@@ -274,6 +274,9 @@ def test_the_answer_holds_the_hits_that_are_expected(both: PairsSizing) -> None:
     assert by_pair.sum() == pytest.approx(both.expected_hits.value)
     # impacts cluster behind first impacts
     assert both.expected_hits.value > 1.2 * -math.log1p(-TARGET)
+    # where hardly an impact was seen, the limits that are known are told, and no 0
+    rare = replace(both, expected_hits=Estimate(value=0.0, upper_95=25.0, how="never seen"))
+    assert f"where {-math.log1p(-TARGET):.2g} to 25 impacts are expected" in rare.calculated()
     assert (both.pairs["impact_speed_mean"] > 0.5).all()
 
 

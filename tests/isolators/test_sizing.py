@@ -545,6 +545,7 @@ def test_a_soft_bumper_may_stand_closer_than_bursts_can_judge() -> None:
     assert found.kept_with is not None and found.kept_with.upper_95 is not None
     assert found.kept_with.upper_95 <= 0.2
     assert found.clearance.value < 2.0 * found.sigma < 3.0 * found.sigma
+    assert any("how hard an impact is, not how many" in warning for warning in found.warnings)
     assert found.exceeding is not None and found.exceeding["clearance"].is_monotonic_increasing
     # whole missions, simulated by another engine: none exceeds the limit
     several = at_clearances(soft_bumper(), found.clearance.value)

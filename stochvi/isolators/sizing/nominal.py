@@ -105,6 +105,9 @@ class SearchSettings:
     divisor_on_the_way, divisor_of_last
         Divisors of the remaining time: the first gives the time of a clearance that is tried on the
         way, the second that of the clearance that the answer rests on.
+    many
+        Expected impacts of a mission above which a warning says that a limit of speed or
+        acceleration lets them happen.
     pumped, more_than_rice
         Impacts per first impact, and impacts over their number by Rice's rate. Above both limits a
         warning says that the stops pump the mount.
@@ -133,6 +136,7 @@ class SearchSettings:
     reach: float = math.log(FAR)
     divisor_on_the_way: float = 4.0
     divisor_of_last: float = 1.25
+    many: float = 1.0
     pumped: float = 3.0
     more_than_rice: float = 1.5
 
@@ -710,6 +714,13 @@ class _Job:
         if not self.scene.impact_pairs:
             self.warnings.append(
                 "the scene has no stops, so the impacts and their speeds are not known"
+            )
+        there = self.hits.tried.get(clearance)
+        impacts = 0.0 if there is None else there.hit_rate.value * self.mission
+        if self.target.exceedance is not None and impacts > SEARCH.many:
+            self.warnings.append(
+                f"the target limits how hard an impact is, not how many there are: {impacts:.3g} "
+                "are expected in the mission; give probability for a clearance that avoids them"
             )
         for place in (3.0 * self.sigma, clearance):
             tried = self.hits.tried.get(place)

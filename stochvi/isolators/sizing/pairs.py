@@ -245,8 +245,8 @@ class _PairsJob:
             return None
         if found.short:
             note = (
-                "the budget ended before the impacts at these clearances were known to a relative "
-                f"error of {self.rel_error:g}"
+                "the impacts at these clearances are not known to a relative error of "
+                f"{self.rel_error:g}: the budget ended, or hardly any was seen"
             )
             self.notes.append(note)
             self.short.append(note)
@@ -604,8 +604,8 @@ class _Total:
 
 
 def _value(estimate: Estimate | None) -> float:
-    """A number, NaN where it is not known."""
-    return math.nan if estimate is None else estimate.value
+    """A number, NaN where it is not known, or an upper limit alone."""
+    return math.nan if estimate is None or estimate.upper_95 is not None else estimate.value
 
 
 def _at(risks: Vector, overlaps: Vector, risk: float) -> float:

@@ -207,11 +207,22 @@ class PairsSizing(Result):
         text = f"calculated{stated}: {1e3 * low.value:.4g} mm"
         text += f" to {1e3 * high.value:.4g} mm" if high.value > low.value else ""
         if self.expected_hits is not None and self.target.name != "rate":
-            text += f", where {self.expected_hits.value:.3g} impacts are expected in {mission}"
+            text += f", where {self.expected_in_words()} impacts are expected in {mission}"
         return (
             f"{text}; at 3 sigma of every gap any is hit in {mission} with a probability of "
             f"{spoken_percent(self.three_sigma.value)}"
         )
+
+    def expected_in_words(self) -> str:
+        """The number of expected impacts; where too few were seen, the limits that are known: each
+        first impact is one."""
+        found = self.expected_hits
+        if found is None:
+            return "an unknown number of"
+        if found.upper_95 is None:
+            return f"{found.value:.3g}"
+        # the number of first impacts, which those that follow add to
+        return f"{-math.log1p(-min(self.probability.value, 0.999)):.2g} to {found.upper_95:.2g}"
 
     def summary(self) -> str:
         """The clearances to make and the risk that they keep: the same as `verdict`."""

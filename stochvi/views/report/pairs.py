@@ -29,7 +29,7 @@ from stochvi.views.pairs import (
 from stochvi.views.report.changes import sensitivity_section
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
 from stochvi.views.schematic import draw_gaps
-from stochvi.views.words import MM, NO_TOLERANCES, count_of
+from stochvi.views.words import MM, NO_TOLERANCES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -81,7 +81,7 @@ def pairs_page(
                 f"{interval_in_words(sizing.probability)}, 95 %; as calculated",
             ),
             *(
-                [Fact("Expected impacts", count_of(sizing.expected_hits.value), f"in {mission}")]
+                [Fact("Expected impacts", sizing.expected_in_words(), f"in {mission}")]
                 if sizing.expected_hits is not None
                 else []
             ),
