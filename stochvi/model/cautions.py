@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from stochvi.mathematics.spectra import response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.model.coverage import functions
 from stochvi.model.model import Model
 
 FAR_STOPS = 20.0
@@ -22,9 +25,16 @@ profile that ships has 14.1 g rms. A density in (m/s2)2/Hz taken for one in g2/H
 times too large."""
 
 
+MOVED = 1e-6
+"""Share of the largest motion of a gap in any mode below which a mode does not move it."""
+
+
 def scene_notes(model: Model) -> list[str]:
-    """Warnings on a scene that concern every method: those of its excitations and, for one mass,
-    numbers that are probably in a wrong unit, a resonance outside the table, stops out of reach."""
+    """Warnings on a scene that concern every method: those of its excitations; for one mass numbers
+    that are probably in a wrong unit, a resonance outside the table, stops out of reach; for
+    several coordinates modes below the tables."""
+    if len(model.coordinates) > 1:
+        return [*model.cautions, *_modes_below_tables(model)]
     if model.rates is None or model.omega == 0.0 or model.damping_rate == 0.0:
         return list(model.cautions)
     found = list(model.cautions)
@@ -72,3 +82,28 @@ def scene_notes(model: Model) -> list[str]:
             f"({deviation:.3g} m without stops); positions are in metres"
         )
     return found
+
+
+def _modes_below_tables(model: Model) -> list[str]:
+    """A warning of modes that move a gap and lie below the first frequency of all tables, where
+    tables alone shake the structure.
+
+    The tables hardly excite such a mode, but impacts do: it then swings wider than the gap.
+    """
+    if functions(model) or not model.pairs or not model.modal.tables:
+        return []
+    form = model.modal
+    if form.kicked or np.any(form.signal_noise):
+        return []
+    low = min(float(table.frequency_hz[0]) for table, _ in form.tables)
+    moves = np.any(np.abs(form.gaps) > MOVED * np.abs(form.gaps).max(), axis=0)
+    frequencies = np.sqrt(np.maximum(form.squares, 0.0)) / (2.0 * math.pi)
+    found = [f"{f:.3g}" for f in frequencies[moves & (frequencies > 0.0) & (frequencies < low)]]
+    if not found:
+        return []
+    which = "modes lie" if len(found) > 1 else "mode lies"
+    return [
+        f"{len(found)} {which} below the tables, which begin at {low:g} Hz: {', '.join(found)} Hz. "
+        "Impacts can pump such a mode, so that linear numbers and Rice's rate may be too low by "
+        "large factors; simulate it"
+    ]

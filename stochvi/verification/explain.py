@@ -18,7 +18,6 @@ from stochvi.methods.monte_carlo.modal_tables import seconds_of_plan
 from stochvi.methods.monte_carlo.simulate import LEAST_PILOT_SECONDS
 from stochvi.model.calculations import calculation
 from stochvi.model.cautions import scene_notes
-from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.model.natural_modes import NaturalMode, RestingGap, at_rest, natural_modes
 from stochvi.results.base import COMMON, Result
@@ -151,7 +150,7 @@ def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS
     except (NotApplicable, NotConverged) as reason:
         if isinstance(reason, NotApplicable) or not trial.passed():
             methods["linearise"] = _conditions(reason)
-    simulation, notes = None, [] if beyond_one_oscillator(model) else list(scene_notes(model))
+    simulation, notes = None, list(scene_notes(model))
     planning = seconds_of_plan(model)
     if planning > MOST_OF_THE_REST * deadline.left:
         methods["simulate"] = "; ".join(unmet_by_simulation(model)) or APPLIES

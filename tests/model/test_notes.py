@@ -8,6 +8,7 @@ from stochvi import (
     ConstantLoad,
     ImpactPair,
     Isolator,
+    Matrices,
     Restitution,
     RoadNoise,
     Scene,
@@ -133,3 +134,27 @@ def test_a_mount_on_a_road_without_a_vehicle_is_noted() -> None:
     (note,) = (each for each in notes(on_road()) if "no vehicle" in each)
     assert "g rms" in note and note in explain(on_road()).notes
     assert not [each for each in notes(on_road(band_hz=[0.5, 20.0])) if "no vehicle" in each]
+
+
+def two_masses(profile: str, on: str) -> Scene:
+    """Masses apart: `a` at 10 Hz and `b` at 30 Hz, with stops for one of them."""
+    squares = [(2.0 * math.pi * f) ** 2 for f in (10.0, 30.0)]
+    return Scene(
+        structure=Matrices(
+            coordinates=("a", "b"), mass=[[1.0, 0.0], [0.0, 1.0]],
+            damping=[[0.2 * math.sqrt(squares[0]), 0.0], [0.0, 0.2 * math.sqrt(squares[1])]],
+            stiffness=[[squares[0], 0.0], [0.0, squares[1]]],
+        ),
+        impact_pairs=[ImpactPair(on=on, lower=-1e-3, upper=1e-3, law=Restitution(coefficient=0.5))],
+        excitations=[TabulatedNoise(profile=profile, on="base")],
+    )  # fmt: skip
+
+
+def test_modes_below_the_tables_are_noted_where_they_move_a_gap() -> None:
+    (note,) = scene_notes(model_of(two_masses(NAVMAT, "a")))
+    assert note.startswith("1 mode lies below the tables, which begin at 20 Hz: 10 Hz.")
+    assert note in screen(two_masses(NAVMAT, "a")).notes
+    assert note in explain(two_masses(NAVMAT, "a"), budget=0.1).notes
+    # the other mass is not moved by that mode, and the table of a truck begins at 5 Hz
+    assert not scene_notes(model_of(two_masses(NAVMAT, "b")))
+    assert not scene_notes(model_of(two_masses(TRUCK, "a")))

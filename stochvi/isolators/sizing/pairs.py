@@ -29,6 +29,7 @@ from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
 from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.model.cautions import scene_notes
 from stochvi.model.model import model_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
@@ -525,7 +526,7 @@ class _PairsJob:
                 "an impact"
             ]
         self.short += late
-        return (*late, *self.model.cautions)
+        return (*late, *scene_notes(self.model))
 
 
 @dataclass(frozen=True)
