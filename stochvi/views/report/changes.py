@@ -25,7 +25,7 @@ def worst_case_section(review: Review) -> Section:
     return Section(
         title="Tolerances",
         lead="The clearance for the same target, from the static equilibrium of the mount as "
-        "stated, and the probability of any impact that is then left: "
+        "stated, and the probability of any impact that then remains: "
         f"{review.tolerances.in_words()}. Each is at its ends first. Last is the largest "
         "requirement within all of them: the response of the mount is searched over the whole "
         "region, and the scene that is found there is sized.",
@@ -42,7 +42,7 @@ def sensitivity_section(table: pd.DataFrame | None) -> Section:
     return Section(
         title="Sensitivity",
         lead="The clearance for the same target if mount, environment or stops are not as stated, "
-        "and the probability of any impact that is then left.",
+        "and the probability of any impact that then remains.",
         grids=[_changes_grid(table, "One thing changed at a time, the rest as stated")],
         pictures=_change_bars(table),
         notes=_notes_of(table),

@@ -369,7 +369,7 @@ def _screening(review: Review) -> Section:
         Fact(
             "Expected largest displacement",
             millimetres(more.largest_displacement),
-            f"of {spoken_mission(sizing.mission)}, either side, {more.largest_in_sigma:.3g} sigma "
+            f"in {spoken_mission(sizing.mission)}, either side, {more.largest_in_sigma:.3g} sigma "
             "(Davenport)",
         ),
     ]
@@ -378,8 +378,7 @@ def _screening(review: Review) -> Section:
         pictures = [
             shown(
                 lambda: plot_cumulative(review),
-                "Where the response comes from: share of its mean "
-                "square below each frequency, without stops.",
+                "Share of the mean square of the response below each frequency, without stops.",
             ),
         ]
     return Section(

@@ -91,8 +91,8 @@ def stops_section(review: Review) -> Section:
         )
     return Section(
         title=title,
-        lead="Simulated with the law of the stops; 95 % intervals below the values. Rms hides "
-        "impacts, speeds and peaks show them.",
+        lead="Simulated with the law of the stops; 95 % intervals below the values. Rms "
+        "values hide impacts; speeds and peaks show them.",
         grids=grids,
         pictures=_pictures(review, motion),
         notes=notes,
@@ -283,16 +283,15 @@ def peaks_section(review: Review) -> Section:
         for name, row in zip(names, own.to_dict("records"), strict=True)
     ]
     grid = Grid(
-        caption="Absolute acceleration with the forces of the stops. Largest: the mean over "
-        f"windows of {review.peak_window:g} s of the largest in a window, not the largest of the "
-        "mission, whose probabilities stand above",
+        caption="Absolute acceleration with the forces of the stops. Largest: mean over windows "
+        f"of {review.peak_window:g} s; probabilities of the largest of the mission stand above",
         headings=[
             "stops at",
             "clearance (mm)",
             "g rms",
-            "times that without stops",
+            "ratio to no stops",
             f"largest in {review.peak_window:g} s, mean (g)",
-            "times that without stops",
+            "ratio to no stops",
         ],
         rows=rows,
     )
