@@ -164,11 +164,24 @@ def compared(one: Case, found: HarmonicResponse, seen: Seen) -> Compared:
             elif sweep.window(each.value) is not None:
                 # it has come out of chaos on another motion
                 continue
+            elif (other := reached_before(one, each)) is not None:
+                # the jump before this one has led to another of several motions
+                away = jumped(one.mass, other, each.value, upwards, NEAR)
             if away is None:
                 wrong.append(f"listed, not seen: {each}")
             else:
                 apart.append(away)
     return Compared(wrong, len(seen.ends), apart)
+
+
+def reached_before(one: Case, jump: Jump) -> Motion | None:
+    """The motion of a random start that a jump leaves, a little before it."""
+    near = jump.value * (1.0 - NEAR if jump.upwards else 1.0 + NEAR)
+    for motion in ends(one._replace(inside=near), seed=0):
+        on_it = motion._replace(size=jump.displacement_max[0], speed=jump.impact_speed[0])
+        if motion.periods and changed(motion, on_it, jump.value) < SMALLEST:
+            return motion
+    return None
 
 
 def _named(found: HarmonicResponse, place: float) -> bool:
