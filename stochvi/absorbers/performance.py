@@ -299,7 +299,11 @@ def absorber(
         tuned_damper=tuned_damper(alone, own_name(alone, carrier), float(mass[light].sum())),
         warnings=[
             *([f"levels that were not simulated: {unreached[1]}"] if missing else []),
-            *([f"levels that did not reach {run.rel_error:g}: {unreached[0]}"] if short else []),
+            *(
+                [f"levels with a relative error above {run.rel_error:g}: {unreached[0]}"]
+                if short
+                else []
+            ),
             *min(found, key=lambda each: abs(each.level_db)).response.warnings,
         ],
         cost=total_cost(each.response.cost for each in found),
@@ -307,7 +311,7 @@ def absorber(
     )
     if missing or short:
         where = (
-            f"before the relative error of {_in_decibels([*short, *missing])} was {run.rel_error:g}"
+            f"before the relative error at {_in_decibels([*short, *missing])} was {run.rel_error:g}"
         )
         raise deadline.fell_short(where, "raise budget or rel_error", answer)
     return answer
