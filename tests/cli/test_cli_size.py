@@ -58,7 +58,7 @@ def test_the_clearance_and_what_three_sigma_buys(
         assert position - document["gap"]["mean_position"] == pytest.approx(sign * made["value"])
     assert "impacts, simulated" in done.err
     told = " ".join(done.err.split())
-    assert told.count("607(20): a standard error of 20") == 1
+    assert told.count("value(standard error in its last digits)") == 1
     assert told.count("impacts above the speed threshold alone") == 1
     assert clearance["value"] == by_python.clearance.value
     for name in ("risk.csv", "required.csv", "hits.csv", "size.json"):
