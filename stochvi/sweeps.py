@@ -171,10 +171,12 @@ def sweep(
     for change in grid:  # a value that the scene refuses ends the sweep before its first row
         changed_scene(document, change)
     budget = options.pop("budget", BUDGET if method in SAMPLING else None)
-    return _sweep(
+    found: pd.DataFrame = _sweep(
         loaded, grid, method=method, common=common, arguments=arguments, out=out, progress=progress,
         budget=None if budget is None else len(grid) * budget, **options,
     )  # fmt: skip
+    found.attrs["keys"] = [key for key, _ in grid[0]] if grid else []
+    return found
 
 
 @sampled

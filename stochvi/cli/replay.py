@@ -27,6 +27,7 @@ def replay(options: Common, scene: str, clearances: str | None) -> None:
     Example: stochvi replay box.toml --clearances 4mm,5mm,6mm --out out
     """
     from stochvi.isolators.record_verdict import record_verdict
+    from stochvi.isolators.scene_at_rest import scene_at_rest
     from stochvi.methods.replay import replay as solve
     from stochvi.scenes.scene import load_scene
     from stochvi.views.files import write_table
@@ -53,5 +54,10 @@ def replay(options: Common, scene: str, clearances: str | None) -> None:
         from stochvi.views.report import write_replay_report
 
         write_replay_report(
-            found, loaded, record, options.out, options.origin(scene, found.provenance)
+            found,
+            loaded,
+            scene_at_rest(loaded),
+            record,
+            options.out,
+            options.origin(scene, found.provenance),
         )

@@ -210,10 +210,13 @@ def reliability(
         judged = {} if record is None else {"record": record.to_dict()}
         options.show(answer, tell, "reliability", answer.to_dict() | judged)
         if options.out is not None:
+            from stochvi.isolators.scene_at_rest import scene_at_rest
             from stochvi.views.report import write_reliability_report
 
             origin = options.origin(scene, answer.provenance)
-            write_reliability_report(answer, loaded, record, options.out, origin)
+            write_reliability_report(
+                answer, loaded, scene_at_rest(loaded), record, options.out, origin
+            )
 
     shown(found, show, asked)
     fail_unless_gaussian(record)

@@ -111,7 +111,7 @@ def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
         estimate = Estimate(value=value, standard_error=error or 0.0, bias=bias, upper_95=limit)
         return value_with_error(estimate)
 
-    found = table[list(keys)].rename(columns={key: _with_unit_of_key(key) for key in keys})
+    found = table[list(keys)].rename(columns={key: _withunit_of_key(key) for key in keys})
     for quantity in quantities(table):
         if quantity.rsplit(".", 1)[1] in ON_TERMINAL:
             shown = [quantity, *(f"{quantity}.{end}" for end in (ERROR, BIAS, LIMIT))]
@@ -217,18 +217,19 @@ def _title(table: pd.DataFrame, drawn: Sequence[str], title: str) -> str:
 
 def _key_scale(key: str) -> tuple[float, str]:
     """The factor from the unit of a key to that of its axis, and the label of the axis."""
-    unit = _unit_of_key(key)
+    unit = unit_of_key(key)
     factor, name = PAGE_UNITS.get(unit or "", (1.0, unit))
     return factor, f"{_last(key)} ({name})" if name else _last(key)
 
 
-def _with_unit_of_key(key: str) -> str:
+def _withunit_of_key(key: str) -> str:
     """The key with the unit of its values, unless its name states it."""
-    unit = _unit_of_key(key)
+    unit = unit_of_key(key)
     return key if unit is None or key.endswith(UNIT_ENDINGS) else f"{key} ({unit})"
 
 
-def _unit_of_key(key: str) -> str | None:
+def unit_of_key(key: str) -> str | None:
+    """The unit of the values of a key; None for one without."""
     return KEY_UNITS.get(_last(key).rsplit(".", 1)[-1])
 
 
@@ -296,7 +297,7 @@ def with_units(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     """The table with units in the names of its columns: "stops.collision_rate_per_s", and its
     "stops.collision_rate_per_s.standard_error"; spaces, as of a pair's name, become "_"."""
     names = {
-        key: key if key.endswith(UNIT_ENDINGS) else with_unit(key, _unit_of_key(key) or "")
+        key: key if key.endswith(UNIT_ENDINGS) else with_unit(key, unit_of_key(key) or "")
         for key in keys
     }
     for quantity in quantities(table):

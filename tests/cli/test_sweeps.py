@@ -25,6 +25,7 @@ from stochvi.results.deadline import graceful_interrupt
 from stochvi.results.errors import Interrupted, SceneError
 from stochvi.results.estimates import format_with_error
 from stochvi.scenes.absorbers import Absorber
+from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Restitution, Viscoelastic
 from stochvi.scenes.keys import changed_scene
@@ -32,6 +33,7 @@ from stochvi.scenes.scene import ImpactPair, Scene, load_scene, scene_from
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.statistics.reliability import reliability
 from stochvi.sweeps import Job, sweep, values_of
+from stochvi.views.datasets import to_xarray
 from stochvi.views.sweep import (
     changes,
     draw_sweep,
@@ -695,3 +697,23 @@ def test_ctrl_c_leaves_the_rows_that_are_complete_in_a_table(
     with pytest.raises(Interrupted, match="after row 2 of 3") as stopped:
         sweep(scene, {"structure.stiffness": [1.0, 2.0, 3.0]}, method="exact")
     assert len(stopped.value.partial) == 2
+
+
+def test_a_sweep_is_a_grid_with_units_for_xarray() -> None:
+    values = {"impact_pair.0.upper": [1.0, 2.0], "structure.damping": [0.1, 0.2, 0.4]}
+    table = sweep(load_scene(shipped_scene("oscillator-elastic")), values, method="exact")
+    grid = to_xarray(table.sample(frac=1.0, random_state=1))
+    assert dict(grid.sizes) == {"impact_pair.0.upper": 2, "structure.damping": 3}
+    for row in table.itertuples(index=False):
+        place = dict(zip(values, row, strict=False))
+        named = dict(zip(table, row, strict=True))
+        for name in ("x.displacement_std", "stops.collision_rate", "stops.collision_rate.bias"):
+            assert float(grid[name].sel(place)) == named[name]
+    assert grid["stops.collision_rate.bias"].attrs["units"] == "1/s"
+    assert grid["impact_pair.0.upper"].attrs["units"] == "m"
+    # rows that are no grid are samples, and keys that are not known are asked for
+    samples = to_xarray(table.iloc[:5])
+    assert samples.sizes == {"sample": 5} and set(samples.coords) == {"sample", *values}
+    with pytest.raises(ValueError, match="keys must name columns"):
+        to_xarray(pd.DataFrame(table.to_dict("list")))
+    assert to_xarray(pd.DataFrame(table.to_dict("list")), list(values)).sizes == grid.sizes

@@ -7,11 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
-from stochvi.model.model import model_of
-from stochvi.model.natural_modes import at_rest, natural_modes
 from stochvi.results.base import plain
 from stochvi.results.origin import Origin, origin_of
-from stochvi.scenes.structures import Oscillator
 from stochvi.views.axes import PAGE, axes_or_new, label_for_page
 from stochvi.views.colours import COLOURS
 from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history
@@ -24,8 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from stochvi.isolators.record_verdict import RecordVerdict
+    from stochvi.isolators.scene_at_rest import SceneAtRest
     from stochvi.methods.replay import Replay
-    from stochvi.model.model import Model
     from stochvi.results.estimates import Estimate
     from stochvi.scenes.scene import Scene
     from stochvi.statistics.reliability import Chance, Reliability
@@ -44,19 +41,21 @@ EVENTS = {
 def write_reliability_report(
     found: Reliability,
     scene: Scene,
+    hung: SceneAtRest,
     record: RecordVerdict | None,
     folder: str | Path,
     origin: Origin | None = None,
 ) -> Path:
     """Write `report.html` and `reliability.json`, its numbers; returns the path of the page."""
-    page = reliability_page(found, scene, record, origin or origin_of(found.provenance))
+    page = reliability_page(found, scene, hung, record, origin or origin_of(found.provenance))
     document = found.to_dict() | ({} if record is None else {"record": plain(record)})
     return write_page(page, document, "reliability", Path(folder))
 
 
 def reliability_page(
-    found: Reliability, scene: Scene, record: RecordVerdict | None, origin: Origin
-) -> Page:
+    found: Reliability, scene: Scene, hung: SceneAtRest, record: RecordVerdict | None,
+    origin: Origin,
+) -> Page:  # fmt: skip
     """The page of the probabilities of a mission."""
     mission = spoken_mission(found.mission)
     chances = list(found.chances.values())
@@ -104,7 +103,7 @@ def reliability_page(
                 else [],
                 notes=[f"{_event(each)}: {each.why}" for each in chances],
             ),
-            _scene_section(scene),
+            _scene_section(scene, hung),
             Section(
                 title="Limits",
                 lead="Assumptions of this report.",
@@ -253,20 +252,18 @@ def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def _scene_section(scene: Scene) -> Section:
+def _scene_section(scene: Scene, hung: SceneAtRest) -> Section:
     """What shakes what, and where it hits, with the drawing of the scene."""
-    model = model_of(scene)
-    _, gaps = at_rest(model)
-    rests = {name: gap.position for name, gap in gaps.items()}
-    frequencies = [f"{mode.frequency_hz:.4g}" for mode in natural_modes(model)]
+    frequencies = [f"{each:.4g}" for each in hung.natural_frequency_hz]
     facts = []
     if frequencies:
         name = "Natural frequency" if len(frequencies) == 1 else "Natural frequencies"
-        facts.append(Fact(name, f"{', '.join(frequencies)} Hz", _damping(scene, model)))
+        damping = "" if hung.damping_ratio is None else f"damping ratio {hung.damping_ratio:.4g}"
+        facts.append(Fact(name, f"{', '.join(frequencies)} Hz", damping))
     for pair in scene.impact_pairs:
         for side, law in pair.stops():
             place = getattr(pair, side)
-            distance = abs(place - rests.get(pair.name, 0.0))
+            distance = abs(place - hung.gaps.get(pair.name, 0.0))
             facts.append(
                 Fact(
                     f"Clearance of {pair.name!r}, {side}",
@@ -285,19 +282,12 @@ def _scene_section(scene: Scene) -> Section:
         facts=facts,
         pictures=[
             shown(
-                lambda: draw_problem(scene, rests),
+                lambda: draw_problem(scene, hung.gaps),
                 "The scene with its stops as the scene file states them; not to scale.",
                 wide=True,
             )
         ],
     )
-
-
-def _damping(scene: Scene, model: Model) -> str:
-    """The damping ratio of one mass on its spring, else nothing."""
-    if not isinstance(scene.structure, Oscillator) or not model.omega:
-        return ""
-    return f"damping ratio {0.5 * model.damping_rate / model.omega:.4g}"
 
 
 # Replay -----------------------------------------------------------------------------------
@@ -306,17 +296,20 @@ def _damping(scene: Scene, model: Model) -> str:
 def write_replay_report(
     found: Replay,
     scene: Scene,
+    hung: SceneAtRest,
     record: RecordVerdict | None,
     folder: str | Path,
     origin: Origin | None = None,
 ) -> Path:
     """Write `report.html` and `replay.json`, its numbers; returns the path of the page."""
-    page = replay_page(found, scene, record, origin or origin_of(found.provenance))
+    page = replay_page(found, scene, hung, record, origin or origin_of(found.provenance))
     document = found.to_dict() | ({} if record is None else {"record": plain(record)})
     return write_page(page, document, "replay", Path(folder))
 
 
-def replay_page(found: Replay, scene: Scene, record: RecordVerdict | None, origin: Origin) -> Page:
+def replay_page(
+    found: Replay, scene: Scene, hung: SceneAtRest, record: RecordVerdict | None, origin: Origin
+) -> Page:
     """The page of the motion of a structure between its stops under a record."""
     summary = headline(found, record)
     return Page(
@@ -338,7 +331,7 @@ def replay_page(found: Replay, scene: Scene, record: RecordVerdict | None, origi
                 grids=[_replay_grid(found)],
                 pictures=_replay_pictures(found),
             ),
-            _scene_section(scene),
+            _scene_section(scene, hung),
             Section(
                 title="Limits",
                 lead="Assumptions of this report.",
