@@ -17,9 +17,9 @@ class SceneAtRest:
     Parameters
     ----------
     natural_frequency_hz
-        Of each mode without stops.
+        The frequency of each mode without stops, Hz.
     damping_ratio
-        Of one mass on its spring; None for several coordinates, or without a spring.
+        That of one mass on its spring; None for several coordinates, or without a spring.
     gaps
         Where each gap rests under gravity and constant loads, by the name of its pair, m from the
         unloaded spring; empty without a load.
