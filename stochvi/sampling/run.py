@@ -217,7 +217,8 @@ class Run:
             return 0.0 if hopeless else more_paths(paths, known, rel_error)
 
         def tell(sample: Sample) -> tuple[float, str]:
-            known = error(sample) if sampler.paths(sample) > 1 else math.inf
+            # a smaller sample may be too small for an error, and must not be judged for its sake
+            known = error(sample) if sampler.paths(sample) >= first else math.inf
             return (rel_error / max(known, rel_error)) ** 2, sampler.describe(sample)
 
         return self.until(sampler, first, more, tell=tell, **how)

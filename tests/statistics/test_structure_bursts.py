@@ -256,3 +256,14 @@ def test_a_seed_gives_the_same_digits_on_any_number_of_threads() -> None:
         bursts(scene, rel_error=0.2, seed=8, threads=threads).hit_rate() for threads in (1, 2)
     ]
     assert rates[0] == rates[1]
+
+
+def test_telling_of_the_progress_does_not_change_the_answer() -> None:
+    """A block of a box has fewer paths than an error needs."""
+    scene = snubbed(5.0, RUBBER, 2)
+    told: list[float] = []
+    quiet, spoken = (
+        bursts(scene, rel_error=0.3, budget=None, progress=progress)
+        for progress in (None, lambda done, text: told.append(done))
+    )
+    assert told and spoken.hit_rate() == quiet.hit_rate()
