@@ -161,7 +161,11 @@ class _PairsJob:
         still = [self.names[k] for k in self.sized if self.sigma[k] == 0.0]
         if still:
             raise NotApplicable(
-                "size", [f"excitation must move the gap of {', '.join(still)}, which is never hit"]
+                "size",
+                [
+                    f"excitation must move the gap of every pair, got none that moves {', '.join(still)}; "
+                    "leave these pairs out of the scene"
+                ],
             )
 
     def sizing(self) -> PairsSizing:
