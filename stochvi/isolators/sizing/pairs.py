@@ -163,8 +163,8 @@ class _PairsJob:
             raise NotApplicable(
                 "size",
                 [
-                    f"excitation must move the gap of every pair, got none that moves {', '.join(still)}; "
-                    "leave these pairs out of the scene"
+                    "excitation must move the gap of every pair, got none that moves "
+                    f"{', '.join(still)}; leave these pairs out of the scene"
                 ],
             )
 
