@@ -26,7 +26,7 @@ from stochvi.engine.bounces import MOST_BOUNCES, RESTING
 from stochvi.engine.compiling import kernel
 from stochvi.engine.impact_log import log_impact
 from stochvi.engine.law_calls import force_of, margin_of, rate_of, rebound_of
-from stochvi.engine.pushes import MOMENTS, next_moments
+from stochvi.engine.pushes import A0, A1, MOMENTS, V0, V1, Y0, Y1, next_moments
 from stochvi.engine.roots import time_to_stop
 from stochvi.engine.sub_steps import CONTACT_ANGLE, FIRST_SHARE
 from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, ROWS_OF_PAIR, ROWS_OF_STOP, TIME
@@ -78,16 +78,29 @@ class Contacts(NamedTuple):
 
 
 class Tally(NamedTuple):
-    """What the impacts and contacts of one path add up to.
+    """What the impacts and contacts of a path add up to, which has a lane of two tables.
 
     Parameters
     ----------
-    peaks : (pairs, 2), the largest forces so far of contacts that last from step to step.
-    sums : (pairs, rows), added to.
+    peaks : (lanes, pairs, 2), the largest forces so far of contacts that last from step to step.
+    sums : (pairs, rows, lanes), added to.
+    lane : number of the path in them.
     """
 
     peaks: NDArray[np.float64]
     sums: NDArray[np.float64]
+    lane: int
+
+
+@kernel
+def count_touch(tally, pair, upper, w, threshold):
+    """Add a touch of a stop at the speed w, m/s; returns whether it is counted."""
+    sums, lane, row = tally.sums, tally.lane, 3 * upper
+    counted = w >= threshold
+    sums[pair, row, lane] += 1.0 if counted else 0.0
+    sums[pair, row + 1, lane] += w
+    sums[pair, row + 2, lane] += w * w
+    return counted
 
 
 class Followed(NamedTuple):
@@ -101,6 +114,38 @@ class Followed(NamedTuple):
 
     ends: NDArray[np.float64]
     largest: NDArray[np.float64]
+
+
+class Following(NamedTuple):
+    """What the largest accelerations of all lanes are made from, in one step.
+
+    Parameters
+    ----------
+    rows : (outputs, modes), from modal forces of springs, dampers and stops to accelerations.
+    before, after : (modes, lanes), modal forces at both ends of the step, without the stops.
+    ends : (2, outputs), overwritten.
+    largest : (lanes, outputs), updated.
+    """
+
+    rows: NDArray[np.float64]
+    before: NDArray[np.float64]
+    after: NDArray[np.float64]
+    ends: NDArray[np.float64]
+    largest: NDArray[np.float64]
+
+
+@kernel
+def followed_of(following, lane):
+    """The part of `Following` for one lane; None where nothing is followed."""
+    if following is None:
+        return None
+    rows, before, after, ends, largest = following
+    for output in range(ends.shape[1]):
+        ends[0, output] = ends[1, output] = 0.0
+        for k in range(before.shape[0]):
+            ends[0, output] += rows[output, k] * before[k, lane]
+            ends[1, output] += rows[output, k] * after[k, lane]
+    return Followed(ends, largest[lane])
 
 
 @kernel
@@ -117,10 +162,10 @@ def make_contacts(pairs):
 @kernel
 def quintic_coefficients(gaps, j, span, q):
     """Write the coefficients by powers of time of the quintic of gap j into q[j]."""
-    g0, v0, a0 = gaps[j, 0], gaps[j, 1], gaps[j, 2]
-    rise = gaps[j, 3] - g0 - v0 * span - 0.5 * a0 * span * span
-    slope = (gaps[j, 4] - v0 - a0 * span) * span
-    bend = (gaps[j, 5] - a0) * span * span
+    g0, v0, a0 = gaps[Y0, j], gaps[V0, j], gaps[A0, j]
+    rise = gaps[Y1, j] - g0 - v0 * span - 0.5 * a0 * span * span
+    slope = (gaps[V1, j] - v0 - a0 * span) * span
+    bend = (gaps[A1, j] - a0) * span * span
     cube = span * span * span
     q[j, 0], q[j, 1], q[j, 2] = g0, v0, 0.5 * a0
     q[j, 3] = (10.0 * rise - 4.0 * slope + 0.5 * bend) / cube
@@ -289,11 +334,11 @@ def longest_sub_step(gaps, fastest, contacts, stops, laws):
     The square of the largest rate is at most the sum of the squares of all rates.
     """
     square = fastest * fastest
-    for j in range(gaps.shape[0]):
+    for j in range(gaps.shape[1]):
         for which in range(2):
             if contacts.inside[j, which] != APART:
                 side = 2.0 * which - 1.0
-                push = max(max(side * gaps[j, 2], side * gaps[j, 5]), 0.0)
+                push = max(max(side * gaps[A0, j], side * gaps[A1, j]), 0.0)
                 y = side * (contacts.gaps[Y, j] - stops.places[j, which])
                 rate = rate_of(
                     laws, stops.kinds[j, which], stops.numbers, 2 * j + which, y,
@@ -335,7 +380,7 @@ def parabola_maximum(f0, middle, f1):
 def add_contacts(h, contacts, stops, laws, tally):
     """Add impulse, dissipated energy, duration and peak force of a sub-step of all contacts."""
     gaps, a, f, v = contacts.gaps, contacts.accelerations, contacts.forces, contacts.rates
-    peaks, sums = tally
+    peaks, sums, lane = tally
     for j in range(stops.places.shape[0]):
         for which in range(2):
             if contacts.inside[j, which] != PUSHES:
@@ -354,16 +399,17 @@ def add_contacts(h, contacts, stops, laws, tally):
                 side * (0.5 * (y0 + y1) + 0.125 * h * (v0 - v1) - stops.places[j, which]),
                 side * (0.5 * (v0 + v1) + 0.125 * h * (a[0, j] - a[3, j])),
             )  # fmt: skip
-            peaks[j, which] = max(peaks[j, which], parabola_maximum(first, middle, last))
+            highest = parabola_maximum(first, middle, last)
+            peaks[lane, j, which] = max(peaks[lane, j, which], highest)
             target = ROWS_OF_PAIR + ROWS_OF_STOP * which
             total = f[0, j, which] + 2.0 * (f[1, j, which] + f[2, j, which]) + f[3, j, which]
-            sums[j, target + IMPULSE] -= side * h / 6.0 * total
-            sums[j, target + TIME] += h
+            sums[j, target + IMPULSE, lane] -= side * h / 6.0 * total
+            sums[j, target + TIME, lane] += h
             if lossy:
                 work = f[0, j, which] * v[0, j, which] + f[3, j, which] * v[3, j, which]
                 work += 2.0 * f[1, j, which] * v[1, j, which]
                 work += 2.0 * f[2, j, which] * v[2, j, which]
-                sums[j, target + LOSS] -= side * h / 6.0 * work
+                sums[j, target + LOSS, lane] -= side * h / 6.0 * work
 
 
 @kernel
@@ -389,7 +435,7 @@ def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, t
 
     They began `start` s after the step.
     """
-    peaks, sums = tally
+    peaks, sums, lane = tally
     gaps, inside = contacts.gaps, contacts.inside
     side, kind, row = 2.0 * upper - 1.0, stops.kinds[pair, upper], 2 * pair + upper
     stop = stops.places[pair, upper]
@@ -405,17 +451,14 @@ def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, t
             if deflection > 0.0:
                 return
         target = ROWS_OF_PAIR + ROWS_OF_STOP * upper
-        sums[pair, target + PEAK] += peaks[pair, upper]
-        sums[pair, target + ENDED] += 1.0
-        peaks[pair, upper] = 0.0
+        sums[pair, target + PEAK, lane] += peaks[lane, pair, upper]
+        sums[pair, target + ENDED, lane] += 1.0
+        peaks[lane, pair, upper] = 0.0
         inside[pair, upper] = APART
         gaps[Y, pair] = stop
         return
     gaps[Y, pair], w = stop, max(speed, 0.0)
-    counted = w >= stops.thresholds[pair]
-    sums[pair, 3 * upper] += 1.0 if counted else 0.0
-    sums[pair, 3 * upper + 1] += w
-    sums[pair, 3 * upper + 2] += w * w
+    counted = count_touch(tally, pair, upper, w, stops.thresholds[pair])
     if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
         if page.open and counted:
             log_impact(page, pair, start + t, side * w)
@@ -448,7 +491,7 @@ def integrate_contacts(
 
     Parameters
     ----------
-    gaps : (pairs, 6), values, slopes and curvatures at both ends of the span, without the forces.
+    gaps : (6, pairs), values, slopes and curvatures at both ends of the span, without the forces.
     span, start, step : s, what is left of the step, the time since it began, and its length.
     fastest : rad/s, the fastest rate of the structure.
     followed : None, or `Followed`.
@@ -456,10 +499,10 @@ def integrate_contacts(
     page : None, or part of a log.
     """
     inside, s, series = contacts.inside, contacts.moments, responses.gaps
-    pairs = gaps.shape[0]
+    pairs = gaps.shape[1]
     for j in range(pairs):
         quintic_coefficients(gaps, j, span, contacts.quintics)
-        contacts.gaps[Y, j], contacts.gaps[V, j] = gaps[j, 0], gaps[j, 1]
+        contacts.gaps[Y, j], contacts.gaps[V, j] = gaps[Y0, j], gaps[V0, j]
         contacts.pushed[j] = 1 if inside[j, 0] + inside[j, 1] > 0 else 0
         for k in range(MOMENTS):
             s[j, k] = 0.0

@@ -190,6 +190,10 @@ class Ingredients:
             self._classes.append(kind)
         elif issubclass(kind, Enum):
             self.add(tuple(each.value for each in kind))
+        elif self._running:  # a type of numba
+            for each in vars(kind).values():
+                if isinstance(each, FunctionType):
+                    self.function(each)
         else:
             self._hinder(kind, "is no class of named tuples")
 

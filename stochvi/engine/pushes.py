@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.engine.compiling import kernel
+from stochvi.engine.fused import fma
 
 MOMENTS = 6
 """Number of moments that are followed during a push. What is left out is below (omega t)^6 / 720 of
@@ -38,6 +39,14 @@ for _k in range(1, MOST_TERMS + 1):
 """Binomial coefficients (k over m)."""
 
 
+BUNDLE, TERMS_AT_ONCE = 16, 4
+"""Multiples to which the numbers of the end of a step and the terms of their series are padded, so
+that they fill the vectors of a processor."""
+
+Y0, V0, A0, Y1, V1, A1 = range(6)
+"""Rows of the ends of what is left of a step: value, slope and curvature of every gap."""
+
+
 class Responses(NamedTuple):
     """Responses of a structure to a unit change of the speed of each pair, at time 0.
 
@@ -47,11 +56,38 @@ class Responses(NamedTuple):
     gaps : (pairs, pairs, 3, terms), Taylor series of value, slope and curvature of every gap.
     accelerations : (pairs, outputs, terms), those that are followed: a series of a unit impulse's
         own acceleration, whose first term belongs to the force, the term k + 1 to the moment k.
+    starts : (pairs, MOMENTS, 3 pairs), the terms of value, slope and curvature of all gaps.
+    ends : (pairs, terms, numbers), those of all gaps, then those of all states, then zeros.
     """
 
     states: NDArray[np.float64]
     gaps: NDArray[np.float64]
     accelerations: NDArray[np.float64]
+    starts: NDArray[np.float64]
+    ends: NDArray[np.float64]
+
+
+def responses_of(
+    states: NDArray[np.float64], gaps: NDArray[np.float64], accelerations: NDArray[np.float64]
+) -> Responses:
+    """`Responses` from the series of states, gaps and accelerations."""
+    pairs, _, terms = states.shape
+    of_gaps = gaps.transpose(0, 3, 2, 1).reshape(pairs, terms, 3 * pairs)
+    numbers = padded(3 * pairs + states.shape[1], BUNDLE)
+    ends = np.zeros((pairs, padded(terms, TERMS_AT_ONCE), numbers))
+    ends[:, :terms, : 3 * pairs] = of_gaps
+    ends[:, :terms, 3 * pairs : 3 * pairs + states.shape[1]] = states.transpose(0, 2, 1)
+    # C order for one pair and for several: each order of arrays has a compiled kernel
+    return Responses(
+        *(np.ascontiguousarray(each) for each in (states, gaps, accelerations)),
+        np.ascontiguousarray(of_gaps[:, :MOMENTS]), ends,
+    )  # fmt: skip
+
+
+@kernel
+def padded(number, multiple):
+    """The next multiple."""
+    return -(-number // multiple) * multiple
 
 
 SIXTH, SIXTIETH = 1.0 / 6.0, 1.0 / 60.0
@@ -95,27 +131,29 @@ def moments_later(now, left, later):
 
 
 @kernel
-def apply_push(pair, now, later, responses, gaps, change):
-    """Add the response to a push to what is left of a step.
+def powers_later(change, left, later):
+    """The moments of an impact that changes the speed by `change`, `left` s later."""
+    for k in range(later.shape[0]):
+        later[k] = change
+        change *= left
 
-    Parameters
-    ----------
-    now, later : (MOMENTS,) and (terms,), moments of the push at the start and the end of that.
-    gaps : (pairs, 6), value, slope and curvature of every gap at both ends.
-    change : (states,), what pushes add to the states at the end of the step.
-    """
-    states, series, _ = responses
-    for other in range(gaps.shape[0]):
-        for what in range(3):
-            first = last = 0.0
-            for k in range(MOMENTS):
-                first += series[pair, other, what, k] * now[k]
-            for k in range(later.shape[0]):
-                last += series[pair, other, what, k] * later[k]
-            gaps[other, what] += first
-            gaps[other, 3 + what] += last
-    for row in range(change.shape[0]):
-        total = 0.0
-        for k in range(later.shape[0]):
-            total += states[pair, row, k] * later[k]
-        change[row] += total
+
+@kernel
+def add_terms(target, first, weights, series, pair):
+    """Add the rows series[pair, k] with these weights to the numbers of `target` from `first`
+    on."""
+    for k in range(weights.shape[0]):
+        weight = weights[k]
+        for i in range(series.shape[2]):
+            target[first + i] = fma(weight, series[pair, k, i], target[first + i])
+
+
+@kernel
+def add_four_terms(target, first, weights, series, pair):
+    """The same, four rows at a time, for a number of rows that is a multiple of TERMS_AT_ONCE."""
+    for k in range(0, weights.shape[0], TERMS_AT_ONCE):
+        a, b, c, d = weights[k], weights[k + 1], weights[k + 2], weights[k + 3]
+        for i in range(series.shape[2]):
+            two = fma(b, series[pair, k + 1, i], fma(a, series[pair, k, i], target[first + i]))
+            more = fma(d, series[pair, k + 3, i], c * series[pair, k + 2, i])
+            target[first + i] = two + more

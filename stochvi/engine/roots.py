@@ -14,9 +14,9 @@ SHORTEST_PIECE = 2.0**-40
 """Smallest part of an interval in which a first root is searched: a shorter excursion is not
 seen."""
 
-ROOT_ERROR = 1e-12
-"""Relative change of a root in a Newton step at which the root is accepted: as the method is of
-second order, the next step would change it by rounding only."""
+ROOT_ERROR = 1e-7
+"""Relative change of a root in the last Newton step to it: as the method is of second order, what
+is left is about the square of that."""
 
 
 @kernel(inline="always")
@@ -43,10 +43,16 @@ def rises_once(c1, c2, c3, c4, c5):
 @kernel
 def bracketed_root(c0, c1, c2, c3, c4, c5):
     """The upward root in (0, 1] of a polynomial that has one, c0 <= 0 < c5, and its slope there."""
-    low, high = 0.0, 1.0
-    t, slope = c0 / (c0 - c5), 0.0
+    # coefficients by powers, from the differences
+    k1, k2 = 5.0 * (c1 - c0), 10.0 * (c2 - 2.0 * c1 + c0)
+    k3 = 10.0 * (c3 - 3.0 * (c2 - c1) - c0)
+    k4 = 5.0 * (c4 - 4.0 * (c3 + c1) + 6.0 * c2 + c0)
+    k5 = c5 - c0 - k1 - k2 - k3 - k4
+    low, high, t = 0.0, 1.0, c0 / (c0 - c5)
+    slope = 0.0
     for _ in range(100):
-        value, slope = quintic(c0, c1, c2, c3, c4, c5, t)
+        value = c0 + t * (k1 + t * (k2 + t * (k3 + t * (k4 + t * k5))))
+        slope = k1 + t * (2.0 * k2 + t * (3.0 * k3 + t * (4.0 * k4 + t * 5.0 * k5)))
         if value > 0.0:
             high = t
         else:
@@ -54,9 +60,11 @@ def bracketed_root(c0, c1, c2, c3, c4, c5):
         following = t - value / slope if slope > 0.0 else low
         if not (low < following < high):
             following = 0.5 * (low + high)
-        if abs(following - t) <= ROOT_ERROR * t:
-            break
+        near = abs(following - t) <= ROOT_ERROR * t
         t = following
+        if near:
+            break
+    slope = k1 + t * (2.0 * k2 + t * (3.0 * k3 + t * (4.0 * k4 + t * 5.0 * k5)))
     return t, slope
 
 

@@ -22,6 +22,7 @@ import pytest
 from numba.core import caching, config, dispatcher, event
 from numba.core.bytecode import FunctionIdentity
 
+import stochvi.engine as engine
 import stochvi.methods.monte_carlo.kernels as monte_carlo_kernels
 import stochvi.methods.periodic.kernels as periodic_kernels
 import stochvi.methods.replay.kernel as replay_kernel
@@ -437,7 +438,7 @@ def test_values_that_differ_in_type_or_sign_differ_in_digest(value: Any) -> None
 def modules() -> list[ModuleType]:
     """All modules of the package that hold kernels."""
     found = [replay_kernel]
-    for package in (monte_carlo_kernels, periodic_kernels):
+    for package in (engine, monte_carlo_kernels, periodic_kernels):
         for each in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
             found.append(importlib.import_module(each.name))
     return found

@@ -12,7 +12,7 @@ from stochvi.engine.alone import finish_alone, make_workspace
 from stochvi.engine.compiled_laws import functions_of, stops_of
 from stochvi.engine.contacts import Tally
 from stochvi.engine.impact_log import COLUMNS, Log
-from stochvi.engine.pushes import Responses
+from stochvi.engine.pushes import V1, responses_of
 from stochvi.engine.sums import (
     ENDED,
     IMPULSE,
@@ -47,16 +47,16 @@ def free_contact(law: Law, speed: float, distance: float) -> dict[str, float]:
     functions = functions_of(laws)
     states, series = np.zeros((1, 2, 6)), np.zeros((1, 1, 3, 6))
     states[0, 0, 1] = states[0, 1, 0] = series[0, 0, 0, 1] = series[0, 0, 1, 0] = 1.0
-    responses = Responses(states, series, np.zeros((1, 0, 6)))
-    gaps = np.array([[-distance, speed, 0.0, speed * step - distance, speed, 0.0]])
-    change, peaks, sums = np.zeros(2), np.zeros((1, 2)), np.zeros((1, ROWS_OF_CONTACT_PAIR))
+    responses, work = responses_of(states, series, np.zeros((1, 0, 6))), make_workspace(1, 2, 6)
+    work.gaps[:, 0] = [-distance, speed, 0.0, speed * step - distance, speed, 0.0]
+    peaks, sums = np.zeros((1, 1, 2)), np.zeros((1, ROWS_OF_CONTACT_PAIR, 1))
     finish_alone(
-        step, step, gaps, change, 0.0, stops, functions, responses, None, make_workspace(1, 6),
-        Tally(peaks, sums), None,
+        step, step, False, 0, 0.0, stops, functions, responses, None, work,
+        Tally(peaks, sums, 0), None,
     )  # fmt: skip
-    rows = sums[0, ROWS_OF_PAIR + ROWS_OF_STOP :]
+    rows, change = sums[0, ROWS_OF_PAIR + ROWS_OF_STOP :, 0], work.change
     assert rows[ENDED] == 1.0
-    assert gaps[0, 4] == pytest.approx(speed + change[1])
+    assert work.gaps[V1, 0] == pytest.approx(speed + change[1])
     return {
         "restitution": -(speed + change[1]) / speed,
         "contact_time": rows[TIME],
@@ -117,16 +117,15 @@ def two_free_masses(laws: dict[tuple[int, int], Law], gaps: np.ndarray) -> tuple
     states, series = np.zeros((2, 4, 6)), np.zeros((2, 2, 3, 6))
     states[:, :2, 1] = states[:, 2:, 0] = directions
     series[:, :, 0, 1] = series[:, :, 1, 0] = relative
-    responses = Responses(states, series, np.zeros((2, 0, 6)))
+    responses, work = responses_of(states, series, np.zeros((2, 0, 6))), make_workspace(2, 4, 6)
     (y, v), still = gaps, np.zeros(2)
-    ends = np.stack([y, v, still, y + step * v, v, still], axis=1)
-    change, sums = np.zeros(4), np.zeros((2, ROWS_OF_CONTACT_PAIR))
+    work.gaps[:] = [y, v, still, y + step * v, v, still]
+    sums = np.zeros((2, ROWS_OF_CONTACT_PAIR, 1))
     finish_alone(
-        step, step, ends, change, 0.0, stops, functions_of(chain), responses, None,
-        make_workspace(2, 6),
-        Tally(np.zeros((2, 2)), sums), None,
+        step, step, False, 0, 0.0, stops, functions_of(chain), responses, None, work,
+        Tally(np.zeros((1, 2, 2)), sums, 0), None,
     )  # fmt: skip
-    return np.array([v[0], v[0] + v[1]]) + change[2:], sums
+    return np.array([v[0], v[0] + v[1]]) + work.change[2:], sums[:, :, 0]
 
 
 def test_contacts_that_overlap_keep_the_energy() -> None:

@@ -11,8 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from stochvi import Restitution, Viscoelastic, load_scene
+from stochvi.engine.alone import make_workspace
+from stochvi.engine.compiled_laws import functions_of, stops_of
+from stochvi.engine.pushes import responses_of
+from stochvi.engine.together import Scene, finish_together
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.kernels.modal_stops import LaneArrays, SinglePair, single_impacts
 from stochvi.model.model import model_of
 from support import CHECKOUT
 from support.mounts import two_stages
@@ -29,25 +32,25 @@ STAGES = {"two rigid stages": two_stages(RIGID, RIGID), "two soft stages": two_s
 
 
 def impacts() -> np.ndarray:
-    """Ends of a step in which each lane may hit one stop, by `single_impacts`."""
-    lanes, terms, rows, step = 400, 8, 5, 0.25
+    """Ends of a step in which each lane may hit one stop, by `finish_together`."""
+    lanes, terms, states, step = 400, 8, 2, 0.25
     random = np.random.default_rng(1)
     y0, v0, a0 = random.uniform(-0.2, 0.9, lanes), random.uniform(0.5, 4.0, lanes), -np.ones(lanes)
     y1, v1, a1 = y0 + step * v0 - 0.5 * step**2, v0 - step, random.uniform(-1.5, -0.5, lanes)
     ends = tuple(row.reshape(1, lanes).copy() for row in (y0, v0, a0, y1, v1, a1))
-    starts = np.arange(0, (rows + 1) * terms, terms)
-    columns = np.tile(np.arange(terms), rows)
-    weights = random.uniform(0.5, 1.0, rows * terms) / 10.0**columns
-    new, sums = random.normal(size=(rows - 3, lanes)), np.zeros((6, lanes))
-    arrays = LaneArrays(*np.zeros((10, lanes)), np.zeros((terms, lanes)), np.zeros((rows, lanes)))
-    index = np.flatnonzero(y1 > 1.0)
-    stops = np.array([[[-9.0, 0.5, 0.0], [1.0, 0.5, 0.0]]])
-    left = single_impacts(
-        SinglePair(step, stops, (starts, columns, weights), 0), ends, new, index, index.size, sums,
-        arrays, None, 0, 0,
+    places, law = np.array([[-9.0, 1.0]]), RIGID.compiled()
+    stops, laws = stops_of(places, np.zeros(1), {(0, 0): law, (0, 1): law})
+    series = random.uniform(0.5, 1.0, (5, terms)) / 10.0 ** np.arange(terms)
+    responses = responses_of(series[None, 3:], series[None, None, :3], np.zeros((1, 0, terms)))
+    new, sums = random.normal(size=(states, lanes)), np.zeros((1, 6, lanes))
+    scene = Scene(
+        step, stops, functions_of(laws), responses, make_workspace(1, states, terms), new, sums,
+        np.zeros((lanes, 1, 2)), None, 0, 0, None,
     )  # fmt: skip
-    assert left < index.size // 2
-    return np.concatenate([new, ends[3], sums])
+    index = np.flatnonzero(y1 > 1.0)
+    finish_together(index, ends, scene, None, None)
+    assert sums[0, 3].sum() > index.size // 2
+    return np.concatenate([new, ends[3], sums[0]])
 
 
 def sums_of(scene: str) -> np.ndarray:

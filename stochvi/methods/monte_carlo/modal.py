@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from stochvi.engine.alone import MOST_SWEEPS
 from stochvi.engine.compiled_laws import Stops, functions_of, stops_of
 from stochvi.engine.impact_log import NO_RECORD, Log
-from stochvi.engine.pushes import MOMENTS, MOST_TERMS, Responses
+from stochvi.engine.pushes import MOMENTS, MOST_TERMS, Responses, responses_of
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.state_space import square_root, step_covariance, transition
 from stochvi.methods.monte_carlo.kernels.modes import (
@@ -337,7 +337,7 @@ class ModalPlan(SteppedPlan):
             return np.empty((0, paths))
         n, crossed = self.modes.size, self._crossed
         first, second = crossed.T
-        decay, brought = self._kick(self.step)
+        decay, brought = self._whole_kick
         products = np.zeros((3, n, n, paths))
         rows = averages[self._rows_of_noise].reshape(len(crossed), 3, paths)
         products[:, first, second] = rows.swapaxes(0, 1)
@@ -368,9 +368,8 @@ class ModalPlan(SteppedPlan):
     ) -> None:  # fmt: skip
         """Simulate the paths on, and add the counted steps to their sums."""
         structure, fastest = self._kernel_constants, self._fastest_of_contacts
-        single = self._single_pair(structure.stops)
         laws = functions_of(self._stops[1])
-        run_modes(paths, structure, laws, tables, single, fastest, steps, outputs, stop_flag())
+        run_modes(paths, structure, laws, tables, fastest, steps, outputs, stop_flag())
         check_flag()
 
     @property
@@ -520,6 +519,11 @@ class ModalPlan(SteppedPlan):
         """The kick from the start of a step to its middle."""
         return self._kick(self.step / 2.0)
 
+    @cached_property
+    def _whole_kick(self) -> tuple[Matrix, Matrix]:
+        """The kick of a step."""
+        return self._kick(self.step)
+
     def _kick(self, h: float) -> tuple[Matrix, Matrix]:
         """(E, L) of the kick over h: p <- E p + L z."""
         modes = self.modes
@@ -533,7 +537,7 @@ class ModalPlan(SteppedPlan):
         modes, h = self.modes, self.step
         n, flow = modes.size, self.modes.flow
         motion = slice(n, 2 * n)
-        decay, brought = self._kick(h)
+        decay, brought = self._whole_kick
         size = self._size
         grown = size[:, None] * transition(flow * size / size[:, None], h) / size
         kicked = np.eye(len(flow))
@@ -551,9 +555,6 @@ class ModalPlan(SteppedPlan):
         # a grazing path may leave the hull of its cubic by its fourth derivative
         margins = (modes.fastest * h) ** 3 / 384.0 * h * np.array([s.speed for s in self.pairs])
         stops, _ = self._stops
-        responses = self._responses(flow, speed, curvature)
-        series, gaps = responses.states, responses.gaps
-        impact = np.vstack([gaps[0, 0], series[0]]) if len(series) == 1 else np.zeros((0, 1))
         passes = Passes(
             states=_table(grown @ kicked),
             states_drawn=_table(drawn),
@@ -565,7 +566,6 @@ class ModalPlan(SteppedPlan):
             gaps=_table(displacement),
             speeds=_table(speed),
             bends=_table(curvature),
-            impact=_table(impact),
             kicks=_table(speed_drawn if modes.kicked else speed_drawn[:0]),
             pulls=_table(np.zeros((0, 2 * n)) if self._pulls is None else self._pulls),
         )
@@ -575,7 +575,7 @@ class ModalPlan(SteppedPlan):
             passes=passes,
             stops=stops,
             margins=margins,
-            responses=responses,
+            responses=self._responses(flow, speed, curvature),
             origins=self.law.mean,
             crossed=self._crossed,
         )
@@ -641,13 +641,6 @@ class ModalPlan(SteppedPlan):
         ]
         return stops_of(self._places, np.array(thresholds), laws)
 
-    def _single_pair(self, stops: Stops) -> NDArray[np.float64] | None:
-        """The stops of a single pair as `modal_stops` takes them, if both are rigid; else None."""
-        if len(self.model.pairs) != 1 or self.contacts:
-            return None
-        restitutions, thresholds = stops.numbers[:, :1].T, np.repeat(stops.thresholds, 2)[None]
-        return np.stack([stops.places, restitutions, thresholds], axis=2)
-
     def _responses(self, flow: Matrix, speed: Matrix, curvature: Matrix) -> Responses:
         """Taylor series of the response to a unit change of each pair's speed."""
         n, size = self.modes.size, self._size_of_flow * self.step
@@ -667,12 +660,8 @@ class ModalPlan(SteppedPlan):
         if self._pulls is not None:
             outputs = self.model.output_rows @ self.modes.shapes
         speeds = np.einsum("on,pnk->pok", outputs, series[:, n : 2 * n])
-        # C order for one pair and for several: each order of arrays has a compiled kernel
-        return Responses(
-            states=np.ascontiguousarray(series[:, : 2 * n]),
-            gaps=np.ascontiguousarray(gaps),
-            accelerations=np.ascontiguousarray(speeds * np.maximum(np.arange(len(terms)), 1)),
-        )
+        accelerations = speeds * np.maximum(np.arange(len(terms)), 1)
+        return responses_of(series[:, : 2 * n], gaps, accelerations)
 
     @cached_property
     def _size_of_flow(self) -> float:

@@ -32,6 +32,7 @@ from stochvi.methods.monte_carlo.kernels.modes import (
     Outputs,
     SmoothResponse,
     Steps,
+    Table,
     fill_modal_spectrum,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
@@ -338,9 +339,13 @@ class ModalTablesPlan(ModalContactsPlan):
 
     def _smooth(self, free: NDArray[np.float64]) -> SmoothResponse:
         """A motion without stops, for the kernel."""
+        return SmoothResponse(samples=free, scale=self.scale, half_kick=self._to_middle)
+
+    @cached_property
+    def _to_middle(self) -> Table:
+        """Velocities in the middle of the kick, from states before it."""
         n = self.modes.size
-        middle = _table(np.hstack([np.zeros((n, n)), self._kick(self.step / 2.0)[0]]))
-        return SmoothResponse(samples=free, scale=self.scale, half_kick=middle)
+        return _table(np.hstack([np.zeros((n, n)), self._kick(self.step / 2.0)[0]]))
 
     def _largest(self, accelerations: NDArray[np.float64] | None) -> Largest | None:
         """Largest accelerations of the outputs, for the kernel; NotApplicable where they are not

@@ -24,7 +24,7 @@ from stochvi import (
 )
 from stochvi.engine.alone import put_on_stop
 from stochvi.engine.impact_log import COLUMNS, Log
-from stochvi.engine.pushes import Responses
+from stochvi.engine.pushes import V1, Y1, Responses
 from stochvi.engine.roots import first_root
 from stochvi.mathematics.state_space import stationary_covariance, step_covariance
 from stochvi.methods.monte_carlo import record_path
@@ -402,18 +402,18 @@ def test_a_gap_put_on_its_stop_lies_there_at_rest(side: float) -> None:
     speeds = np.einsum("on,pnk->pok", rows, series[:, 3:])
     of_gaps = np.zeros((2, 2, 3, 2))
     of_gaps[:, :, 1], of_gaps[:, :, 2, 0] = speeds, speeds[:, :, 1]
-    responses = Responses(series, of_gaps, np.zeros((2, 0, 2)))
-    state, gaps = random.normal(size=(6, 1)), np.zeros((2, 6))
-    gaps[:, 3], gaps[:, 4] = rows @ state[:3, 0], rows @ state[3:, 0]
+    responses = Responses(series, of_gaps, *np.zeros((3, 2, 0, 2)))
+    state, gaps = random.normal(size=(6, 1)), np.zeros((6, 2))
+    gaps[Y1], gaps[V1] = rows @ state[:3, 0], rows @ state[3:, 0]
     for pair in range(2):
-        state[3:, 0] += jumps[pair] * (2.0 * side - gaps[pair, 4])  # outwards, at 2 m/s
-        gaps[:, 4] = rows @ state[3:, 0]
-        stop = gaps[pair, 3] - 0.3 * side
+        state[3:, 0] += jumps[pair] * (2.0 * side - gaps[V1, pair])  # outwards, at 2 m/s
+        gaps[V1] = rows @ state[3:, 0]
+        stop = gaps[Y1, pair] - 0.3 * side
         put_on_stop.py_func(pair, stop, side, gaps, state[:, 0], responses)
-        assert gaps[pair, 3] == pytest.approx(stop, abs=1e-12)
-        assert gaps[pair, 4] == pytest.approx(0.0, abs=1e-12)
-        assert rows @ state[:3, 0] == pytest.approx(gaps[:, 3], abs=1e-12)
-        assert rows @ state[3:, 0] == pytest.approx(gaps[:, 4], abs=1e-12)
+        assert gaps[Y1, pair] == pytest.approx(stop, abs=1e-12)
+        assert gaps[V1, pair] == pytest.approx(0.0, abs=1e-12)
+        assert rows @ state[:3, 0] == pytest.approx(gaps[Y1], abs=1e-12)
+        assert rows @ state[3:, 0] == pytest.approx(gaps[V1], abs=1e-12)
 
 
 def test_step_covariances_add_up_to_the_stationary_one() -> None:

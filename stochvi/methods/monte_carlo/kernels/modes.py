@@ -28,31 +28,25 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.engine.alone import finish_alone, make_workspace
+from stochvi.engine.alone import Workspace, make_workspace
+from stochvi.engine.borrowed import borrowed, hold
 from stochvi.engine.compiled_laws import Stops
 from stochvi.engine.compiling import kernel
-from stochvi.engine.contacts import Followed, Tally
+from stochvi.engine.contacts import Following
 from stochvi.engine.fused import fma
-from stochvi.engine.impact_log import NO_RECORD, Log, page_of
+from stochvi.engine.impact_log import NO_RECORD, Log
 from stochvi.engine.lanes import LANES as LANES_TOGETHER
-from stochvi.engine.lanes import memory_of
 from stochvi.engine.law_calls import force_of
 from stochvi.engine.pushes import Responses
 from stochvi.engine.sums import ROWS_OF_CONTACT_PAIR, ROWS_OF_PAIR
-from stochvi.engine.together import Scene, Single, finish_together, rows_needed
+from stochvi.engine.together import Scene, Waiting, finish_together, make_waiting
 from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass
-from stochvi.methods.monte_carlo.kernels.modal_stops import (
-    SinglePair,
-    lane_arrays,
-    single_impacts,
-)
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 
 Table = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
 
-LANES = 1024
-"""Number of paths that are advanced together. It is large, so that the loops over the paths with an
-impact in a step are long enough to fill the vectors of the processor."""
+LANES = 256
+"""Number of paths that are advanced together: their rows of sums stay in the second-level cache."""
 
 
 class Passes(NamedTuple):
@@ -67,8 +61,6 @@ class Passes(NamedTuple):
     speeds_kicked, speeds_drawn : speeds of the gaps after the kick, from states and from normals.
     bends_kicked : curvatures of the gaps after the kick.
     gaps, speeds, bends : values, speeds and curvatures of the gaps from the new state.
-    impact : Taylor series of gap and states after a unit reset, of a single pair: from powers of
-        the time left.
     kicks : what the noise of a kick adds to the modal velocities, from normals; no rows where there
         are no kicks.
     pulls : modal forces alpha of springs and dampers, from q and p; no rows where nobody asks for
@@ -85,7 +77,6 @@ class Passes(NamedTuple):
     gaps: Table
     speeds: Table
     bends: Table
-    impact: Table
     kicks: Table
     pulls: Table
 
@@ -385,33 +376,106 @@ def add_contact_pulls(pulled, y, v, stops, laws, responses):
 
 
 @kernel
-def number_of(largest):
+def following_of(largest, start, counted, spare, ends, before, after):
+    """What the accelerations of all lanes are made from in a step; `spare` gets those that are not
+    counted."""
+    if largest is None:
+        return None
+    table = largest.table[start:] if counted else spare
+    return Following(largest.rows, before, after, ends, table)
+
+
+@kernel
+def outputs_of(largest):
     """Number of accelerations of which the largest is wanted."""
     if largest is None:
         return 0
     return largest.rows.shape[0]
 
 
-@kernel
-def followed_of(largest, path, counted, spare, ends, before, after, lane):
-    """The part of `largest` for one path in one step; `spare` gets those that are not counted.
+class Room(NamedTuple):
+    """Arrays of a kernel: rows of numbers, with a lane for each path.
 
-    `before` and `after` (modes, lanes) are the modal forces at the ends of the step, from which the
-    accelerations `ends` (2, outputs) are made.
+    Parameters
+    ----------
+    old, new, drawn, kicked : states before and after a step, normals, and what noise adds to the
+        modal velocities.
+    y0, v0, a0, y1, v1, a1, s0, r0, s1, r1 : as named above.
+    marks, index : whether a lane may reach a stop, and the numbers of those that may.
+    local, of_step, hits, hits_of_step : sums, impacts of one step, and views of both, (pairs, rows,
+        lanes), of the rows of pairs.
+    peaks : (lanes, pairs, 2), largest forces so far of contacts that last.
+    words0, words1 : random streams.
+    smooth, total, rest : Y, the total motion, and zeros (modes,).
+    pulled, pushing, pull_0, pull_1 : modal forces, rates of gaps, modal forces at the ends of a
+        step.
+    spare, forces : as in `Following`, for steps that are not counted, and its ends.
+    work, waiting : `Workspace` and `Waiting`.
     """
-    if largest is None:
-        return None
-    for output in range(ends.shape[1]):
-        ends[0, output] = ends[1, output] = 0.0
-        for k in range(before.shape[0]):
-            ends[0, output] += largest.rows[output, k] * before[k, lane]
-            ends[1, output] += largest.rows[output, k] * after[k, lane]
-    own = largest.table[path] if counted else spare
-    return Followed(ends, own)
+
+    old: NDArray[np.float64]
+    new: NDArray[np.float64]
+    drawn: NDArray[np.float64]
+    kicked: NDArray[np.float64]
+    y0: NDArray[np.float64]
+    v0: NDArray[np.float64]
+    a0: NDArray[np.float64]
+    y1: NDArray[np.float64]
+    v1: NDArray[np.float64]
+    a1: NDArray[np.float64]
+    s0: NDArray[np.float64]
+    r0: NDArray[np.float64]
+    s1: NDArray[np.float64]
+    r1: NDArray[np.float64]
+    marks: NDArray[np.float64]
+    index: NDArray[np.int64]
+    local: NDArray[np.float64]
+    of_step: NDArray[np.float64]
+    hits: NDArray[np.float64]
+    hits_of_step: NDArray[np.float64]
+    peaks: NDArray[np.float64]
+    words0: NDArray[np.uint64]
+    words1: NDArray[np.uint64]
+    smooth: NDArray[np.float64]
+    total: NDArray[np.float64]
+    rest: NDArray[np.float64]
+    pulled: NDArray[np.float64]
+    pushing: NDArray[np.float64]
+    pull_0: NDArray[np.float64]
+    pull_1: NDArray[np.float64]
+    spare: NDArray[np.float64]
+    forces: NDArray[np.float64]
+    work: Workspace
+    waiting: Waiting
 
 
 @kernel
-def run_modes(paths, structure, laws, tables, single, fastest, steps, outputs, flag):
+def make_room(states, rows_of_sums, width, structure, rows, waiting, accelerations):
+    """`Room` for `width` lanes, of which at most `waiting` wait for a contact."""
+    passes, modes, pairs = structure.passes, structure.modes, structure.stops.places.shape[0]
+    first, last = modes + modes * (modes + 1), modes + modes * (modes + 1) + rows * pairs
+    local, of_step = np.zeros((rows_of_sums, width)), np.zeros((rows_of_sums, width))
+    work = make_workspace(pairs, 2 * modes, structure.responses.states.shape[2])
+    return Room(
+        np.zeros((states, width)), np.zeros((states, width)), np.zeros((2 * passes.normals, width)),
+        np.zeros((passes.kicks[0].shape[0] - 1, width)),
+        np.zeros((pairs, width)), np.zeros((pairs, width)), np.zeros((pairs, width)),
+        np.zeros((pairs, width)), np.zeros((pairs, width)), np.zeros((pairs, width)),
+        np.zeros((pairs, width)), np.zeros((pairs, width)), np.zeros((pairs, width)),
+        np.zeros((pairs, width)),
+        np.zeros(width), np.zeros(width + 1, np.int64),
+        local, of_step, local[first:last].reshape((pairs, rows, width)),
+        of_step[first:last].reshape((pairs, rows, width)),
+        np.zeros((width, pairs, 2)), np.zeros(width, np.uint64), np.zeros(width, np.uint64),
+        np.zeros((2 * modes, width)), np.zeros((2 * modes, width)), np.zeros(modes),
+        np.zeros((modes, width)), np.zeros((pairs, width)), np.zeros((modes, width)),
+        np.zeros((modes, width)), np.zeros((width, accelerations)), np.zeros((2, accelerations)),
+        work, make_waiting(work.numbers.shape[0], waiting),
+    )  # fmt: skip
+
+
+@kernel
+def run_modes(paths, structure, laws, tables, fastest, steps, outputs, flag):
     """Advance every path, and add up the counted steps.
 
     Parameters
@@ -420,14 +484,28 @@ def run_modes(paths, structure, laws, tables, single, fastest, steps, outputs, f
     structure : `ModalSteps`.
     laws : `functions_of` the laws of the stops.
     tables : None, or `SmoothResponse`.
-    single : None, or (1, 2, 3), position, restitution and speed threshold of the lower and the
-        upper stop of a single pair whose stops are rigid.
     fastest : None where all stops are rigid, else the fastest rate of the structure, rad/s.
     steps : `Steps`.
     outputs : `Outputs`.
     flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
         result.
     """
+    rows = ROWS_OF_PAIR if fastest is None else ROWS_OF_CONTACT_PAIR
+    states, count_of_paths = paths.state.shape
+    room = make_room(
+        states, paths.sums.shape[0], min(LANES, count_of_paths), structure, rows,
+        0 if fastest is None else LANES_TOGETHER, outputs_of(outputs.largest),
+    )  # fmt: skip
+    advance(
+        borrowed(paths), borrowed(structure), borrowed(laws), borrowed(tables), fastest, steps,
+        borrowed(outputs), borrowed(room), rows, borrowed(flag),
+    )  # fmt: skip
+    hold(room)
+
+
+@kernel
+def advance(paths, structure, laws, tables, fastest, steps, outputs, room, rows, flag):
+    """`run_modes` with `Room`, and ROWS_OF_PAIR or ROWS_OF_CONTACT_PAIR."""
     state, streams, known, lasting, sums = paths
     first, last, stride = steps
     record, log, largest = outputs
@@ -436,41 +514,24 @@ def run_modes(paths, structure, laws, tables, single, fastest, steps, outputs, f
     margins = structure.margins
     origins, normals = structure.origins, passes.normals
     states, count_of_paths = state.shape
-    width = min(LANES, count_of_paths)
-    pairs = stops.places.shape[0]
+    pairs, width = stops.places.shape[0], room.marks.shape[0]
     moments = modes + modes * (modes + 1)
-    rows = ROWS_OF_PAIR if fastest is None else ROWS_OF_CONTACT_PAIR
     third = step / 3.0
     recording = record.shape[0] > 0
-    old, new = np.zeros((states, width)), np.zeros((states, width))
-    drawn = np.zeros((2 * normals, width))
-    y0, y1 = np.zeros((pairs, width)), np.zeros((pairs, width))
-    v0, v1 = np.zeros((pairs, width)), np.zeros((pairs, width))
-    a0, a1 = np.zeros((pairs, width)), np.zeros((pairs, width))
-    marks, index = np.zeros(width), np.zeros(width + 1, np.int64)
     first_pull = moments + rows * pairs
     pulling = passes.pulls[0].shape[0] > 1
     first_noise = first_pull + (modes + modes * (modes + 1) // 2 if pulling else 0)
     controlled = sums.shape[0] > first_noise
-    kicked = np.zeros((passes.kicks[0].shape[0] - 1, width))
-    crossings = structure.crossed.shape[0] if kicked.shape[0] > 0 else 0
+    crossings = structure.crossed.shape[0] if room.kicked.shape[0] > 0 else 0
     first_free = first_noise + 3 * crossings
-    rest = np.zeros(modes)
-    local, unused = np.zeros((sums.shape[0], width)), np.zeros((sums.shape[0], width))
-    pulled, pushing = np.zeros((modes, width)), np.zeros((pairs, width))
-    pull_0, pull_1 = np.zeros((modes, width)), np.zeros((modes, width))
-    spare = np.zeros(number_of(largest))
-    ends = np.zeros((2, spare.shape[0]))
-    following = spare.shape[0] > 0
-    hits, gaps, change = np.zeros((pairs, rows)), np.zeros((pairs, 6)), np.zeros(2 * modes)
-    work = make_workspace(pairs, responses.states.shape[2])
-    peaks = np.zeros((width, pairs, 2))
-    arrays = lane_arrays(width, responses.states.shape[2], 2 * modes + 3)
-    one, memory = Single(gaps, hits, change, work), memory_of(rows_needed(pairs))
-    words0, words1 = np.zeros(width, np.uint64), np.zeros(width, np.uint64)
-    smooth, total = np.zeros((2 * modes, width)), np.zeros((2 * modes, width))
-    s0, s1 = np.zeros((pairs, width)), np.zeros((pairs, width))
-    r0, r1 = np.zeros((pairs, width)), np.zeros((pairs, width))
+    following = room.spare.shape[1] > 0
+    old, new, drawn, kicked = room.old, room.new, room.drawn, room.kicked
+    y0, v0, a0, y1, v1, a1 = room.y0, room.v0, room.a0, room.y1, room.v1, room.a1
+    s0, r0, s1, r1 = room.s0, room.r0, room.s1, room.r1
+    marks, index, local, of_step = room.marks, room.index, room.local, room.of_step
+    hits, hits_of_step, peaks = room.hits, room.hits_of_step, room.peaks
+    words0, words1, smooth, total = room.words0, room.words1, room.smooth, room.total
+    pulled, pushing, pull_0, pull_1 = room.pulled, room.pushing, room.pull_0, room.pull_1
     for start in range(0, count_of_paths, LANES):
         lanes = min(LANES, count_of_paths - start)
         for i in range(lanes):
@@ -504,7 +565,9 @@ def run_modes(paths, structure, laws, tables, single, fastest, steps, outputs, f
             if (half == 0) | passes.merged:
                 for row in range(normals):
                     normal_pairs(words0, words1, drawn[row], drawn[normals + row])
-            z = drawn if passes.merged else drawn[half * normals : (half + 1) * normals]
+            z = drawn
+            if not passes.merged:
+                z = borrowed(drawn[half * normals : (half + 1) * normals])
             if counted & controlled & (crossings > 0):
                 matrix_pass(kicked, 0.0, z, passes.kicks, width)
                 add_noise(local, first_noise, modes, old, kicked, structure.crossed)
@@ -537,48 +600,24 @@ def run_modes(paths, structure, laws, tables, single, fastest, steps, outputs, f
                     matrix_pass(a1, 0.0, new, passes.bends, width)
                     if tables is not None:
                         add_curvatures(a0, a1, s0, r0, s1, r1, step)
-                if fastest is not None:  # noqa: SIM102 - left out when compiled
-                    if log is None:  # noqa: SIM102 - left out when compiled
-                        if not (recording | following):
-                            scene = Scene(
-                                step, stops, laws, responses, memory, new,
-                                local if counted else unused, moments, rows, peaks,
-                            )  # fmt: skip
-                            for k in range(0, count, LANES_TOGETHER):
-                                marked = index[k : min(k + LANES_TOGETHER, count)]
-                                finish_together(
-                                    marked, (y0, v0, a0, y1, v1, a1), scene, fastest, one
-                                )
-                            count = 0
-                if single is not None:  # noqa: SIM102
-                    if (count > 0) & (not recording):
-                        pair = SinglePair(step, single, passes.impact, moments)
-                        count = single_impacts(
-                            pair, (y0, v0, a0, y1, v1, a1), new, index, count, local, arrays, log,
-                            start, number,
-                        )  # fmt: skip
-                for k in range(count):
-                    i = index[k]
+                # records take the impacts of each step
+                added_to = hits if counted & (not recording) else hits_of_step
+                if recording:
+                    of_step[:] = 0.0
+                scene = Scene(
+                    step, stops, laws, responses, room.work, new, added_to, peaks, log, start,
+                    number,
+                    following_of(largest, start, counted, room.spare, room.forces, pull_0, pull_1),
+                )  # fmt: skip
+                for k in range(0, count, LANES_TOGETHER):
+                    marked = index[k : min(k + LANES_TOGETHER, count)]
+                    finish_together(marked, (y0, v0, a0, y1, v1, a1), scene, fastest, room.waiting)
+                if recording & counted:
+                    add_to(local, of_step)
                     for j in range(pairs):
-                        gaps[j, 0], gaps[j, 1], gaps[j, 2] = y0[j, i], v0[j, i], a0[j, i]
-                        gaps[j, 3], gaps[j, 4], gaps[j, 5] = y1[j, i], v1[j, i], a1[j, i]
-                    hits[:] = 0.0
-                    own = followed_of(largest, start + i, counted, spare, ends, pull_0, pull_1, i)
-                    page = page_of(log, start + i, number, step)
-                    change[:] = 0.0
-                    finish_alone(
-                        step, step, gaps, change, fastest, stops, laws, responses, own, work,
-                        Tally(peaks[i], hits), page,
-                    )  # fmt: skip
-                    for row in range(2 * modes):
-                        new[row, i] += change[row]
-                    for j in range(pairs):
-                        y1[j, i] = gaps[j, 3]
-                        if counted:
-                            for m in range(rows):
-                                local[moments + rows * j + m, i] += hits[j, m]
-                            if recording:
-                                record[number, start + i, 2 * modes + j] = hits[j, 4] - hits[j, 1]
+                        for i in range(lanes):
+                            speed = hits_of_step[j, 4, i] - hits_of_step[j, 1, i]
+                            record[number, start + i, 2 * modes + j] = speed
                 if tables is not None:  # noqa: SIM102 - left out when compiled
                     if counted & controlled:
                         add_passages(local, first_free + moments, stops.places, s0, s1)
@@ -597,11 +636,11 @@ def run_modes(paths, structure, laws, tables, single, fastest, steps, outputs, f
                         for row in range(modes):
                             for i in range(width):
                                 total[row, i] = old[row, i]
-                        matrix_pass(total[modes:], 0.0, old, tables.half_kick, width)
+                        matrix_pass(borrowed(total[modes:]), 0.0, old, tables.half_kick, width)
                         add_to(total, smooth)
                         add_moments(local, modes, total, origins)
                         if controlled:
-                            add_moments(local[first_free:], modes, smooth, rest)
+                            add_moments(borrowed(local[first_free:]), modes, smooth, room.rest)
                     if pulling:
                         if tables is None:
                             matrix_pass(pulled, 0.0, old, passes.pulls, width)

@@ -1,0 +1,123 @@
+"""Arrays of which kernels count no owners.
+
+Each time that a kernel names an array, or hands on a tuple that holds it, numba changes the number
+of its owners, which is an atomic number. In a loop over single paths that takes longer than the
+loop. A borrowed array is the same array without an owner: nothing is counted, and another variable
+must keep the array until it is no longer used:
+
+    room = np.zeros(10)
+    fill(borrowed(room))
+    hold(room)
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from numba.core import types
+from numba.core.datamodel import models
+from numba.extending import intrinsic, lower_cast, overload, register_model
+
+Given = TypeVar("Given")
+
+
+class BorrowedArray(types.Array):  # type: ignore[misc, name-defined]
+    """The type of an array without an owner."""
+
+    def __init__(self, dtype, ndim, layout, readonly=False):  # type: ignore[no-untyped-def]
+        name = f"borrowed({dtype}, {ndim}d, {layout}, {'readonly' if readonly else 'mutable'})"
+        super().__init__(dtype, ndim, layout, readonly=readonly, name=name)
+
+
+@register_model(BorrowedArray)
+class BorrowedModel(models.StructModel):  # type: ignore[misc]
+    """The members of an array, with a plain pointer in the place of the counter."""
+
+    def __init__(self, dmm, fe_type):  # type: ignore[no-untyped-def]
+        numbers = types.UniTuple(types.intp, fe_type.ndim)
+        members = [
+            ("meminfo", types.voidptr), ("parent", types.pyobject), ("nitems", types.intp),
+            ("itemsize", types.intp), ("data", types.CPointer(fe_type.dtype)),
+            ("shape", numbers), ("strides", numbers),
+        ]  # fmt: skip
+        super().__init__(dmm, fe_type, members)
+
+
+@lower_cast(BorrowedArray, types.Array)
+def _as_array(context, builder, given, wanted, value):
+    """An array with the counter 0, for functions with a signature of their own."""
+    return value
+
+
+def borrowed(value: Given) -> Given:
+    """An array without its owner, or a tuple whose arrays are borrowed; other values as they
+    are."""
+    return value
+
+
+def hold(value: object) -> None:
+    """Keep an array, or the arrays of a tuple, until here."""
+
+
+def _type_of(kind):
+    """The type of a borrowed value of a type."""
+    if isinstance(kind, BorrowedArray):
+        return kind
+    if isinstance(kind, types.Array):
+        return BorrowedArray(kind.dtype, kind.ndim, kind.layout, not kind.mutable)
+    if isinstance(kind, types.BaseNamedTuple):
+        return types.NamedTuple([_type_of(each) for each in kind], kind.instance_class)
+    if isinstance(kind, types.BaseTuple):
+        return types.Tuple([_type_of(each) for each in kind])
+    return kind
+
+
+def _value_of(context, builder, kind, value):
+    """The borrowed value of a value of a type."""
+    if isinstance(kind, types.Array) and not isinstance(kind, BorrowedArray):
+        old = context.make_array(kind)(context, builder, value=value)
+        new = context.make_array(_type_of(kind))(context, builder)
+        for name in ("nitems", "itemsize", "data", "shape", "strides"):
+            setattr(new, name, getattr(old, name))
+        new.meminfo = context.get_constant_null(types.voidptr)
+        new.parent = context.get_constant_null(types.pyobject)
+        return new._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        values = [
+            _value_of(context, builder, each, builder.extract_value(value, k))
+            for k, each in enumerate(kind)
+        ]
+        return context.make_tuple(builder, _type_of(kind), values)
+    if context.enable_nrt:
+        context.nrt.incref(builder, kind, value)  # what is returned has an owner
+    return value
+
+
+@intrinsic
+def _borrowed(typing, value):
+    def codegen(context, builder, signature, arguments):
+        return _value_of(context, builder, signature.args[0], arguments[0])
+
+    return _type_of(value)(value), codegen
+
+
+@intrinsic
+def _hold(typing, value):
+    def codegen(context, builder, signature, arguments):
+        return context.get_dummy_value()
+
+    return types.none(value), codegen
+
+
+@overload(borrowed)
+def _choose(value):
+    return lambda value: _borrowed(value)
+
+
+@overload(hold)
+def _choose_hold(value):
+    return lambda value: _hold(value)
+
+
+borrowed.made_of = {object: (_choose,)}  # type: ignore[attr-defined]
+hold.made_of = {object: (_choose_hold,)}  # type: ignore[attr-defined]
