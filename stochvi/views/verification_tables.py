@@ -138,7 +138,7 @@ def _print_approximations(console: Console, verdict: Check) -> None:
     if not shown:
         return
     methods = list(dict.fromkeys(row.method for row in shown))
-    title = f"error of linearisation against {shown[0].reference} (%), not judged"
+    title = f"errors of approximations against {shown[0].reference} (%), not judged"
     headings = ["quantity", *(method.removeprefix("linearise:") for method in methods)]
     table = new_table(title, headings)
     for quantity in dict.fromkeys(row.quantity for row in shown):
