@@ -35,6 +35,7 @@ from .scenes.excitations import (
 )
 from .scenes.impact_laws import (
     Elastic,
+    ForceFunction,
     ForceTable,
     Restitution,
     SpeedRestitution,
@@ -59,6 +60,7 @@ __all__ = [
     "Elastic",
     "Estimate",
     "FilteredNoise",
+    "ForceFunction",
     "ForceTable",
     "ImpactPair",
     "Isolator",

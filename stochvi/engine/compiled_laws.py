@@ -42,10 +42,11 @@ _COMPILED: dict[type, tuple[Any, Any]] = {}
 as long as this process."""
 
 
-def functions_of(laws: list[Any]) -> NDArray[Any]:
+def functions_of(laws: list[Any], *, lanes: bool = True) -> NDArray[Any]:
     """Addresses of the functions of classes of laws, (classes, 2): for one stop, and for lanes.
 
-    They hold for this process only. Without compilation they are the functions.
+    Without `lanes` the second one is not wanted, and is 0. Addresses hold for this process only.
+    Without compilation they are the functions.
     """
     table = np.empty((len(laws), 2), object if config.DISABLE_JIT else np.int64)
     for row, law in zip(table, laws, strict=True):
@@ -59,7 +60,7 @@ def functions_of(laws: list[Any]) -> NDArray[Any]:
             row[:] = of_stop, of_lanes
         else:
             row[0] = _address(of_stop, OF_STOP)
-            row[1] = 0 if is_rigid(law) else _address(of_lanes, OF_LANES)
+            row[1] = 0 if is_rigid(law) or not lanes else _address(of_lanes, OF_LANES)
     return table
 
 

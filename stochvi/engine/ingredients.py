@@ -43,15 +43,17 @@ class Ingredients:
     ----------
     obstacles : reasons, as clauses, for which the digest does not determine the kernel; empty where
         it does.
+    running : whether plain functions are met that run as they are, and are no stubs of functions
+        that numba compiles.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, running: bool = False) -> None:
         self.obstacles: list[str] = []
         self._told = hashlib.sha256()
         self._met: dict[int, tuple[int, Any]] = {}  # what lives on keeps its `id`
         self._generic: list[Any] = []
         self._classes: list[type] = [object]
-        self._running = False  # whether functions are met that run while numba compiles
+        self._running = running
 
     def digest(self) -> str:
         """Return the digest of all that was added, with the functions that its classes choose."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from stochvi.model.model import Model
 from stochvi.scenes.excitations import DENSITY_KINDS
-from stochvi.scenes.impact_laws import SpeedRestitution, Viscoelastic
+from stochvi.scenes.impact_laws import CompliantLaw, SpeedRestitution, Viscoelastic
 
 
 def functions(model: Model) -> list[str]:
@@ -28,14 +28,37 @@ def nonlinear(model: Model) -> list[str]:
     return ["structure.kind must not be 'nonlinear' (a restoring force that is a function)"]
 
 
-def without_form(model: Model) -> list[str]:
+def not_compiled(model: Model) -> list[str]:
     """A sentence for each impact law of a model that no simulation can follow."""
     return [
         f"law must be one that a simulation follows, got {stop.law.kind!r} at the {stop.name} "
         f"stop of {pair.name}"
         for pair in model.pairs
         for stop in pair.stops
-        if stop.law.form() is None and not isinstance(stop.law, SpeedRestitution)
+        if stop.law.compiled() is None and not isinstance(stop.law, SpeedRestitution)
+    ]
+
+
+def speed_functions(model: Model) -> list[str]:
+    """A sentence for each force that is a function of the speed, for methods whose dampers are
+    linear."""
+    return [
+        f"law.force must depend on the speed by a linear damper alone, got {stop.law.kind!r} at "
+        f"the {stop.name} stop of {pair.name}"
+        for pair in model.pairs
+        for stop in pair.stops
+        if isinstance(stop.law, CompliantLaw) and not (stop.law.has_linear_damper)
+    ]
+
+
+def without_energy(model: Model) -> list[str]:
+    """A sentence for each force whose energy is not known."""
+    return [
+        f"law.energy must be known, got none of kind {stop.law.kind!r} at the {stop.name} stop of "
+        f"{pair.name}; give the function of the deflection that returns it, J"
+        for pair in model.pairs
+        for stop in pair.stops
+        if isinstance(stop.law, CompliantLaw) and not stop.law.has_energy
     ]
 
 

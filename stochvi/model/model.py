@@ -33,6 +33,7 @@ from stochvi.scenes.impact_laws import (
     CompliantLaw,
     Law,
     Restitution,
+    RigidLaw,
     not_rigid,
 )
 from stochvi.scenes.scene import ImpactPair, Scene
@@ -99,9 +100,9 @@ class Stop:
 
     def restitution_at(self, speed: ArrayLike) -> Vector:
         """Restitution of impacts at incident speeds (m/s)."""
-        if isinstance(self.law, CompliantLaw):
-            return np.full(np.shape(speed), self.law.restitution)
-        return np.asarray(self.law.restitution_at(speed), dtype=float)
+        if isinstance(self.law, RigidLaw):
+            return self.law.restitution_at(speed)
+        return np.full(np.shape(speed), self.law.restitution)
 
     def per_unit_mass(self, mass: float) -> Stop:
         """The same stop with its forces divided by a mass, kg."""

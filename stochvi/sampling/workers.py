@@ -131,9 +131,21 @@ class _SmallPickler(pickle.Pickler):
 
 
 def packed(value: Any) -> bytes:
-    """The fields of a value, as they are sent to another process."""
+    """The fields of a value, as they are sent to another process.
+
+    Raises
+    ------
+    ValueError
+        If it holds a function that another process does not find by its name.
+    """
     file = io.BytesIO()
-    _SmallPickler(file, pickle.HIGHEST_PROTOCOL).dump(value)
+    try:
+        _SmallPickler(file, pickle.HIGHEST_PROTOCOL).dump(value)
+    except (pickle.PicklingError, AttributeError) as error:
+        raise ValueError(
+            "executor must have threads for a scene whose functions no module holds, got other "
+            f"processes ({error}); define the functions in a module that they can import"
+        ) from None
     return file.getvalue()
 
 

@@ -9,7 +9,15 @@ from .excitations import (
     TabulatedNoise,
     WhiteNoise,
 )
-from .impact_laws import Elastic, ForceTable, Hertz, Restitution, SpeedRestitution, Viscoelastic
+from .impact_laws import (
+    Elastic,
+    ForceFunction,
+    ForceTable,
+    Hertz,
+    Restitution,
+    SpeedRestitution,
+    Viscoelastic,
+)
 from .records import Record, read_record
 from .scene import ImpactPair, Scene, load_scene
 from .structures import (
@@ -32,6 +40,7 @@ __all__ = [
     "ConstantLoad",
     "Elastic",
     "FilteredNoise",
+    "ForceFunction",
     "ForceTable",
     "Hertz",
     "ImpactPair",

@@ -697,6 +697,8 @@ class Scene(Checked):
                 "contact with a viscoelastic stop ends at zero force; the limiter has no mass and "
                 "recovers at once"
             )
+        if "function" in words:
+            found.append("a stop whose force is a function only pushes: negative values count as 0")
         laws = [law for pair in self.impact_pairs for _, law in pair.stops()]
         sources = [law.source for law in laws if isinstance(law, Elastic | Viscoelastic)]
         found += [f"stops: {source}" for source in dict.fromkeys(filter(None, sources))]

@@ -13,13 +13,13 @@ import numpy as np
 from stochvi.mathematics.impact_rates import gaussian_stop
 from stochvi.mathematics.spectra import LinearMoments, response_moments
 from stochvi.model.build_response import StationaryMoments, linear_acceleration
-from stochvi.model.coverage import without_noise
+from stochvi.model.coverage import without_energy, without_noise
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw, Spring
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import SceneError
 from stochvi.results.response import Response
-from stochvi.scenes.impact_laws import Law
+from stochvi.scenes.impact_laws import Law, Restitution
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import NonlinearOscillator
 
@@ -51,6 +51,7 @@ def unmet(model: Model) -> list[str]:
     found = [
         sentence for stop in model.stops if (sentence := lossy(stop.law, f"the {stop.name} stop"))
     ]
+    found += without_energy(model) if not found else []
     if model.drag is not None:
         found.append("damping must be linear, got a function of velocity")
     if model.tables and model.stops:
@@ -85,7 +86,7 @@ def lossy(law: Law, at: str) -> str:
         return ""
     if not law.rigid:
         return f"law must lose no energy, got {law.kind!r} at {at}"
-    got = f"{law.coefficient:g}" if law.kind == "restitution" else "a function of speed"
+    got = f"{law.coefficient:g}" if isinstance(law, Restitution) else "a function of speed"
     return f"restitution must be 1 (an elastic stop), got {got} at {at}"
 
 

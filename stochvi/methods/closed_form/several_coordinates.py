@@ -27,7 +27,7 @@ from stochvi.methods.closed_form.coupled_pairs import MOST_PAIRS, CoupledLaw, In
 from stochvi.methods.closed_form.one_coordinate import lossy
 from stochvi.model.balances import residuals
 from stochvi.model.build_response import build_response
-from stochvi.model.coverage import functions, without_noise
+from stochvi.model.coverage import functions, without_energy, without_noise
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.modal import absolute_accelerations, linear_law
@@ -99,7 +99,7 @@ def unmet(model: Model) -> list[str]:
         for stop in pair.stops:
             if sentence := lossy(stop.law, f"the {stop.name} stop of {pair.name}"):
                 found.append(sentence)
-    return found or _not_gibbs(model)
+    return found or without_energy(model) or _not_gibbs(model)
 
 
 def _not_gibbs(model: Model) -> list[str]:

@@ -5,7 +5,14 @@ from __future__ import annotations
 import math
 
 from stochvi.methods.fokker_planck.motion import Motion
-from stochvi.model.coverage import beyond_one_oscillator, nonlinear, not_white, without_dissipation
+from stochvi.model.coverage import (
+    beyond_one_oscillator,
+    nonlinear,
+    not_white,
+    speed_functions,
+    without_dissipation,
+    without_energy,
+)
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
 
@@ -41,6 +48,7 @@ def unmet(model: Model) -> list[str]:
     if found:
         return found
     found = [*not_white(model), *without_dissipation(model)]
+    found += speed_functions(model) or without_energy(model)
     if not _held(model):
         found.append(
             "stiffness must be positive where stops do not hold the mass, got 0"

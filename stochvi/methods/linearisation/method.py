@@ -23,6 +23,7 @@ from stochvi.model.coverage import (
     functions,
     unknown_dampers,
     without_dissipation,
+    without_energy,
     without_noise,
 )
 from stochvi.model.error_atlas import with_bounds
@@ -307,7 +308,7 @@ def unmet(model: Model, form: str = "closure", variant: str = "consistent") -> l
     found = beyond_one_oscillator(model, with_filters=True)
     if found:
         return found
-    found = [*without_noise(model), *unknown_dampers(model)]
+    found = [*without_noise(model), *unknown_dampers(model), *without_energy(model)]
     if form == "clumps":
         if model.tables or model.filters:
             found.append("excitation must be white noise for form 'clumps', got a coloured one")

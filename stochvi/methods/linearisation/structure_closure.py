@@ -28,7 +28,7 @@ from stochvi.methods.linearisation.soft_closure import soft_closure
 from stochvi.methods.linearisation.solver import INFEASIBLE, SAME, START_SPEEDS, root
 from stochvi.model.balances import residuals
 from stochvi.model.build_response import BETWEEN_IMPACTS, StationaryMoments, build_response
-from stochvi.model.coverage import unknown_dampers, without_noise
+from stochvi.model.coverage import unknown_dampers, without_energy, without_noise
 from stochvi.model.gap import Gap
 from stochvi.model.modal import EquivalentLinear, LinearLaw, ModalForm, linear_law
 from stochvi.model.model import Model, Pair, model_of
@@ -103,7 +103,9 @@ def closure(scene: Scene, deadline: Deadline = NEVER) -> tuple[Response, ...]:
     """
     started = time.perf_counter()
     model = model_of(scene)
-    if conditions := [*without_noise(model, with_sines=True), *unknown_dampers(model)]:
+    if conditions := [
+        *without_noise(model, with_sines=True), *unknown_dampers(model), *without_energy(model)
+    ]:  # fmt: skip
         raise NotApplicable("linearise", conditions)
     box = loose_mass.box_of(model)
     if box is not None:

@@ -106,7 +106,10 @@ def kernel_stop(position: float, law: Law) -> ContactStop:
     """
     form = law.form()
     if form is None:
-        raise NotApplicable("simulate", [f"no simulation follows a law of the kind {law.kind!r}"])
+        raise NotApplicable(
+            "simulate",
+            [f"law must be elastic, viscoelastic, hertz or table for this, got {law.kind!r}"],
+        )
     return ContactStop(position, KINDS[form.name], form.numbers)
 
 

@@ -15,6 +15,7 @@ States of a stop, FREE (d < 0) or
     pieces      k: F = force_k + slope_k (d - start_k), in piece k of the table
     damped      0: F = K d + c d' > 0;  1: no force, until d = 0 or F > 0 again
     Hertz       0: no force, d below a depth that holds no energy;  1: F = k d^(3/2)
+    function    0: as for Hertz;  1: F(d, d'), a polynomial through its values in the step
 
 Symbols: n modes, m stops, c coordinates.
 """
@@ -25,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.engine.compiling import kernel
+from stochvi.engine.law_calls import force_of, rate_of
 
 ROUNDING = 2.0**-52
 """Relative spacing of floating-point numbers at 1."""
@@ -33,8 +35,8 @@ MOST_STEPS = 120
 """Largest number of steps to a root: each halves the bracket at least every second time."""
 
 
-RIGID, PIECES, DAMPED, HERTZ = range(4)
-"""Kinds of stops."""
+RIGID, PIECES, DAMPED, HERTZ, FUNCTION = range(5)
+"""Kinds of stops. From HERTZ on, the force may be singular at the touch."""
 
 FREE = -1
 """State of a stop that is not touched."""
@@ -47,11 +49,22 @@ MOST_TERMS = 26
 """Highest power of a series, that of a Hertz contact, whose series converge like 1 / 4^k."""
 
 APPROACH = 0.25
-"""Longest step in a Hertz contact, in units of the time to its singular touch."""
+"""Longest step in a contact with a singular touch, in units of the time to that."""
+
+NODES = 0.5 - 0.5 * np.cos(np.pi * np.arange(9) / 8.0)
+FROM_VALUES = np.linalg.inv(np.vander(NODES, increasing=True))
+"""Times, as shares of a step, at which a force that is a function is taken; and the matrix from the
+values there to the coefficients by powers of the share. The force is then known to 1e-11."""
+
+MOST_ROUNDS = 60
+"""Largest number of rounds in which motion and force of a step are made to agree."""
+
+AGREEMENT = 1e-13
+"""Change of a force, relative to its size, at which motion and force agree."""
 
 SHALLOW = 1e-5
-"""Depth of a Hertz contact, relative to its largest, below which the force is left out: the energy
-there is SHALLOW^(5/2) = 3e-13 of the whole."""
+"""Depth of a contact with a singular touch, relative to its largest, below which the force is left
+out: the energy there is SHALLOW^(5/2) = 3e-13 of the whole."""
 
 MOST_PASSES = 64
 """Largest number of passes over stops that pass an impact on to each other before they rest."""
@@ -86,7 +99,8 @@ class Structure(NamedTuple):
 class Stops(NamedTuple):
     """Numbers of the m stops: phi (m, n), phi . phi (m,), side, place (m), kind, and the numbers of
     the law per reduced mass (m, rows, 3): rigid (R), pieces (start, force, slope) with unused rows
-    that start at infinity, damped (K, c), Hertz (k)."""
+    that start at infinity, damped (K, c), Hertz (k). Forces that are functions have addresses and
+    numbers of their own, (m, 2) and (m, columns); see `engine.law_calls`."""
 
     gaps: np.ndarray
     levers: np.ndarray
@@ -94,6 +108,8 @@ class Stops(NamedTuple):
     places: np.ndarray
     kinds: np.ndarray
     laws: np.ndarray
+    functions: np.ndarray
+    numbers: np.ndarray
 
 
 class Series(NamedTuple):
@@ -315,7 +331,7 @@ def dot(a, b):
 @kernel
 def longest_step(left, slowest, stops, touch, d):
     """Length of the next step, at most `left`, and the highest power that its series need."""
-    stiff, loss, hertz = 0.0, 0.0, False
+    stiff, loss, singular = 0.0, 0.0, False
     for s in range(len(touch.state)):
         if touch.state[s] == FREE or stops.kinds[s] == RIGID:
             continue
@@ -325,14 +341,19 @@ def longest_step(left, slowest, stops, touch, d):
             stiff += stops.laws[s, 0, 0]
             loss += stops.laws[s, 0, 1]
         elif touch.state[s] == 1:
-            hertz = True
+            singular = True
             deep = max(d[s, 0], touch.depth[s])
-            stiff += 1.5 * stops.laws[s, 0, 0] * math.sqrt(2.0 * deep)
+            if stops.kinds[s] == FUNCTION:
+                stiff += (
+                    rate_of(stops.functions, s, stops.numbers, s, deep, touch.speed[s], 0.0) ** 2
+                )
+            else:
+                stiff += 1.5 * stops.laws[s, 0, 0] * math.sqrt(2.0 * deep)
             if touch.speed[s] != 0.0:
                 left = min(left, APPROACH * deep / abs(touch.speed[s]))
     rate = slowest + math.sqrt(stiff) + loss
     span = min(left, ANGLE / rate) if rate > 0.0 else left
-    return span, (MOST_TERMS if hertz else terms_for(span * rate))
+    return span, (MOST_TERMS if singular else terms_for(span * rate))
 
 
 @kernel
@@ -393,8 +414,10 @@ def expand(last, force, slope, structure, stops, state, series):
                 elif kind == DAMPED:
                     f = law[0, 0] * series.d[s, power]
                     f += law[0, 1] * (power + 1) * series.d[s, power + 1]
-                elif state[s] == 1:
+                elif kind == HERTZ and state[s] == 1:
                     f = three_halves(series.d[s], series.f[s], power)
+                elif kind == FUNCTION and state[s] == 1:
+                    f = series.f[s, power]
             series.f[s, power] = f
             if kind == HERTZ:
                 f *= law[0, 0]
@@ -410,6 +433,50 @@ def expand(last, force, slope, structure, stops, state, series):
             for i in range(n):
                 d += stops.gaps[s, i] * series.x[power + 2, i]
             series.d[s, power + 2] = stops.sides[s] * d
+
+
+@kernel
+def expand_with_functions(span, last, force, slope, structure, stops, state, series):
+    """`expand` for a step in which forces may be functions of deflection and rate.
+
+    Each round takes the motion with the forces of the round before, and gives the polynomials
+    through the new forces: Picard's iteration, whose error falls faster than any geometric one.
+    """
+    waiting = False
+    for s in range(len(state)):
+        if stops.kinds[s] == FUNCTION and state[s] == 1:
+            waiting = True
+            for power in range(last + 1):
+                series.f[s, power] = 0.0
+            series.f[s, 0] = max(
+                force_of(
+                    stops.functions, s, stops.numbers, s, series.d[s, 0], series.d[s, 1]
+                ),
+                0.0,
+            )  # fmt: skip
+    expand(last, force, slope, structure, stops, state, series)
+    values, before = np.zeros((2, len(state), len(NODES)))
+    for _ in range(MOST_ROUNDS if waiting else 0):
+        change = size = 0.0
+        for s in range(len(state)):
+            if stops.kinds[s] != FUNCTION or state[s] != 1:
+                continue
+            for node in range(len(NODES)):
+                t, y, v = NODES[node] * span, 0.0, 0.0
+                for power in range(last + 2, 0, -1):
+                    y, v = (y + series.d[s, power]) * t, v * t + power * series.d[s, power]
+                push = force_of(stops.functions, s, stops.numbers, s, series.d[s, 0] + y, v)
+                values[s, node] = max(push, 0.0)
+                change = max(change, abs(values[s, node] - before[s, node]))
+                size = max(size, values[s, node])
+                before[s, node] = values[s, node]
+            unit = 1.0
+            for power in range(len(NODES)):
+                series.f[s, power] = dot(FROM_VALUES[power], values[s]) / unit
+                unit *= span
+        expand(last, force, slope, structure, stops, state, series)
+        if change <= AGREEMENT * size:
+            break
 
 
 @kernel
@@ -429,7 +496,7 @@ def next_change(span, last, stops, touch, series, scratch):
                     offset = -stops.laws[s, touch.state[s] + 1, 0]
                 elif kind == DAMPED and touch.state[s] == 1:
                     sign, source = 1.0, f
-                elif kind == HERTZ and touch.state[s] == 0:
+                elif kind >= HERTZ and touch.state[s] == 0:
                     sign, source = 1.0, d
                     offset = -touch.depth[s]
                 else:
@@ -442,7 +509,7 @@ def next_change(span, last, stops, touch, series, scratch):
                 sign, source = -1.0, d
                 if kind == PIECES:
                     offset = stops.laws[s, touch.state[s], 0]
-                elif kind == HERTZ and touch.state[s] == 1:
+                elif kind >= HERTZ and touch.state[s] == 1:
                     offset = touch.depth[s]
             for k in range(last + 1):
                 scratch.p[0, k] = sign * source[k]
@@ -603,7 +670,7 @@ def march(samples, structure, stops, start, limits, keep):
             state[s] = 0
             while state[s] + 1 < stops.laws.shape[1] and d >= stops.laws[s, state[s] + 1, 0]:
                 state[s] += 1
-        elif stops.kinds[s] == HERTZ:
+        elif stops.kinds[s] >= HERTZ:
             state[s] = 1
             depth[s] = SHALLOW * d
         else:
@@ -630,11 +697,11 @@ def march(samples, structure, stops, start, limits, keep):
                     rate += stops.gaps[s, i] * v[i]
                 series.d[s, 0] = stops.sides[s] * (place - stops.places[s])
                 series.d[s, 1] = speed[s] = stops.sides[s] * rate
-                if stops.kinds[s] == HERTZ and state[s] == 1:
+                if stops.kinds[s] >= HERTZ and state[s] == 1:
                     series.d[s, 0] = max(series.d[s, 0], depth[s])
             left = step - passed
             span, last = longest_step(left, slowest, stops, touch, series.d)
-            expand(last, force, slope, structure, stops, state, series)
+            expand_with_functions(span, last, force, slope, structure, stops, state, series)
             if fresh:
                 fresh = False
                 for j in range(c):
@@ -705,8 +772,11 @@ def march(samples, structure, stops, start, limits, keep):
                     state[s] = 0
                     if kind != DAMPED:
                         zeros[s, 0] = 1
-                    if kind == HERTZ:
-                        push = abs(dot(stops.gaps[s], series.a[0]))
+                    push = abs(dot(stops.gaps[s], series.a[0]))
+                    if kind == FUNCTION:
+                        fast = rate_of(stops.functions, s, stops.numbers, s, 0.0, rate, push)
+                        depth[s] = SHALLOW * max(rate / fast, push / fast**2)
+                    elif kind == HERTZ:
                         k_hertz = stops.laws[s, 0, 0]
                         deepest = max(
                             (1.25 * rate**2 / k_hertz) ** 0.4, (push / k_hertz) ** (2.0 / 3.0)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stochvi.engine.compiled_laws import functions_of, row_of_numbers
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.replay import kernel
 from stochvi.model.model import Model, Pair, Stop
@@ -184,16 +185,26 @@ def _stops(model: Model) -> kernel.Stops:
         for number, pair in enumerate(model.pairs)
         for side in range(len(pair.stops))
     ]
-    numbers = []
-    for pair, _, side in found:
-        form = pair.stops[side].law.per_unit_mass(pair.mass).form()
-        assert form is not None
-        numbers.append((KINDS[form.name], form.numbers))
+    unit = [pair.stops[side].law.per_unit_mass(pair.mass) for pair, _, side in found]
+    forms = [law.form() for law in unit]
+    numbers = [
+        (kernel.FUNCTION, np.zeros((1, 1))) if form is None else (KINDS[form.name], form.numbers)
+        for form in forms
+    ]
     rows = max([len(each) for _, each in numbers], default=1)
     laws = np.zeros((len(found), rows, 3))
     laws[:, :, 0] = math.inf
-    for law, (_, each) in zip(laws, numbers, strict=True):
-        law[: len(each), : each.shape[1]] = each
+    for row, (_, each) in zip(laws, numbers, strict=True):
+        row[: len(each), : each.shape[1]] = each
+    # laws without a form of their own are functions
+    own = {s: law.compiled() for s, law in enumerate(unit) if forms[s] is None}
+    width = max([len(row_of_numbers(law)) for law in own.values()], default=1)
+    called = [
+        functions_of([own[s]], lanes=False)[0] if s in own else (0, 0) for s in range(len(unit))
+    ]
+    table = np.zeros((len(found), width))
+    for s, law in own.items():
+        table[s, : len(row_of_numbers(law))] = row_of_numbers(law)
     directions = np.array([gaps[number] for _, number, _ in found]).reshape(-1, gaps.shape[1])
     stops = [pair.stops[side] for pair, _, side in found]
     return kernel.Stops(
@@ -203,4 +214,6 @@ def _stops(model: Model) -> kernel.Stops:
         places=np.array([stop.position for stop in stops], dtype=float),
         kinds=np.array([kind for kind, _ in numbers], dtype=np.int64),
         laws=laws,
+        functions=np.array(called) if called else np.zeros((0, 2), np.int64),
+        numbers=table,
     )

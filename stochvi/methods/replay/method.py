@@ -15,7 +15,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.methods.replay.answer import CoordinateReplay, Histories, PairReplay, Replay, ReplayAt
 from stochvi.methods.replay.march import Motion, SampledExcitation, integrate, rest_of
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import functions, without_form
+from stochvi.model.coverage import functions, not_compiled
 from stochvi.model.model import Model, Pair, Stop, inertia_of, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
@@ -157,7 +157,7 @@ def _compiled(model: Model, shaking: SampledExcitation) -> float:
 
 def unmet(scene: Scene, model: Model) -> list[str]:
     """The conditions of a replay that a scene does not meet."""
-    found = [*functions(model), *without_form(model)]
+    found = [*functions(model), *not_compiled(model)]
     records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
     if not records:
         found.append('excitation must hold a measured record (kind = "record"), got none')

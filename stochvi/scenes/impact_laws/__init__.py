@@ -1,13 +1,19 @@
-"""Impact laws: what happens when the mass meets a stop. Each law is a file; `Law` lists them."""
+"""Impact laws: what happens when the mass meets a stop. A law is a class in a file of this package,
+which `Law` finds there."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Annotated, Any
+import pkgutil
+from collections.abc import Iterable, Iterator
+from functools import reduce
+from importlib import import_module
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, Discriminator, Tag
 
-from stochvi.scenes.impact_laws.base import CompliantLaw, ImpactLaw
+from stochvi.scenes.impact_laws.base import CompliantLaw, ImpactLaw, RigidLaw
+from stochvi.scenes.impact_laws.force_function import ForceFunction
 from stochvi.scenes.impact_laws.force_table import ForceTable
 from stochvi.scenes.impact_laws.hertz import Hertz
 from stochvi.scenes.impact_laws.rigid import Restitution, SpeedRestitution
@@ -16,10 +22,12 @@ from stochvi.scenes.impact_laws.viscoelastic import Elastic, Viscoelastic
 __all__ = [
     "CompliantLaw",
     "Elastic",
+    "ForceFunction",
     "ForceTable",
     "Hertz",
     "Law",
     "Restitution",
+    "RigidLaw",
     "SpeedRestitution",
     "Viscoelastic",
     "not_rigid",
@@ -48,14 +56,20 @@ def not_rigid(stops: Iterable[tuple[str, Law]]) -> list[str]:
     ]
 
 
-Law = Annotated[
-    Annotated[Restitution, Tag("restitution")]
-    | Annotated[SpeedRestitution, Tag("speed-restitution")]
-    | Annotated[Elastic, Tag("elastic")]
-    | Annotated[Viscoelastic, Tag("viscoelastic")]
-    | Annotated[Hertz, Tag("hertz")]
-    | Annotated[ForceTable, Tag("table")],
-    Discriminator(_kind),
-    BeforeValidator(_no_function),
-]
-"""Every law that a stop may follow."""
+def _laws(base: type[ImpactLaw] = ImpactLaw) -> Iterator[type[ImpactLaw]]:
+    """Every class of laws that says its kind."""
+    for each in base.__subclasses__():
+        yield from _laws(each)
+        if isinstance(getattr(each.model_fields.get("kind"), "default", None), str):
+            yield each
+
+
+for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
+    import_module(_module.name)
+
+if TYPE_CHECKING:
+    Law = ImpactLaw
+else:
+    _tagged = [Annotated[each, Tag(each.model_fields["kind"].default)] for each in _laws()]
+    Law = Annotated[reduce(or_, _tagged), Discriminator(_kind), BeforeValidator(_no_function)]
+    """Every law that a stop may follow."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from typing import Any, ClassVar, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,12 +30,24 @@ class Form(NamedTuple):
     numbers: Vector
 
 
+RELATIVE_STEP = 1e-6
+"""Step of a difference, relative to the deflection."""
+
+SMALLEST_DEFLECTION, LARGEST_DEFLECTION = 1e-9, 1e12
+"""Deflections, m, between which a force is searched for."""
+
+
 class ImpactLaw(Checked):
     """Base class of every impact law: what happens when the mass meets a stop."""
 
     own: ClassVar[str] = (
-        "a force of your own is a ForceTable, a restitution of your own a SpeedRestitution"
+        "a force of your own is a ForceFunction or a ForceTable, a restitution of your own a "
+        "SpeedRestitution"
     )
+
+    if TYPE_CHECKING:
+        kind: Any
+        """Name of the class of laws in a scene file, a literal text."""
 
     word: ClassVar[str]
     """Word for a stop with this law in the effects of a scene."""
@@ -102,6 +114,10 @@ class RigidLaw(ImpactLaw):
         """No number of the law has a unit."""
         return ()
 
+    @abstractmethod
+    def restitution_at(self, speed: ArrayLike) -> Vector:
+        """Restitution of impacts at the given speeds, m/s."""
+
 
 class CompliantLaw(ImpactLaw):
     """A compliant stop: its force depends on the deflection y = x - stop and its rate.
@@ -121,6 +137,11 @@ class CompliantLaw(ImpactLaw):
         """Restitution that a free mass of 1 kg sees; 1 without a damper, whatever the speed."""
         return self.impact(1.0, 1.0).restitution
 
+    @property
+    def has_linear_damper(self) -> bool:
+        """Whether the force depends on the speed by a linear damper alone, if at all."""
+        return True
+
     @abstractmethod
     def damping(self, mass: float) -> float:
         """Coefficient c of a linear damper beside the spring of the stop, N s/m; 0 without one.
@@ -135,22 +156,78 @@ class CompliantLaw(ImpactLaw):
         `mass` is the mass to which a damping ratio refers, kg, as for `damping`.
         """
 
-    @abstractmethod
     def potential_at(self, deflection: ArrayLike) -> Vector:
-        """Energy stored at a deflection, J."""
+        """Energy stored at a deflection, J; a ValueError by default.
 
-    @abstractmethod
+        Methods that need the energy ask `has_energy` first.
+        """
+        raise ValueError(f"the energy of a stop of the kind {self.kind!r} is not known")
+
+    @property
+    def has_energy(self) -> bool:
+        """Whether `potential_at` gives the stored energy."""
+        return type(self).potential_at is not CompliantLaw.potential_at
+
     def slope_at(self, deflection: ArrayLike) -> Vector:
-        """d force / d deflection, N/m."""
+        """d force / d deflection at rest, N/m; by central differences unless a law knows it."""
+        y = inside(deflection)
+        step = RELATIVE_STEP * y
+        with np.errstate(invalid="ignore"):
+            slope = (self.force_at(y + step) - self.force_at(y - step)) / (2.0 * step)
+        return np.where(y > 0.0, slope, 0.0)
 
-    @abstractmethod
     def deflection_at(self, force: ArrayLike) -> Vector:
-        """Largest deflection (m) at which the force at rest does not exceed the one given (N);
-        infinite where no deflection makes it larger."""
+        """Largest deflection (m) at which the force at rest does not exceed the one given (N).
 
-    @abstractmethod
+        It is infinite where no deflection makes the force larger. It is searched for unless a law
+        knows it.
+        """
+        return np.asarray(np.vectorize(self._deflection_at, otypes=[float])(force))
+
+    def _deflection_at(self, force: float) -> float:
+        from scipy.optimize import brentq
+
+        if force <= 0.0:
+            return 0.0
+        high = SMALLEST_DEFLECTION
+        while self.force_at(high) < force:
+            high *= 4.0
+            if high > LARGEST_DEFLECTION:
+                return math.inf
+        return float(brentq(lambda y: float(self.force_at(y)) - force, 0.0, high, xtol=1e-300))
+
     def impact(self, speed: float, mass: float) -> ContactSolution:
-        """The contact of a free mass (of a pair: its reduced mass, kg) that arrives at `speed`."""
+        """The contact of a free mass (of a pair: its reduced mass, kg) that arrives at `speed`.
+
+        It is integrated from the first touch to where the mass leaves, unless a law knows it.
+        """
+        from scipy.integrate import solve_ivp
+
+        def force(y: float, v: float) -> float:
+            return float(self.force_at(max(y, 0.0), v, mass))
+
+        # the deflection at which the force at rest would have taken up the energy
+        deep = SMALLEST_DEFLECTION
+        while force(deep, 0.0) * deep < 0.5 * mass * speed**2 and deep < LARGEST_DEFLECTION:
+            deep *= 1.5
+        leaves: Any = lambda _, state: state[0]  # noqa: E731
+        leaves.terminal, leaves.direction = True, -1.0
+        solved: Any = solve_ivp(
+            lambda _, state: (state[1], -force(*state) / mass), (0.0, 100.0 * deep / speed),
+            (0.0, speed), events=leaves, rtol=1e-9, atol=1e-12 * deep, dense_output=True,
+            max_step=deep / speed,
+        )  # fmt: skip
+        left = len(solved.t_events[0]) > 0
+        times = np.linspace(0.0, solved.t_events[0][0] if left else solved.t[-1], 2001)
+        y, v = solved.sol(times)
+        forces = [force(*state) for state in zip(y, v, strict=True)]
+        return ContactSolution(
+            contact_time=float(times[-1]),
+            time_to_peak=float(times[int(np.argmax(forces))]),
+            restitution=max(-float(v[-1]) / speed, 0.0) if left else 0.0,
+            peak_deflection=float(y.max()),
+            peak_force=max(forces),
+        )
 
     def knots(self) -> Vector:
         """Deflections (m), the first one 0, between which the force is smooth; a law with a kink

@@ -30,11 +30,11 @@ from stochvi.model.model import model_of
 from stochvi.scenes import Hertz
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.excitations import ConstantLoad, FilteredNoise, Sine
-from stochvi.scenes.impact_laws import Law
+from stochvi.scenes.impact_laws import ForceFunction, Law
 from stochvi.scenes.structures import Matrices
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
-from support.mounts import two_stages
+from support.mounts import truck, two_stages
 from support.samples import apart
 
 
@@ -219,21 +219,26 @@ def test_a_wrong_damper_breaks_the_energy_balance() -> None:
 
 # ---- brute force -----------------------------------------------------------------------------
 
-LAWS = {
-    "viscoelastic and Hertz": (
-        Viscoelastic(stiffness=4e5, damping_ratio=0.3), Hertz(coefficient=4e6),
+ROUND = ForceFunction(force=lambda y, v: 1.2e7 * y**1.5 * (1.0 + 0.5 * v))
+"""A force of one's own, that of round bodies with a loss."""
+
+SCENES = {
+    "viscoelastic and Hertz": two_stages(
+        Viscoelastic(stiffness=4e5, damping_ratio=0.3), Hertz(coefficient=4e6)
     ),
-    "tabulated and elastic": (
-        ForceTable(deflection=[1e-3, 2e-3], force=[100.0, 900.0]), Elastic(stiffness=3e5),
+    "tabulated and elastic": two_stages(
+        ForceTable(deflection=[1e-3, 2e-3], force=[100.0, 900.0]), Elastic(stiffness=3e5)
     ),
-}  # fmt: skip
+    "a function and viscoelastic": two_stages(
+        ROUND, Viscoelastic(stiffness=3e5, damping_ratio=0.1)
+    ),
+    "one mass, a function": truck(ForceFunction(force=lambda y, v: 1e6 * y**1.5 * (1.0 + v))),
+}
 
 
-@pytest.mark.parametrize("laws", LAWS.values(), ids=LAWS.keys())
-def test_a_path_is_that_of_brute_force(laws: tuple[Law, Law]) -> None:
-    """Two stages on a truck, both gaps narrow: the same smooth input, integrated naively."""
-    first, second = laws
-    scene = two_stages(first, second)
+@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES.keys())
+def test_a_path_is_that_of_brute_force(scene: Scene) -> None:
+    """Masses on a truck, all gaps narrow: the same smooth input, integrated naively."""
     plan = make_plan(model_of(scene), None, 1.0)
     assert isinstance(plan, ModalTablesPlan)
     plan = replace(plan, burn_in=0.05)
@@ -254,7 +259,7 @@ def test_a_path_is_that_of_brute_force(laws: tuple[Law, Law]) -> None:
         )
 
     pairs = model_of(scene).pairs
-    touched = [0, 0]
+    touched = [0] * len(pairs)
 
     def rate(t: float, e: np.ndarray) -> np.ndarray:
         total = smooth(t) + e
