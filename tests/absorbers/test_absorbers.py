@@ -655,7 +655,7 @@ def test_levels_share_a_budget_and_what_is_missing_is_named(
         raise NotConverged("late", real(scene, paths=64, duration=20.0))
 
     monkeypatch.setattr(performance, "simulate", simulated)
-    with pytest.raises(NotConverged, match=r"error of -3 dB, \+0 dB, \+3 dB was 0.05") as late:
+    with pytest.raises(NotConverged, match=r"error at -3 dB, \+0 dB, \+3 dB was 0.05") as late:
         absorber(boxed(3.0, 0.5), levels_db=[-3.0, 0.0, 3.0], rel_error=0.05, budget=12.0)
     answer = late.value.partial
     assert given[0] == (0.0, pytest.approx(4.0))
