@@ -17,7 +17,7 @@ likely than intent."""
 
 BROAD_VELOCITY = 1.5
 """Ratio of the zero-crossing frequency to the natural frequency above which a single impact can
-start a impact cluster."""
+start a cluster."""
 
 LARGEST_INPUT = 25.0
 """Acceleration of a base, g rms, above which a wrong unit is more likely than intent. The severest

@@ -81,13 +81,8 @@ def _units(table: pd.DataFrame, keys: Sequence[str]) -> dict[str, str]:
     found = {key: unit for key in keys if (unit := unit_of_key(key)) is not None}
     for quantity in quantities(table):
         unit = UNITS.get(quantity.rsplit(".", 1)[1], "1")
-        found |= {
-            str(name): unit for name in table if name == quantity or _belongs(str(name), quantity)
-        }
+        found[quantity] = unit
+        # its errors and limits have the unit of the quantity
+        found |= {str(name): unit for name in table if str(name).startswith(f"{quantity}.")}
     found |= {str(name): "m/s" for name in table if str(name).endswith(".speed_threshold")}
     return found | {name: unit for name, unit in OTHER_UNITS.items() if name in table}
-
-
-def _belongs(column: str, quantity: str) -> bool:
-    """Whether a column holds an error or a limit of a quantity."""
-    return column.startswith(f"{quantity}.")

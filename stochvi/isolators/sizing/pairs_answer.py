@@ -30,6 +30,9 @@ MOST_NAMED = 3
 """Most pairs whose clearances a sentence lists; beyond that it names the smallest and the
 largest."""
 
+NEARLY_CERTAIN = 0.999
+"""Largest probability of any impact from which the number of first impacts is read."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Probability:
@@ -222,7 +225,8 @@ class PairsSizing(Result):
         if found.upper_95 is None:
             return f"{found.value:.3g}"
         # the number of first impacts, which those that follow add to
-        return f"{-math.log1p(-min(self.probability.value, 0.999)):.2g} to {found.upper_95:.2g}"
+        first = -math.log1p(-min(self.probability.value, NEARLY_CERTAIN))
+        return f"{first:.2g} to {found.upper_95:.2g}"
 
     def summary(self) -> str:
         """The clearances to make and the risk that they keep: the same as `verdict`."""
