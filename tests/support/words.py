@@ -89,7 +89,7 @@ def prose(text: str) -> str:
 def rooms() -> dict[str, list[Path]]:
     """Files by room: what a user reads has rooms of its own, and the rest of the package is one, so
     that a text may move within it."""
-    found = {name: [CHECKOUT / name] for name in ("README.md", "CONTRIBUTING.md")}
+    found = {name: [CHECKOUT / name] for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md")}
     for path in sorted((CHECKOUT / "stochvi").rglob("*.py")):
         part = path.relative_to(CHECKOUT).parts[1]
         room = f"stochvi/{part}" if part in ("cli", "views") else "stochvi"
