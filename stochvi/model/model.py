@@ -379,6 +379,16 @@ class Model:
             for direction in shaken
         )
 
+    def shaken_by_base(self) -> Model:
+        """One oscillator that moves alike on a base that tables alone shake, in place of all noise.
+
+        Its absolute acceleration is what spring, damper and stops give the mass.
+        """
+        base = np.ones(1)
+        force = inertia_of(self.mass, base)
+        tables = tuple((table, force) for table in self.acceleration_tables)
+        return replace(self, tables=tables, moving_base=True, base={"": base})
+
     @property
     def noisy(self) -> bool:
         """Whether any noise shakes the structure."""

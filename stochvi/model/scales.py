@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +40,10 @@ class PairScale(NamedTuple):
     slope: float
     curvature: float
     deviation: float
+
+
+Scales = Callable[[Model, ModalForm], tuple[LinearLaw, tuple[PairScale, ...]] | None]
+"""A way to a linear law and the scales of all pairs: `scales_of` or `scales_of_free_motion`."""
 
 
 def scales_of(
@@ -79,6 +83,36 @@ def scales_of(
         scales = tuple(each[1] for each in found if each)
         following = linear_law(modes, substitutes)
     return None if law is None else (law, scales)
+
+
+def scales_of_free_motion(
+    model: Model, modes: ModalForm, method: str = "simulate"
+) -> tuple[LinearLaw, tuple[PairScale, ...]] | None:
+    """`scales_of` for stops that are so far away that they hardly change the stationary motion: the
+    law without them, and the scales of its gaps."""
+    law = linear_law(modes)
+    if law is None:
+        return None
+    scales = []
+    for pair, gap in zip(model.pairs, modes.gaps, strict=True):
+        square, spread = _shaken(modes, law, pair, gap, method), law.variances(gap, 0)
+        mean = float(gap @ (modes.rest + law.mean))
+        own = {"slope": mean / spread, "curvature": 1.0 / spread, "deviation": math.sqrt(spread)}
+        scales.append(PairScale(speed=math.sqrt(square), pressing=0.0, **own))
+    return law, tuple(scales)
+
+
+def _shaken(modes: ModalForm, law: LinearLaw, pair: Pair, gap: Vector, method: str) -> float:
+    """Mean square of the speed of a gap; NotApplicable where that is rounding error only."""
+    square = law.variances(gap, modes.size)
+    if not square > UNSHAKEN * law.largest_variance(modes.size):
+        raise NotApplicable(
+            method,
+            [f"no excitation reaches the impact pair {pair.name!r}, or it is pressed so hard onto "
+             "a stop that it never leaves it: it is at rest; shake it, move that stop, or take the "
+             "pair out of the scene"],
+        )  # fmt: skip
+    return square
 
 
 def _first_guess(modes: ModalForm, pair: Pair) -> EquivalentLinear:
@@ -138,14 +172,7 @@ def _substitute(
     They follow from the law that the gap would have without the old spring, cut at the stops. None
     where nothing holds the gap on a side without a stop.
     """
-    square = law.variances(gap, modes.size)
-    if not square > UNSHAKEN * law.largest_variance(modes.size):
-        raise NotApplicable(
-            method,
-            [f"no excitation reaches the impact pair {pair.name!r}, or it is pressed so hard onto "
-             "a stop that it never leaves it: it is at rest; shake it, move that stop, or take the "
-             "pair out of the scene"],
-        )  # fmt: skip
+    square = _shaken(modes, law, pair, gap, method)
     own, force = held
     energy = pair.mass * square
     pressing = max(stop.side * (force - own * stop.position) for stop in pair.stops) / pair.mass

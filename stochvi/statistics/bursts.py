@@ -3,10 +3,10 @@
 Impacts of an isolator whose stops are far come in clusters. A first impact meets the motion that
 the mass has without stops; others follow from it. Crude simulation has to wait for clusters; here
 every record begins with one. First impacts are outcrossings of the free response without another
-one in the memory of the process before: `first_crossings`, and `pair_crossings` for several pairs.
-From there the engine simulates on with the stops (`cluster_paths`, `structure_flights`). Let lambda
-be the limiting rate of first impacts, and clusters be far apart. A quantity with the mean q in a
-cluster then happens lambda q times a second, however rare that is.
+one in the memory of the process before (`pair_crossings`). From there the engine simulates on with
+the stops (`cluster_paths`). Let lambda be the limiting rate of first impacts, and clusters be far
+apart. A quantity with the mean q in a cluster then happens lambda q times a second, however rare
+that is.
 """
 
 from __future__ import annotations
@@ -29,9 +29,8 @@ from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.sampling.sampler import TrialSampler
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.cluster_paths import WINDOWS, Flights, OscillatorFlights, Part
+from stochvi.statistics.cluster_paths import WINDOWS, ClusterPaths, Part
 from stochvi.statistics.crossing_ages import FEWEST_PATHS, LEAST_PATHS
-from stochvi.statistics.structure_flights import StructureFlights
 
 UNFINISHED = 0.05
 """Clusters do not seem to end from this share of the impacts in the second half of the window on.
@@ -74,8 +73,8 @@ class Bursts:
         (pairs, clusters): impacts above the speed threshold, the sum of all impact speeds, and the
         largest one (m/s).
     sharpest
-        (outputs, clusters): largest absolute acceleration (m/s^2, or rad/s^2); with several pairs,
-        while a stop is touched. Rigid impacts have none.
+        (outputs, clusters): largest absolute acceleration (m/s^2, or rad/s^2) while a stop is
+        touched. Rigid impacts have none.
 
     See Also
     --------
@@ -233,16 +232,14 @@ def bursts(
     Raises
     ------
     NotApplicable
-        As for `first_crossings`, or without stops on both sides of the mean position.
+        As for `pair_crossings`, or where a law cannot be simulated.
     """
-    run, model = Run.of(options), model_of(scene)
-    flights: Flights = (
-        OscillatorFlights(scene, run.seed) if model.single else StructureFlights(model, run.seed)
-    )
-    sampler = BurstSampler(flights, widening)
+    run = Run.of(options)
+    clusters = ClusterPaths(model_of(scene), run.seed)
+    sampler = BurstSampler(clusters, widening)
 
     def error_of(parts: list[Part]) -> float:
-        estimate = wanted(_join(flights, parts))
+        estimate = wanted(_join(clusters, parts))
         if _far(estimate, far_from):
             return 0.0
         if estimate.value == 0.0:
@@ -250,7 +247,7 @@ def bursts(
         return estimate.standard_error / estimate.value
 
     taken = run.to_accuracy(sampler, FEWEST_PATHS, error_of, run.accuracy, needed=2 * LEAST_PATHS)
-    found = _join(flights, taken.sample)
+    found = _join(clusters, taken.sample)
     if run.deadline.interrupted:
         raise run.deadline.fell_short(f"after {taken.paths} paths", "", found)
     return found
@@ -260,17 +257,17 @@ def bursts(
 class BurstSampler(TrialSampler):
     """Crossings and the clusters after them, in blocks of paths."""
 
-    flights: Flights
+    clusters: ClusterPaths
     widening: float
 
     @property
     def block(self) -> int:
         """Number of paths that are made together."""
-        return self.flights.together
+        return self.clusters.together
 
     def trial(self, first_path: int, paths: int, deadline: Deadline) -> Part:
         """The part of one block of paths."""
-        return self.flights.part(self.widening, first_path)
+        return self.clusters.part(self.widening, first_path)
 
 
 def _far(estimate: Estimate, place: float | None) -> bool:
@@ -283,14 +280,14 @@ def _far(estimate: Estimate, place: float | None) -> bool:
     return estimate.value * doubt < place / FAR or estimate.value / doubt > place * FAR
 
 
-def _join(flights: Flights, parts: list[Part]) -> Bursts:
+def _join(clusters: ClusterPaths, parts: list[Part]) -> Bursts:
     """All clusters so far."""
-    found = flights.found(np.concatenate([part.ages for part in parts], axis=3))
+    found = clusters.found(np.concatenate([part.ages for part in parts], axis=3))
     columns = np.concatenate([part.bursts for part in parts], axis=1)
     if len(np.unique(columns[0])) < FEWEST_WITH_BURSTS:
         raise NotApplicable("bursts", ["stops as near as these are hit without a pause"])
     path, weight, early = columns[:3]
-    pairs, outputs = flights.pairs, flights.outputs
+    pairs, outputs = clusters.pairs, clusters.outputs
     hits, speeds, fastest, sharpest = np.split(columns[3:], len(pairs) * np.arange(1, 4))
     return Bursts(
         first_rate=found.first_rate()[0],

@@ -1,23 +1,41 @@
-"""Flights of one oscillator from first impacts on: a block of records, and the clusters in it.
+"""Clusters of impacts of a linear structure, simulated from first impacts of any of its pairs on.
 
-A flight begins just before an outcrossing that is a first impact. The motion without stops is known
-around the crossing, and the engine simulates what the stops change in it.
+The motion of all modes without stops is synthesised, and an outcrossing of one gap is put into it.
+Given that the gap y_c reaches its stop u with the slope p at t = 0, the modes are
+
+    q_m(t) = x_m(t) + (u - x_c(0)) rho_m(t) + (p - x_c'(0)) eta_m(t),
+    rho_m(t) = E[q_m(t) y_c(0)] / E y_c^2,    eta_m(t) = E[q_m(t) y_c'(0)] / E y_c'^2
+
+before and after the crossing (`kernels.crossings`). Where the crossing is a first impact of any
+pair, the engine in modal coordinates simulates what all stops change in that motion.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.mathematics.arrays import Vector
-from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
+from stochvi.engine.impact_log import COLUMNS, Log
+from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.methods.monte_carlo.choose_plan import unmet
+from stochvi.methods.monte_carlo.gap_response import GapResponse, with_tables
+from stochvi.methods.monte_carlo.kernels.crossings import motions_around
+from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
+from stochvi.model.free_motion import free_motion
+from stochvi.model.model import Model
+from stochvi.model.scales import scales_of_free_motion
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.scene import Scene
-from stochvi.statistics.crossing_ages import CrossingAges
-from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS, Records, crossing_plan
+from stochvi.statistics.crossing_ages import STRIDES
+from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS
+from stochvi.statistics.pair_crossings import GapRecords, PairCrossings, PairMotion, own_distances
+
+Records = NDArray[np.float64]
 
 TOUCH = 1e-9
 """Share of the clearance by which a crossing is put beyond the stop, so that the engine finds a
@@ -29,8 +47,18 @@ WINDOW_RELAXATIONS = 15.0
 WINDOWS = WINDOW_RELAXATIONS / MEMORY_RELAXATIONS
 """The same time in horizons, the time for which records look back from a crossing."""
 
-FLOWN_TOGETHER = 128
-"""Number of clusters that one call of the engine simulates."""
+LEAST_SHARE = 0.1
+"""Smallest share of the first impacts of a stop that are simulated on: first impacts of a stop that
+is hit seldom have little weight, but their clusters may differ from the others."""
+
+CHOICE = 0xB0457
+"""Number that keeps the choice of first impacts apart from other uses of a seed."""
+
+FLOWN_SAMPLES = 2**21
+"""Largest number of samples of all modes that are simulated together: 16 MB."""
+
+LOGGED = 2**14
+"""Number of impacts for which a log has room at first."""
 
 
 class Part(NamedTuple):
@@ -43,151 +71,177 @@ class Part(NamedTuple):
     bursts: Vector
 
 
-class Flights(Protocol):
-    """Records with crossings put into them; from those that are first impacts the motion is
-    simulated on."""
+class ModalMotion(PairMotion):
+    """The motion of all modes without stops, from which the motion of the gaps follows."""
 
-    @property
-    def pairs(self) -> tuple[str, ...]:
-        """Names of the pairs."""
+    @cached_property
+    def modes(self) -> GapResponse:
+        """Synthesis of the modal displacements, in the same records as those of the gaps."""
+        modal, law = self.model.modal, free_motion(self.model).law
+        n = modal.size
+        return replace(
+            self.response,
+            modes=modal._replace(gaps=np.eye(n)),
+            velocities=np.diag(law.covariance)[n : 2 * n],
+        )
 
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        """Names of the outputs, coordinates and points, whose accelerations are followed."""
+    @cached_property
+    def rows(self) -> Matrix:
+        """The gaps that move, from modal displacements."""
+        return np.asarray(self.model.modal.gaps[self.moving])
+
+    @cached_property
+    def window(self) -> int:
+        """Number of samples that are simulated after a first impact."""
+        return math.ceil(WINDOWS * self.count)
+
+    @cached_property
+    def lagged(self) -> Records:
+        """Correlations of the modes over the window, see `GapResponse.correlations`."""
+        return self.modes.correlations(max(self.window, self.count))
+
+    @cached_property
+    def correlations(self) -> Records:
+        """Correlations of the gaps over the time for which records look back."""
+        kept = self.lagged[:, : self.count + 1]
+        return np.asarray(np.einsum("gm,olmn,hn->olgh", self.rows, kept, self.rows))
+
+    def around(self, gap: int) -> Records:
+        """rho, rho', eta and eta' of all modes from one sample before a crossing of one gap to the
+        end of the window, (samples, modes, 4)."""
+        row = self.rows[gap]
+        # E[q_m(t) y(0)] at t > 0 is E[y(-t) q_m(0)]; every derivative changes sign
+        after = np.einsum("m,olmn->oln", row, self.lagged[:, : self.window + 1])
+        after *= np.array([1.0, -1.0, 1.0])[:, None, None]
+        before = np.einsum("omn,n->om", self.lagged[:, 1], row)
+        r, rate, bend = np.concatenate([before[:, None], after], axis=1)
+        own, own_bend = self.correlations[0, 0, gap, gap], self.correlations[2, 0, gap, gap]
+        return np.stack([r / own, rate / own, rate / own_bend, bend / own_bend], axis=-1)
+
+
+class ClusterPaths:
+    """Paths of a linear structure under Gaussian noise, with clusters from their first impacts on.
+
+    Raises `NotApplicable` as `pair_crossings` does, or where a law cannot be simulated.
+    """
+
+    def __init__(self, model: Model, seed: int) -> None:
+        if conditions := unmet(model):
+            raise NotApplicable("bursts", conditions)
+        self.model, self.seed = model, seed
+        free_motion(model)  # raises what no stationary Gaussian motion covers
+        tables = with_tables(model)
+        if model.single and not model.base_alone_moves:
+            tables = tables.shaken_by_base()
+        plan = plan_modal_tables(tables, None, None, scales_of_free_motion)
+        self.motion = ModalMotion(model, plan.step, WINDOWS)
+        self.plan: ModalTablesPlan = replace(plan, step=self.motion.response.step)
+        below, above = own_distances(model)
+        self.records = GapRecords(self.motion, seed, below[None], above[None])
+        self.pairs = tuple(pair.name for pair in model.pairs)
+        # a rigid impact has no largest acceleration
+        soft = tables.base_alone_moves and not any(stop.rigid for stop in model.stops)
+        self.outputs = model.outputs if soft else ()
 
     @property
     def together(self) -> int:
         """Number of paths that are made together."""
+        return self.motion.modes.block(self.motion.modes.gaps)
 
-    def part(self, widening: float, first_path: int) -> Part:
-        """The work on one block of paths."""
-
-    def found(self, ages: NDArray[np.float32]) -> CrossingAges:
+    def found(self, ages: NDArray[np.float32]) -> PairCrossings:
         """The answer from the ages of all crossings so far."""
-
-
-class OscillatorFlights:
-    """Flights of one oscillator.
-
-    Raises `NotApplicable` as `first_crossings` does, or where the mean position does not lie
-    between the stops.
-    """
-
-    def __init__(self, scene: Scene, seed: int) -> None:
-        plan = crossing_plan(scene, WINDOWS)
-        model = plan.model
-        lower = model.rest - model.lower_position
-        upper = model.upper_position - model.rest
-        if not model.stops or min(lower, upper) <= 0.0:
-            raise NotApplicable("bursts", ["needs a stop, and none beyond the mean position"])
-        self.records = Records(plan, seed, np.array([lower]), np.array([upper]))
-        self.pairs, self.outputs = (model.pairs[0].name,), model.coordinates
-        self.together, self.found = plan.block, self.records.found
+        return self.records.found(ages)
 
     def part(self, widening: float, first_path: int) -> Part:
         """Crossings of one block of paths, and the clusters after first impacts."""
-        records = self.records
-        free, unit = records.block(first_path)
-        ages = records.ages_in(free, unit)
-        slopes, weights = widened(unit, widening)
-        columns = []
-        for side, rate in enumerate(records.rice_rates[:, 0]):
-            age = records.look_back(free, records.velocity_std * slopes, side)[0]
-            path, start = np.nonzero(age >= records.horizon)
-            for first in range(0, max(len(path), 1), FLOWN_TOGETHER):
-                chosen = slice(first, first + FLOWN_TOGETHER)
-                p, s = path[chosen], start[chosen]
-                flown = _fly(records, free, side, p, s, records.velocity_std * slopes[p, s])
-                columns.append(np.vstack([first_path + p, rate * weights[p, s], flown]))
+        records, n = self.records, self.model.modal.size
+        free = self.motion.modes.records(self.seed, first_path, self.together, np.arange(n))
+        gaps = np.empty((*free.shape[:2], 2 * len(records.pairs)))
+        rows = self.motion.rows[records.chosen].T
+        gaps[:, :, 0::2], gaps[:, :, 1::2] = free[:, :, 0::2] @ rows, free[:, :, 1::2] @ rows
+        units = records.units(first_path, self.together)
+        ages = records.ages_in(gaps, units, STRIDES)
+        slopes, weights = widened(units, widening)
+        wide = ages[:1] if widening == 1.0 else records.ages_in(gaps, slopes, STRIDES[:1])
+        rates = records.rice_rates[:, 0]
+        kept = np.maximum(rates / rates.max(), LEAST_SHARE)
+        random = np.random.default_rng([self.seed, CHOICE, first_path])
+        chosen = random.random(wide[0, :, 0].shape) < kept[:, None, None]
+        chosen &= wide[0, :, 0] > records.horizon - 0.5 * self.plan.step
+        columns = [np.empty((3 + 3 * len(self.pairs) + len(self.outputs), 0))]
+        for side, (gap, near, _) in enumerate(records.sides):
+            path, start = np.nonzero(chosen[side])
+            for p, s in self._shared(path, start):
+                speeds = records.speed(gap) * slopes[gap, p, s]
+                motion = self._motion(
+                    free, gap, near[0, gap], p, s, speeds, self._signs(side, p + s)
+                )
+                weight = rates[side] / kept[side] * weights[gap, p, s]
+                columns.append(np.vstack([first_path + p, weight, self._follow(motion)]))
         return Part(ages, np.concatenate(columns, axis=1))
 
+    def _shared(
+        self, path: NDArray[np.int64], start: NDArray[np.int64]
+    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
+        """First impacts, in parts that are simulated together."""
+        size = max(1, FLOWN_SAMPLES // (2 * self.motion.window * self.model.modal.size))
+        for first in range(0, len(path), size):
+            yield path[first : first + size], start[first : first + size]
 
-def _fly(
-    records: Records,
-    free: Vector,
-    side: int,
-    path: NDArray[np.int64],
-    start: NDArray[np.int64],
-    slopes: Vector,
-) -> Vector:
-    """Rows of clusters, simulated from just before the first impact: impacts in the first half of
-    the window, impacts, sum of speeds, largest speed and largest acceleration."""
-    plan = records.plan
-    sign = _sides_hit(records, side, path + start)
-    near = np.full(len(path), records.sides[side][0][0])
-    samples = math.ceil(WINDOWS * records.count)
-    sample = np.arange(-1, min(samples, len(records.shape) - 1))
-    record = free[path[:, None], (records.starts[start, None] + sample) % plan.samples]
-    here = free[path, records.starts[start]]
-    rows = after_crossings(records, record, here, sample, slopes, near, sign)
-    # the engine takes its first state from the last row
-    rows = np.ascontiguousarray(np.roll(rows, -1, axis=0))
-    whole, extremes = _sums(records, rows, len(sample) - 1)
-    early, _ = _sums(records, rows, (len(sample) - 1) // 2)
-    return np.vstack(
-        [
-            early.impacts,
-            whole.impacts,
-            whole.impact_speeds,
-            extremes.impact_speed,
-            extremes.acceleration,
-        ]
-    )
+    def _signs(self, side: int, numbers: NDArray[np.int64]) -> Vector:
+        """(clusters,): 1 where an upper stop is hit, -1 where the motion is turned over to hit a
+        lower one; where lower stops are as far as upper ones, every other motion is."""
+        if self.records.alike:
+            return np.where(numbers % 2, -1.0, 1.0)
+        near = self.records.sides[side][1]
+        return np.full(len(numbers), 1.0 if near is self.records.above else -1.0)
 
+    def _motion(
+        self, free: Records, gap: int, near: float, path: NDArray[np.int64],
+        start: NDArray[np.int64], speeds: Vector, signs: Vector,
+    ) -> Records:  # fmt: skip
+        """Modal displacements and velocities around crossings of one gap (samples, modes, 2
+        clusters), for the engine, which begins at the last sample."""
+        n, shape = self.model.modal.size, self._around[gap]
+        row = self.motion.rows[self.records.chosen[gap]]
+        starts = self.records.starts[start]
+        here = free[path, starts]
+        away = (1.0 + TOUCH) * near - here[:, 0::2] @ row
+        change = speeds - here[:, 1::2] @ row
+        motion = np.empty((len(shape), n, 2 * len(path)))
+        motions_around(free, path, starts, shape, away, change, signs, self.plan.scale, motion)
+        return motion
 
-def _sides_hit(records: Records, side: int, numbers: NDArray[np.int64]) -> Vector:
-    """(clusters,): 1 where the first impact is on the upper stop, -1 where the crossing is turned
-    over to the lower one. Stops that are equally far share their crossings; every other one is
-    turned over if they differ in their laws."""
-    if not records.crosses_upper[side]:
-        return np.full(len(numbers), -1.0)
-    laws = [stop.law for stop in records.plan.model.stops]
-    shared = len(records.sides) < len(laws)
-    if not shared or laws[0] == laws[1]:
-        return np.ones(len(numbers))
-    return np.where(numbers % 2, -1.0, 1.0)
+    @cached_property
+    def _around(self) -> list[Records]:
+        """`ModalMotion.around` of each gap of the records."""
+        return [self.motion.around(int(gap)) for gap in self.records.chosen]
 
-
-def after_crossings(
-    records: Records,
-    record: Vector,
-    here: Vector,
-    sample: NDArray[np.int64],
-    slopes: Vector,
-    near: Vector,
-    sign: Vector,
-) -> Vector:
-    """Records around crossings (see `kernels.crossings`), in rows for the engine.
-
-    Parameters
-    ----------
-    record, here
-        (clusters, samples, 2) and (clusters, 2): x and x' of stationary records at the samples, and
-        at the one that is made a crossing.
-    sample
-        (samples,): numbers of the samples, from the crossing.
-    slopes, near, sign
-        (clusters,): speed of the crossing (m/s), distance of the stop (m), and 1 for an upper stop,
-        -1 for a lower one.
-    """
-    rho, rho_rate, eta, eta_rate = records.shape[np.abs(sample)].T
-    back = np.where(sample < 0, -1.0, 1.0)
-    away = (1.0 + TOUCH) * near - here[:, 0]
-    change = slopes - here[:, 1]
-    y = record[:, :, 0] + away[:, None] * rho + change[:, None] * back * eta
-    rate = record[:, :, 1] + away[:, None] * back * rho_rate + change[:, None] * eta_rate
-    rows = np.empty((len(sample), 2 * len(record)))
-    rows[:, 0::2] = (sign[:, None] * y).T
-    rows[:, 1::2] = (sign[:, None] * rate).T / records.plan.model.omega
-    return rows
-
-
-def _sums(records: Records, rows: Vector, counted: int) -> tuple[Sums, Extremes]:
-    """Sums and extremes of whole clusters, and sums of their first `counted` samples alone."""
-    bursts = rows.shape[1] // 2
-    sums, extremes = Sums.zeros(bursts, records.plan.contacts), Extremes.zeros(bursts)
-    records.plan.add_impacts(rows, 0, counted, sums.table, None, extremes.table)
-    return sums, extremes
+    def _follow(self, motion: Records) -> Matrix:
+        """Rows of `Part.bursts` from the impacts in the first half of the window on."""
+        bursts = motion.shape[2] // 2
+        accelerations = np.zeros((bursts, len(self.outputs)))
+        rows = LOGGED
+        while True:
+            log = Log(np.zeros((rows, COLUMNS)), np.zeros(1, np.int64), 0.0)
+            accelerations[:] = 0.0
+            sums = self.plan.follow(motion, log, accelerations if self.outputs else None)
+            if log.count[0] <= rows:
+                break
+            rows = int(log.count[0])
+        path, pair, time, speed = log.events[: log.count[0]].T
+        fastest = np.zeros((len(self.pairs), bursts))
+        np.maximum.at(fastest, (pair.astype(int), path.astype(int)), np.abs(speed))
+        early = np.bincount(
+            path[time <= 0.5 * self.motion.window * self.plan.step].astype(int), minlength=bursts
+        )
+        of = {name: row for row, name in enumerate(self.plan.sums_of_pair)}
+        hits, speeds = (
+            sums[:, of[f"{what}_lower"]] + sums[:, of[f"{what}_upper"]] for what in ("n", "f1")
+        )
+        if self.model.sharing is not None:
+            hits, speeds = self.model.sharing @ hits, self.model.sharing @ speeds
+        return np.vstack([early, hits, speeds, fastest, accelerations.T])
 
 
 def widened(unit: Vector, widening: float) -> tuple[Vector, Vector]:

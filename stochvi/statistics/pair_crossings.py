@@ -190,6 +190,8 @@ class PairMotion:
     """
 
     def __init__(self, model: Model, longest_step: float = math.inf, memories: float = 1.0) -> None:
+        if not model.pairs:
+            raise NotApplicable("first_crossings", ["the scene needs an impact_pair"])
         self.model, self.longest_step, self.memories = model, longest_step, memories
         self.directions = np.array([pair.direction for pair in model.pairs])
         self.displacement_std, self.velocity_std = free_motion(model).deviations(self.directions)

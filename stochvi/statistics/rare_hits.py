@@ -52,13 +52,11 @@ from stochvi.sampling.sampler import TrialSampler
 from stochvi.sampling.stop_flag import GivenUp
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import UNFINISHED
-from stochvi.statistics.cluster_paths import (
-    FLOWN_TOGETHER,
-    WINDOW_RELAXATIONS,
-    WINDOWS,
-    after_crossings,
-)
+from stochvi.statistics.cluster_paths import TOUCH, WINDOW_RELAXATIONS, WINDOWS
 from stochvi.statistics.first_crossings import Records, crossing_plan
+
+FLOWN_TOGETHER = 128
+"""Number of trials that one call of the engine simulates."""
 
 TRIALS, TRIALS_PER_SECOND, TRIALS_FOR_ERROR = 512, 16.0, 2.56
 """Largest number of trials in one repetition of the splitting; largest number per second of budget,
@@ -339,6 +337,40 @@ class AfterCrossings(Kind):
     def unfinished(self, exceeded: float, late: float, scored: float) -> float:
         share = late / exceeded if exceeded else 0.0
         return max(share - 0.5 * self.overlap(scored), 0.0)  # without those of new clusters
+
+
+def after_crossings(
+    records: Records,
+    record: Vector,
+    here: Vector,
+    sample: NDArray[np.int64],
+    slopes: Vector,
+    near: Vector,
+    sign: Vector,
+) -> Vector:
+    """Records around crossings (see `kernels.crossings`), in rows for the engine.
+
+    Parameters
+    ----------
+    record, here
+        (clusters, samples, 2) and (clusters, 2): x and x' of stationary records at the samples, and
+        at the one that is made a crossing.
+    sample
+        (samples,): numbers of the samples, from the crossing.
+    slopes, near, sign
+        (clusters,): speed of the crossing (m/s), distance of the stop (m), and 1 for an upper stop,
+        -1 for a lower one.
+    """
+    rho, rho_rate, eta, eta_rate = records.shape[np.abs(sample)].T
+    back = np.where(sample < 0, -1.0, 1.0)
+    away = (1.0 + TOUCH) * near - here[:, 0]
+    change = slopes - here[:, 1]
+    y = record[:, :, 0] + away[:, None] * rho + change[:, None] * back * eta
+    rate = record[:, :, 1] + away[:, None] * back * rho_rate + change[:, None] * eta_rate
+    rows = np.empty((len(sample), 2 * len(record)))
+    rows[:, 0::2] = (sign[:, None] * y).T
+    rows[:, 1::2] = (sign[:, None] * rate).T / records.plan.model.omega
+    return rows
 
 
 def risk_of_windows(exceeded: Vector, late: Vector, window: float, mission: float) -> Vector:

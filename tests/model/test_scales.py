@@ -7,7 +7,8 @@ import pytest
 
 from stochvi import ImpactPair, NotApplicable, Restitution, Scene, WhiteNoise, exact
 from stochvi.model.model import model_of
-from stochvi.model.scales import PairScale, scales_of
+from stochvi.model.scales import PairScale, scales_of, scales_of_free_motion
+from stochvi.scenes.excitations import ConstantLoad
 from stochvi.scenes.structures import Matrices
 from support.known import ELASTIC_STOPS, ElasticStops, oscillator, values
 
@@ -27,6 +28,23 @@ def test_between_elastic_stops_the_scales_are_those_of_the_exact_law(row: Elasti
     found, truth = scale(scene), values(exact(scene))
     assert found.speed == pytest.approx(truth["velocity_std"], rel=1e-3)
     assert found.deviation == pytest.approx(truth["displacement_std"], rel=1e-3)
+
+
+def test_far_stops_leave_the_scales_of_the_motion_without_them() -> None:
+    """With a load, which moves the mean; nearer stops change the scales."""
+
+    def both(distance: float) -> tuple[PairScale, PairScale]:
+        near = oscillator(0.7 - distance, 0.7 + distance)
+        load = ConstantLoad(force=0.7)
+        model = model_of(near.replace(excitations=(*near.excitations, load)))
+        (one, other) = (scales(model, model.modal) for scales in (scales_of, scales_of_free_motion))
+        assert one is not None and other is not None
+        return one[1][0], other[1][0]
+
+    far, free = both(7.0)
+    assert far == pytest.approx(free, rel=1e-6)
+    with pytest.raises(AssertionError):
+        assert both(2.0)[0] == pytest.approx(free, rel=1e-6)
 
 
 def test_lossy_stops_slow_the_mass_as_the_energy_balance_says() -> None:
@@ -56,5 +74,6 @@ def test_a_gap_that_nothing_shakes_is_refused() -> None:
         excitations=[WhiteNoise(on="a", intensity=0.2)],
     )
     model = model_of(scene)
-    with pytest.raises(NotApplicable, match="at rest"):
-        scales_of(model, model.modal)
+    for scales in (scales_of, scales_of_free_motion):
+        with pytest.raises(NotApplicable, match="at rest"):
+            scales(model, model.modal)

@@ -21,6 +21,7 @@ HERE = Path(__file__).parent
 PUSHES = "what impacts and contacts change is added up in another order, and paths amplify rounding"
 CONTACTS = "contacts of several coordinates are integrated in the gaps, not in the modes"
 INTERVALS = "the interval of expected impacts holds their bias"
+ONE_MASS = "one mass has the records and the engine of structures"
 
 OTHER_DIGITS = {
     "simulate modal, paths": PUSHES,
@@ -31,6 +32,7 @@ OTHER_DIGITS = {
     "absorber": PUSHES,
     "absorber design": PUSHES,
     "impacts, rel_error": PUSHES,
+    "bursts": ONE_MASS,
     "bursts of a structure": PUSHES,
     "reliability of pairs": PUSHES,
     "life times": PUSHES,

@@ -35,13 +35,13 @@ from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.statistics.bursts import BurstSampler, bursts
+from stochvi.statistics.cluster_paths import ClusterPaths
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impacts import impacts
 from stochvi.statistics.lifetimes import lifetimes
 from stochvi.statistics.rare_hits import rare_hits
 from stochvi.statistics.reliability import reliability
 from stochvi.statistics.spectra import spectrum
-from stochvi.statistics.structure_flights import StructureFlights
 from stochvi.sweeps import sweep
 from stochvi.verification.cost import cost
 from support.pairs import pair, uncoupled
@@ -379,14 +379,14 @@ def test_no_block_begins_after_the_deadline_but_those_that_are_needed(
 def test_what_is_sent_is_small_and_kept() -> None:
     """A box on three tables: its tables and modes are made anew by a worker, once."""
     box = model_of(load_scene(shipped_scene("rigid-box")))
-    plan, flights = make_plan(box), StructureFlights(box, 3)
+    plan, clusters = make_plan(box), ClusterPaths(box, 3)
     before = plan.averages(3, 0, 2)
-    part = flights.part(1.0, 0)
+    part = clusters.part(1.0, 0)
     packet = packed(ResponseSampler(plan, 3))
     assert len(packet) < LARGEST_TASK < len(pickle.dumps(plan))
-    bursts_packet = packed(BurstSampler(flights, 1.0))
-    assert len(bursts_packet) < LARGEST_TASK < len(pickle.dumps(flights))
-    there = unpacked(bursts_packet).simulate(0, flights.together)
+    bursts_packet = packed(BurstSampler(clusters, 1.0))
+    assert len(bursts_packet) < LARGEST_TASK < len(pickle.dumps(clusters))
+    there = unpacked(bursts_packet).simulate(0, clusters.together)
     assert there.ages.tobytes() == part.ages.tobytes()
     sampler = unpacked(packet)
     assert unpacked(bytes(packet)) is sampler

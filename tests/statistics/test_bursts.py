@@ -40,7 +40,7 @@ from stochvi.methods.monte_carlo.kernels.steps import Sampling
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
-from stochvi.scenes.impact_laws import Law
+from stochvi.scenes.impact_laws import Law, SpeedRestitution
 from stochvi.statistics.bursts import Bursts, _far, bursts, chance_of
 from stochvi.statistics.cluster_paths import widened
 from stochvi.testing import assert_agrees
@@ -221,8 +221,43 @@ def test_a_contact_gives_its_largest_acceleration_and_integrals() -> None:
 
 
 def test_stops_must_lie_beyond_the_mean_position() -> None:
-    with pytest.raises(NotApplicable, match="needs a stop"):
-        bursts(unit(4.0, Restitution(coefficient=1.0), lower=0.5))
+    scene = unit(4.0, Restitution(coefficient=1.0), lower=0.5)
+    with pytest.raises(NotApplicable, match="the mean gap of stops must lie between its stops"):
+        bursts(scene)
+    with pytest.raises(NotApplicable, match="needs an impact_pair"):
+        bursts(scene.model_copy(update={"impact_pairs": ()}))
+
+
+def test_a_law_that_no_simulation_follows_is_refused() -> None:
+    law = SpeedRestitution(coefficient=lambda speed: 1.0 / (1.0 + speed))
+    with pytest.raises(NotApplicable, match="must be a number, got a function of speed"):
+        bursts(unit(4.0, law))
+
+
+def test_noise_on_the_mass_is_as_sharp_as_noise_on_the_base() -> None:
+    """What spring, damper and stop give the mass does not tell which of the two is shaken; on a
+    rigid stop there is no largest acceleration."""
+    on_mass = unit(4.0, Elastic(stiffness=100.0))
+    mount = Isolator(mass=2.0, damping=0.2, stiffness=2.0)
+    stops = ImpactPair(lower=-4.0, upper=4.0, law=Elastic(stiffness=200.0))
+    on_base = Scene(
+        structure=mount, impact_pairs=[stops], excitations=[WhiteNoise(intensity=0.2, on="base")]
+    )
+    one, other = (bursts(scene, rel_error=0.1, seed=2) for scene in (on_mass, on_base))
+    # when it touches the stop the spring alone brings 4 m/s^2
+    assert np.all(one.sharpest[0] > 4.0)
+
+    def apart(factor: float) -> Estimate:
+        ours = one.exceedance_rate("peak_acceleration", 14.0)
+        known = other.exceedance_rate("peak_acceleration", factor * 14.0)
+        error = math.hypot(ours.standard_error, known.standard_error)
+        return Estimate(value=ours.value - known.value, standard_error=error)
+
+    assert_agrees(apart(1.0), 0.0)
+    with pytest.raises(AssertionError):  # the force on a mass twice as heavy
+        assert_agrees(apart(2.0), 0.0)
+    rigid = bursts(unit(4.0, Restitution(coefficient=0.5)), rel_error=0.3, seed=2)
+    assert rigid.outputs == () and rigid.sharpest.shape == (0, len(rigid.path))
 
 
 def test_what_no_burst_does_has_the_limit_of_so_many_trials() -> None:

@@ -52,7 +52,7 @@ from stochvi.model.coverage import without_noise
 from stochvi.model.modal import LinearLaw, ModalForm
 from stochvi.model.model import UPPER, Model, Pair
 from stochvi.model.no_stationary_state import not_stationary
-from stochvi.model.scales import PairScale, scales_of
+from stochvi.model.scales import PairScale, Scales, scales_of
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.stop_flag import check_flag, stop_flag
 
@@ -752,13 +752,15 @@ def plan_modal(model: Model, threshold: float | None, duration: float | None) ->
     return ModalPlan(**basis(model, threshold, duration))
 
 
-def basis(model: Model, threshold: float | None, duration: float | None) -> dict[str, Any]:
+def basis(
+    model: Model, threshold: float | None, duration: float | None, scales: Scales = scales_of
+) -> dict[str, Any]:
     """Arguments of every plan in modal coordinates: model, linear law, scales of pairs, step,
     lengths."""
     if conditions := without_noise(model, with_sines=True):
         raise NotApplicable("simulate", conditions)
     modes = model.modal
-    found = scales_of(model, modes)
+    found = scales(model, modes)
     if found is None:
         missing = not_stationary(model) or [
             "every mode must be shaken, lose energy by damping or at stops of a restitution below "

@@ -65,6 +65,7 @@ from stochvi.methods.monte_carlo.tabulated import (
 )
 from stochvi.model.modal import UNSTABLE, ModalForm
 from stochvi.model.model import UPPER, Model, Pair
+from stochvi.model.scales import Scales, scales_of
 from stochvi.results.errors import NotApplicable
 
 LINE_SECONDS, PAIR_SECONDS = 1.5e-4, 1.5e-5
@@ -538,9 +539,10 @@ def seconds_of_plan(model: Model) -> float:
 
 
 def plan_modal_tables(
-    model: Model, threshold: float | None, duration: float | None
+    model: Model, threshold: float | None, duration: float | None, scales: Scales = scales_of
 ) -> ModalTablesPlan:
-    """Choose sampling and lengths for a structure of any kind with tabulated noise.
+    """Choose sampling and lengths for a structure of any kind with tabulated noise, by the `scales`
+    of its motion.
 
     Raises
     ------
@@ -548,7 +550,7 @@ def plan_modal_tables(
         Where a mode has no damping of its own, there is no stationary state, or times lie too far
         apart.
     """
-    known = basis(model, threshold, duration)
+    known = basis(model, threshold, duration, scales)
     modes = model.modal
     warm_up = 2.0 * WARM_UP_RELAXATIONS * known["law"].slowest
     length = _block_length(modes, max(_resonance_length(modes), 2.0 * warm_up))
