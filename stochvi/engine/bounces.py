@@ -5,6 +5,11 @@ MOST_BOUNCES = 1000
 stop: its speed is at most 1/2000 of the speed that the pressing acceleration brings in the step,
 and it is put to rest on the stop."""
 
+MOST_EVENTS = 10_000
+"""Largest number of events of one mass in a step: touches, ends of pieces of a force, ends of
+contacts. It is ten times MOST_BOUNCES because a mass that is pressed onto a stiff stop swings on it
+many times in a step. After so many events the motion of the step ends where it is."""
+
 RESTING = 1e-8
 """A rebound whose speed is at most this share of the speed that the pressing acceleration brings in
 one step rests on the stop. In the response domain, where the pressing acceleration changes within

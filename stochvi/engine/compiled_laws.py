@@ -9,7 +9,7 @@ from numba.core import config
 from numpy.typing import NDArray
 
 from stochvi.engine.law import is_lossy, is_rigid, is_smooth
-from stochvi.engine.law_calls import OF_LANES, OF_STOP, functions_of_class
+from stochvi.engine.law_calls import OF_LANES, OF_MASS, OF_STOP, functions_of_class
 
 
 class Stops(NamedTuple):
@@ -37,30 +37,34 @@ class Stops(NamedTuple):
     thresholds: NDArray[np.float64]
 
 
-_COMPILED: dict[type, tuple[Any, Any]] = {}
-"""Functions of one stop and of many lanes by the class of their laws. Their machine code must live
-as long as this process."""
+_COMPILED: dict[type, tuple[Any, ...]] = {}
+"""Functions of one stop, of many lanes and of one mass by the class of their laws. Their machine
+code must live as long as this process."""
 
 
-def functions_of(laws: list[Any], *, lanes: bool = True) -> NDArray[Any]:
-    """Addresses of the functions of classes of laws, (classes, 2): for one stop, and for lanes.
+def functions_of(laws: list[Any], *, lanes: bool = False, mass: bool = False) -> NDArray[Any]:
+    """Addresses of the functions of classes of laws, (classes, 3): of one stop, of many lanes, and
+    of one mass. Those of many lanes, or of one mass instead of one stop, are compiled where they
+    are wanted and the law is compliant.
 
-    Without `lanes` the second one is not wanted, and is 0. Addresses hold for this process only.
-    Without compilation they are the functions.
+    Addresses hold for this process only. Without compilation they are the functions.
     """
-    table = np.empty((len(laws), 2), object if config.DISABLE_JIT else np.int64)
+    signatures = (OF_STOP, OF_LANES, OF_MASS)
+    table = np.zeros((len(laws), 3), object if config.DISABLE_JIT else np.int64)
     for row, law in zip(table, laws, strict=True):
         kind = type(law)
         if kind not in _COMPILED:
             # the numbers of this law must not become part of the code
             blank = (np.zeros((1,) * np.ndim(each)) if np.ndim(each) else 0.0 for each in law)
             _COMPILED[kind] = functions_of_class(kind(*blank))  # type: ignore[no-untyped-call]
-        of_stop, of_lanes = _COMPILED[kind]
-        if config.DISABLE_JIT:
-            row[:] = of_stop, of_lanes
-        else:
-            row[0] = _address(of_stop, OF_STOP)
-            row[1] = 0 if is_rigid(law) or not lanes else _address(of_lanes, OF_LANES)
+        compliant = not is_rigid(law)
+        wanted = not (mass and compliant), lanes and compliant, mass and compliant
+        for k, signature in enumerate(signatures):
+            function = _COMPILED[kind][k]
+            if config.DISABLE_JIT:
+                row[k] = function
+            elif wanted[k]:
+                row[k] = _address(function, signature)
     return table
 
 

@@ -13,6 +13,8 @@ A law is known to a kernel by the numbers of its stop, a row of a table, from wh
 
 from __future__ import annotations
 
+import math
+
 from stochvi.engine.parts import generic
 
 MOST_NUMBERS = 4
@@ -39,6 +41,12 @@ def margin(law, y, v):
 def rate(law, y, v, push):
     """Largest rate (rad/s) in a contact that is at y and v, with the acceleration `push` onto the
     stop: that of its oscillation or of its damping."""
+
+
+@generic
+def energy(law, y):
+    """Energy that a stop without losses holds at the deflection y, m^2/s^2; nan where nobody has
+    said."""
 
 
 @generic
@@ -93,6 +101,11 @@ def _(law, y, v):
 @rate.of(object)
 def _(law, y, v, push):
     return 0.0
+
+
+@energy.of(object)
+def _(law, y):
+    return math.nan
 
 
 @is_rigid.of(object)

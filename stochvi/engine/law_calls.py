@@ -12,6 +12,7 @@ from numba.extending import intrinsic, overload
 
 from stochvi.engine.compiling import kernel
 from stochvi.engine.law import force, margin, rate, read, rebound
+from stochvi.engine.mass_contacts import through
 from stochvi.engine.sub_steps import press
 
 FORCE, MARGIN, RATE, REBOUND = range(4)
@@ -27,6 +28,13 @@ OF_LANES = types.intp(
 )
 """Signature of the function of many lanes, `press`."""
 
+OF_MASS = types.intp(
+    types.float64[:, ::1], types.intp, types.float64, types.float64, types.float64, types.float64,
+    types.float64, types.float64[::1],
+)  # fmt: skip
+"""Signature of the function of a contact of one mass: table and row of numbers, then as
+`through`."""
+
 
 def call_of_stop(function, arguments):
     """Call the function of one stop; a kernel knows it by its address."""
@@ -35,6 +43,11 @@ def call_of_stop(function, arguments):
 
 def call_of_lanes(function, arguments):
     """Call the function of many lanes; a kernel knows it by its address."""
+    return function(*arguments)
+
+
+def call_of_mass(function, arguments):
+    """Call the function of a contact of one mass; a kernel knows it by its address."""
     return function(*arguments)
 
 
@@ -64,6 +77,14 @@ def _call_of_lanes(typing, address, arguments):
     return OF_LANES.return_type(types.intp, arguments), codegen
 
 
+@intrinsic
+def _call_of_mass(typing, address, arguments):
+    def codegen(context, builder, signature, values):
+        return _call(context, builder, OF_MASS, values[0], values[1], arguments)
+
+    return OF_MASS.return_type(types.intp, arguments), codegen
+
+
 @overload(call_of_stop)
 def _choose_of_stop(function, arguments):
     return lambda function, arguments: _call_of_stop(function, arguments)
@@ -74,6 +95,12 @@ def _choose_of_lanes(function, arguments):
     return lambda function, arguments: _call_of_lanes(function, arguments)
 
 
+@overload(call_of_mass)
+def _choose_of_mass(function, arguments):
+    return lambda function, arguments: _call_of_mass(function, arguments)
+
+
+call_of_mass.made_of = {object: (_choose_of_mass,)}  # type: ignore[attr-defined]
 call_of_stop.made_of = {object: (_choose_of_stop,)}  # type: ignore[attr-defined]
 call_of_lanes.made_of = {object: (_choose_of_lanes,)}  # type: ignore[attr-defined]
 
@@ -108,8 +135,14 @@ def press_all(laws, kind, memory, low, high, numbers, fastest):
     call_of_lanes(laws[kind, 1], (memory, low, high, numbers, fastest))
 
 
+@kernel
+def follow(laws, kind, numbers, row, y, v, left, pressing, stiffness, found):
+    """`through` for a stop with a law of the class `kind`, whose numbers are a row of a table."""
+    call_of_mass(laws[kind, 2], (numbers, row, y, v, left, pressing, stiffness, found))
+
+
 def functions_of_class(law):
-    """The functions of the class of a law, of one stop and of many lanes.
+    """The functions of the class of a law: of one stop, of many lanes, and of one mass.
 
     The numbers of that law do not matter.
     """
@@ -130,4 +163,9 @@ def functions_of_class(law):
         press(law, memory, low, high, numbers, fastest)
         return 0
 
-    return of_stop, of_lanes
+    @kernel
+    def of_mass(numbers, row, y, v, left, pressing, stiffness, found):
+        through(read(law, numbers, row), y, v, left, pressing, stiffness, found)
+        return 0
+
+    return of_stop, of_lanes, of_mass

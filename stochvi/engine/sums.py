@@ -11,3 +11,9 @@ forces of ended contacts, duration, and number of ended contacts."""
 ROWS_OF_CONTACT_PAIR = ROWS_OF_PAIR + 2 * ROWS_OF_STOP
 """Rows of a pair with compliant stops: those of impacts, then those of the contacts with the
 lower stop, and with the upper stop."""
+
+PLACE, SPEED, LEFT = range(4, 7)
+FOUND = 7
+"""Rows of a contact of one mass that was followed: IMPULSE, LOSS (with what the stop holds at the
+end), PEAK and TIME; deflection and rate at the end; and the time that is left, s. A contact that
+ended has the deflection 0."""

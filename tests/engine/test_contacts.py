@@ -46,7 +46,7 @@ def free_contact(law: Law, speed: float, distance: float) -> dict[str, float]:
     """What a free mass of 1 kg does that starts before an upper stop at 0 and hits it."""
     step = 30.0
     stops, laws = stops_of(np.array([[-np.inf, 0.0]]), np.zeros(1), {(0, 1): law.compiled()})
-    functions = functions_of(laws)
+    functions = functions_of(laws, lanes=True)
     states, series = np.zeros((1, 2, 6)), np.zeros((1, 1, 3, 6))
     states[0, 0, 1] = states[0, 1, 0] = series[0, 0, 0, 1] = series[0, 0, 1, 0] = 1.0
     responses, work = responses_of(states, series, np.zeros((1, 0, 6))), make_workspace(1, 2, 6)
@@ -124,7 +124,7 @@ def two_free_masses(laws: dict[tuple[int, int], Law], gaps: np.ndarray) -> tuple
     work.gaps[:] = [y, v, still, y + step * v, v, still]
     sums = np.zeros((2, ROWS_OF_CONTACT_PAIR, 1))
     finish_alone(
-        step, step, False, 0, 0.0, stops, functions_of(chain), responses, None, work,
+        step, step, False, 0, 0.0, stops, functions_of(chain, lanes=True), responses, None, work,
         Tally(np.zeros((1, 2, 2)), sums, 0), None,
     )  # fmt: skip
     return np.array([v[0], v[0] + v[1]]) + work.change[2:], sums[:, :, 0]

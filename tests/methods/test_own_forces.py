@@ -68,7 +68,7 @@ BALL = ForceFunction(force=ball, energy=stored)
 
 @pytest.fixture(scope="module")
 def simulated() -> dict[str, Any]:
-    found = simulate(scene(-1.0, 1.0, BALL), paths=512, duration=100.0, seed=2)
+    found = simulate(scene(-1.0, 1.0, BALL), paths=512, duration=400.0, seed=2)
     return {quantity: each for (_, quantity), each in found.estimates().items()}
 
 

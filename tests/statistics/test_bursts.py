@@ -22,7 +22,6 @@ from stochvi import (
 )
 from stochvi.engine.impact_log import NO_LOG, page_of
 from stochvi.mathematics.impact_rates import rice_rate
-from stochvi.methods.monte_carlo.compliant_white import kernel_stop
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
     TALLY,
     IntervalEnds,
@@ -37,7 +36,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     SHARPEST,
 )
 from stochvi.methods.monte_carlo.kernels.steps import Sampling
-from stochvi.methods.monte_carlo.tabulated import plan_tabulated
+from stochvi.methods.monte_carlo.tabulated import kernel_stop, plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law, SpeedRestitution

@@ -8,7 +8,11 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochvi.engine.bounces import MOST_EVENTS
 from stochvi.engine.law import MOST_NUMBERS, force, rate, read, read_lane
+from stochvi.engine.linear_pieces import STAYS, through_piece
+from stochvi.engine.mass_contacts import through
+from stochvi.engine.sums import IMPULSE, LEFT, LOSS, PLACE, SPEED, TIME
 
 KINK = 2.0
 """How much shorter sub-steps are than for a straight line, since kinks lower their order to 3."""
@@ -61,3 +65,23 @@ def _(law, numbers, row):
 @read_lane.of(ForceTable)
 def _(law, lanes, lane, numbers):
     return ForceTable(numbers, int(lanes[lane, MOST_NUMBERS]))
+
+
+@through.of(ForceTable)
+def _(law, y, v, left, pressing, stiffness, found):
+    numbers, row = law
+    last, k = int(numbers[row, 0]) - 1, 0
+    while k < last and y >= numbers[row, 1 + 3 * (k + 1)]:
+        k += 1
+    found[IMPULSE], found[LOSS], found[TIME] = 0.0, 0.0, 0.0
+    for _ in range(MOST_EVENTS):
+        at = 1 + 3 * k
+        end = numbers[row, at + 3] if k < last else math.inf
+        piece = numbers[row, at], end, numbers[row, at + 1], numbers[row, at + 2]
+        where, y, v, left = through_piece(y, v, left, piece, pressing, stiffness, found)
+        k += where
+        if where == STAYS or k < 0:
+            break
+    over = k < 0
+    found[PLACE], found[SPEED] = 0.0 if over else y, v
+    found[LEFT] = left if over else 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from stochvi.engine.law import force, is_smooth, rate, read
+from stochvi.engine.law import energy, force, is_smooth, rate, read
 
 
 class Hertz(NamedTuple):
@@ -18,6 +18,11 @@ class Hertz(NamedTuple):
 def _(law, y, v):
     y = max(y, 0.0)
     return law.coefficient * y * math.sqrt(y)
+
+
+@energy.of(Hertz)
+def _(law, y):
+    return 0.4 * law.coefficient * y * y * math.sqrt(y)
 
 
 @rate.of(Hertz)

@@ -11,7 +11,13 @@ from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.prices import PATIENCE_SECONDS
 from stochvi.methods.monte_carlo.rigid_white import plan_white
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
-from stochvi.model.coverage import beyond_one_oscillator, functions, not_compiled, without_noise
+from stochvi.model.coverage import (
+    beyond_one_oscillator,
+    functions,
+    not_compiled,
+    without_energy,
+    without_noise,
+)
 from stochvi.model.model import Model
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
@@ -66,11 +72,15 @@ def make_plan(
     # without a spring a load accelerates the mass, and tables move it freely: modal kernels
     loose = model.single and model.restoring is None and model.omega == 0.0
     falling = loose and (model.load != 0.0 or bool(model.tables))
-    # the kernels of one oscillator know the forms of laws, those of structures any law
-    own = any(stop.law.form() is None for stop in model.stops)
-    if model.single and not (falling or own) and (model.tables or giving_way):
+    sampled = bool(model.tables) or giving_way
+    # the kernel of tables knows the forms of laws; steps under white noise follow from energies
+    if sampled:
+        several = any(stop.law.form() is None for stop in model.stops)
+    else:
+        several = bool(without_energy(model))
+    if model.single and not (falling or several) and sampled:
         return plan_tabulated(model, speed_threshold, duration)
-    if falling or own or beyond_one_oscillator(model):
+    if falling or several or beyond_one_oscillator(model):
         if slow_impacts:
             raise NotApplicable(
                 "slow_impacts", ["steps near stops are refined for one oscillator only"]

@@ -8,9 +8,9 @@ from functools import cached_property
 from typing import Any
 
 from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, TIME
-from stochvi.methods.monte_carlo.kernels.contact import DAMPED, HERTZ, PIECES, RIGID, run_contacts
+from stochvi.methods.monte_carlo.kernels.compliant import run_contacts
 from stochvi.methods.monte_carlo.kernels.rows import CONTACT_LOWER, CONTACT_SUMS, CONTACT_UPPER
-from stochvi.methods.monte_carlo.kernels.steps import ContactStop
+from stochvi.methods.monte_carlo.mass_stops import StopsOfMass, stops_of_mass
 from stochvi.methods.monte_carlo.rigid_white import (
     BOUNCE_PER_STEP,
     GAP_PER_STEP,
@@ -26,7 +26,6 @@ from stochvi.methods.monte_carlo.rigid_white import (
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.impact_laws import Law
 
 SUMS_OF_A_STOP = (
     ("force", IMPULSE),
@@ -36,9 +35,6 @@ SUMS_OF_A_STOP = (
     ("ended", ENDED),
 )
 """Names of the sums over the contacts with one stop, and their rows in the table of `rows`."""
-
-KINDS = {"rigid": RIGID, "pieces": PIECES, "damped": DAMPED, "hertz": HERTZ}
-"""The number by which the kernels know each form of a law."""
 
 CONTACT_ROWS = {
     f"{name}_{side}": first + row
@@ -71,11 +67,11 @@ class CompliantPlan(WhitePlan):
     """No contact lasts before the first step."""
 
     def _kernel_constants(self) -> tuple[Any, ...]:
-        return (
-            self._kick,
-            _flow(self.model, self.step),
-            *kernel_stops(self.model),
-        )
+        return self._kick, _flow(self.model, self.step), self._stops.for_kernel
+
+    @cached_property
+    def _stops(self) -> StopsOfMass:
+        return stops_of_mass(self.model, self.speed, self.step)
 
     @cached_property
     def _law(self) -> GibbsLaw:  # type: ignore[override]
@@ -85,32 +81,6 @@ class CompliantPlan(WhitePlan):
     @property
     def _walls(self) -> tuple[float, float]:
         return self._law.walls
-
-
-def kernel_stops(model: Model) -> tuple[ContactStop | None, ContactStop | None]:
-    """The lower and the upper stop of one oscillator for the kernel, from the rest position."""
-
-    def constants(stop: Stop | None) -> ContactStop | None:
-        return None if stop is None else kernel_stop(stop.position - model.rest, stop.law)
-
-    return constants(model.lower), constants(model.upper)
-
-
-def kernel_stop(position: float, law: Law) -> ContactStop:
-    """The position (m), the kind and the data of a stop for the kernel.
-
-    Raises
-    ------
-    NotApplicable
-        If no kernel knows the law.
-    """
-    form = law.form()
-    if form is None:
-        raise NotApplicable(
-            "simulate",
-            [f"law must be elastic, viscoelastic, hertz or table for this, got {law.kind!r}"],
-        )
-    return ContactStop(position, KINDS[form.name], form.numbers)
 
 
 def _gibbs_law(model: Model, speed: float, rest: float = 0.0) -> GibbsLaw:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from stochvi.engine.laws.restitution import Restitution
 from stochvi.mathematics.arrays import Vector
-from stochvi.methods.monte_carlo.compliant_white import kernel_stops, plan_compliant
-from stochvi.methods.monte_carlo.kernels.contact import RIGID
+from stochvi.methods.monte_carlo.compliant_white import plan_compliant
 from stochvi.methods.monte_carlo.kernels.missions import (
     FORCE,
     HAPPENED,
@@ -22,7 +22,7 @@ from stochvi.methods.monte_carlo.kernels.missions import (
     run_missions,
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs, seed_streams
-from stochvi.methods.monte_carlo.kernels.steps import ContactStop
+from stochvi.methods.monte_carlo.mass_stops import StopsOfMass, stops_of_mass
 from stochvi.methods.monte_carlo.plan import RELAXATIONS
 from stochvi.methods.monte_carlo.rigid_white import (
     MOST_STEPS,
@@ -64,9 +64,6 @@ NEEDS_FORCE = (
     "does not give a force"
 )
 """The reason why a scene with rigid stops has no peak acceleration."""
-
-WALL = np.array([[1.0]])
-"""Data of a barrier for the kernel: those of a rigid stop of restitution 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,8 +115,8 @@ class MissionPlan:
     ----------
     base
         The plan for the scene, without stops where there are barriers.
-    lower, upper
-        Stops or barriers for the kernel, from the rest position.
+    stops
+        Stops or barriers for the kernel.
     counted, before
         Steps of a mission, and of the motion before it in which energies above a level count.
     settled
@@ -133,8 +130,7 @@ class MissionPlan:
     counted: int
     before: int
     settled: int
-    lower: Any
-    upper: Any
+    stops: StopsOfMass
 
     @property
     def step(self) -> float:
@@ -183,7 +179,7 @@ class MissionPlan:
         event = event or self.event
         steps = run_missions(
             fleet, kick_over(self.base.model, self.step), _flow(self.base.model, self.step),
-            self.lower, self.upper, event.kind, event.limit, self.base.threshold,
+            self.stops.for_kernel, event.kind, event.limit, self.base.threshold,
             float(self.counted), level, stop_flag(),
         )  # fmt: skip
         check_flag()
@@ -213,10 +209,13 @@ def passage_plan(
 ) -> MissionPlan:
     """First passage of barriers (m), which replace the stops of the model and end a mission."""
     base = plan_white(replace(model, pairs=()), None, None)
-    ends = tuple(
-        None if at is None else ContactStop(at - model.rest, RIGID, WALL) for at in (lower, upper)
-    )
-    return _plan(base, Event(kind=PASSAGE), start, mission, ends)
+    barriers = {
+        which: (at - model.rest, Restitution(1.0))
+        for which, at in enumerate((lower, upper))
+        if at is not None
+    }
+    stops = StopsOfMass(laws=barriers, stiffness=model.omega**2, speed=1.0, longest=base.step)
+    return _plan(base, Event(kind=PASSAGE), start, mission, stops)
 
 
 def impact_plan(
@@ -227,7 +226,7 @@ def impact_plan(
     base = _base(model)
     limit = base.threshold if speed is None else speed
     event = Event(kind=IMPACT, limit=(limit, limit))
-    return _plan(base, event, start, mission, kernel_stops(model), limit)
+    return _plan(base, event, start, mission, speed=limit)
 
 
 def acceleration_plan(
@@ -249,7 +248,7 @@ def acceleration_plan(
         speeds.append(math.sqrt(2.0 * float(law.potential_at(law.deflection_at(force)))))
     speed = max(speeds)
     event = Event(kind=FORCE, limit=(limits[LOWER], limits[UPPER]))
-    return _plan(base, event, start, mission, kernel_stops(model), speed)
+    return _plan(base, event, start, mission, speed=speed)
 
 
 def _force_at(law: CompliantLaw, distance: float, model: Model, acceleration: float) -> float:
@@ -287,7 +286,7 @@ def _plan(
     event: Event,
     start: Start,
     mission: float,
-    stops: tuple[Any, ...],
+    stops: StopsOfMass | None = None,
     speed: float = 0.0,
 ) -> MissionPlan:
     """Steps that divide the mission evenly, short enough for impacts at a speed (m/s)."""
@@ -316,6 +315,5 @@ def _plan(
         counted=counted,
         before=before,
         settled=settled,
-        lower=stops[0],
-        upper=stops[1],
+        stops=stops or stops_of_mass(model, base.speed, base.step),
     )

@@ -368,7 +368,7 @@ class ModalPlan(SteppedPlan):
     ) -> None:  # fmt: skip
         """Simulate the paths on, and add the counted steps to their sums."""
         structure, fastest = self._kernel_constants, self._fastest_of_contacts
-        laws = functions_of(self._stops[1])
+        laws = functions_of(self._stops[1], lanes=True)
         run_modes(paths, structure, laws, tables, fastest, steps, outputs, stop_flag())
         check_flag()
 

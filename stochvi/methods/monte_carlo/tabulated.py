@@ -34,8 +34,15 @@ from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.mathematics.sampled_passages import moments_of_rises
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.mathematics.units import density_from_intensity, intensity_from_density
-from stochvi.methods.monte_carlo.compliant_white import CONTACT_ROWS, kernel_stop
-from stochvi.methods.monte_carlo.kernels.compliant_response import CONTACT_ANGLE, contact_rate
+from stochvi.methods.monte_carlo.compliant_white import CONTACT_ROWS
+from stochvi.methods.monte_carlo.kernels.compliant_response import (
+    CONTACT_ANGLE,
+    DAMPED,
+    HERTZ,
+    PIECES,
+    RIGID,
+    contact_rate,
+)
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.kernels.response_domain import (
     add_free_motion,
@@ -62,7 +69,7 @@ from stochvi.methods.monte_carlo.step_bias import (
 from stochvi.model.model import Model, Signal, Stop
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.stop_flag import stop_flag
-from stochvi.scenes.impact_laws import CompliantLaw
+from stochvi.scenes.impact_laws import CompliantLaw, Law
 
 SAMPLES_PER_PERIOD = 20.0
 """Smallest number of samples in a natural period. There are more if the response to the table is
@@ -701,6 +708,27 @@ def _too_many(samples: float) -> str:
         "(table, or flight between the stops) and the slowest (decay of the resonance) are too "
         "far apart"
     )
+
+
+KINDS = {"rigid": RIGID, "pieces": PIECES, "damped": DAMPED, "hertz": HERTZ}
+"""The number by which the kernels know each form of a law."""
+
+
+def kernel_stop(position: float, law: Law) -> ContactStop:
+    """The position (m), the kind and the data of a stop for the kernel.
+
+    Raises
+    ------
+    NotApplicable
+        If no kernel knows the law.
+    """
+    form = law.form()
+    if form is None:
+        raise NotApplicable(
+            "simulate",
+            [f"law must be elastic, viscoelastic, hertz or table for this, got {law.kind!r}"],
+        )
+    return ContactStop(position, KINDS[form.name], form.numbers)
 
 
 def _rate_for_gap(model: Model, speed: float) -> float:

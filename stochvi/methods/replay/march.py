@@ -199,9 +199,7 @@ def _stops(model: Model) -> kernel.Stops:
     # laws without a form of their own are functions
     own = {s: law.compiled() for s, law in enumerate(unit) if forms[s] is None}
     width = max([len(row_of_numbers(law)) for law in own.values()], default=1)
-    called = [
-        functions_of([own[s]], lanes=False)[0] if s in own else (0, 0) for s in range(len(unit))
-    ]
+    called = [functions_of([own[s]])[0] if s in own else (0, 0, 0) for s in range(len(unit))]
     table = np.zeros((len(found), width))
     for s, law in own.items():
         table[s, : len(row_of_numbers(law))] = row_of_numbers(law)

@@ -9,29 +9,17 @@ import numpy as np
 import pytest
 
 from stochvi import check, simulate
+from stochvi.engine.laws.hertz import Hertz as CompiledHertz
+from stochvi.engine.mass_contacts import CONTACT_ERROR, sub_step
 from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, TIME
 from stochvi.methods.closed_form import displacement_density, exact
 from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo.compliant_white import (
     CONTACT_ROWS,
     CompliantPlan,
-    kernel_stop,
     plan_compliant,
 )
-from stochvi.methods.monte_carlo.kernels.contact import (
-    HERTZ_ERROR,
-    flow_with_contacts,
-    symplectic_step,
-)
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.kernels.rows import (
-    CONTACT_LOWER,
-    CONTACT_SUMS,
-    CONTACT_UPPER,
-    F1_UPPER,
-    N_LOWER,
-    N_UPPER,
-)
 from stochvi.methods.monte_carlo.rigid_white import WhitePlan, plan_white
 from stochvi.model.balances import residuals
 from stochvi.model.model import model_of
@@ -45,6 +33,7 @@ from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
 from support.known import values
 from support.naive import kick_flow_kick_with_forces, normals, penalty_euler
+from support.one_mass import Flown, fly, stops_at
 from support.samples import estimate
 from support.soft_stops import (
     BALL,
@@ -138,18 +127,15 @@ def test_the_mean_peak_force_is_that_of_rayleigh_impacts(name: str) -> None:
     """The contact without noise, integrated for each impact speed, averaged over their law."""
     model = model_of(EXACT[name])
     side, stop, law = stops_of(model)[-1]
-    constants = kernel_stop(stop, law)
-    ends = (constants, None) if side < 0.0 else (None, constants)
+    at = stops_at({side: (stop, law)}, model.omega**2)
 
     def peak_force(speed: float) -> float:
         """Of the contacts within some seconds, which are all alike."""
-        sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
-        flow_with_contacts(
-            stop, side * speed, 4.0, model.omega**2, *ends, 0.0, np.zeros(5), peaks, sums
-        )
-        row, count = (CONTACT_UPPER, N_UPPER) if side > 0.0 else (CONTACT_LOWER, N_LOWER)
-        assert sums[row + ENDED] == sums[count] - (peaks.max() > 0.0)
-        return float(sums[row + PEAK] / sums[row + ENDED])
+        flown = Flown.before()
+        fly(stop, side * speed, 4.0, at, flown)
+        sums = flown.contacts(side)
+        assert sums[ENDED] == flown.impacts(side)[0] - (flown.peaks.max() > 0.0)
+        return float(sums[PEAK] / sums[ENDED])
 
     def mean(count: int) -> float:
         speeds = 9.0 * (np.arange(count) + 0.5) / count
@@ -197,20 +183,19 @@ SPEED = 1.3
 def test_a_free_contact_is_that_of_the_contact_formulas(law: Law, parts: int) -> None:
     """Without a spring, in a single flow or cut into many."""
     expected = law.impact(SPEED, 1.0)
-    sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
+    flown = Flown.before()
     x, v = 0.0, SPEED
     # a damped stop is left only after the way that the limiter withdraws
     length = 1.5 * expected.contact_time
     if isinstance(law, Viscoelastic):
         length += 3.0 * law.damping_ratio / math.sqrt(law.stiffness)
+    at = stops_at({1.0: (0.0, law)}, 0.0, SPEED, length)
     for _ in range(parts):
-        x, v = flow_with_contacts(
-            x, v, length / parts, 0.0, None, kernel_stop(0.0, law), 0.0, np.zeros(5), peaks, sums
-        )
-    near = HERTZ_ERROR if law is BALL else 1e-9
-    found = sums[CONTACT_UPPER:]
-    assert (sums[N_UPPER], sums[F1_UPPER]) == (1.0, SPEED)
-    assert x < 0.0 and peaks[1] == 0.0
+        x, v = fly(x, v, length / parts, at, flown)
+    near = CONTACT_ERROR if law is BALL else 1e-9
+    found = flown.contacts(1.0)
+    assert flown.impacts(1.0)[:2].tolist() == [1.0, SPEED]
+    assert x < 0.0 and flown.peaks[0, 1] == 0.0
     assert -v == pytest.approx(expected.restitution * SPEED, rel=near)
     assert found[TIME] == pytest.approx(expected.contact_time, rel=near)
     assert found[PEAK] == pytest.approx(expected.peak_force, rel=near)
@@ -219,11 +204,13 @@ def test_a_free_contact_is_that_of_the_contact_formulas(law: Law, parts: int) ->
     assert found[LOSS] == pytest.approx(lost, abs=near * SPEED**2)
 
 
-def test_the_sub_stepper_of_hertz_contacts_is_of_fourth_order() -> None:
+def test_sub_steps_are_of_fourth_order() -> None:
+    law = CompiledHertz(100.0)
+
     def end(steps: int) -> np.ndarray:
         y, v = 0.01, 1.0
         for _ in range(steps):
-            y, v, _ = symplectic_step(y, v, 0.2 / steps, 100.0, 0.3, 1.0)
+            y, v, _, _ = sub_step(law, 1.0, y, v, 0.2 / steps, 0.3, 1.0)
         return np.array([y, v])
 
     truth = end(1024)
@@ -262,7 +249,7 @@ def test_a_path_equals_its_plain_twin(name: str) -> None:
         start, speed, noise, step, model.omega, 0.1, 0.2, stops
     )
     # rounding and the error of the twin grow with every contact; sub-steps of Hertz are coarser
-    near = 20.0 * HERTZ_ERROR if name == "Hertz" else 1e-7
+    near = 20.0 * CONTACT_ERROR if name == "Hertz" else 1e-7
     np.testing.assert_allclose(record[:, 0, 0], x, rtol=0, atol=near)
     np.testing.assert_allclose(record[:, 0, 1], v, rtol=0, atol=50.0 * near)
     assert record[:, 0, 2].sum() == pytest.approx(sum(s * w for s, w in touches), abs=50.0 * near)
@@ -475,11 +462,11 @@ def test_any_flow_ends_and_keeps_its_energy_or_loses_some() -> None:
         stiff = float(rng.choice([0.0, 1.0, 10.0 ** rng.uniform(-3.0, 3.0)]))
         stops = [(-1.0, centre - half, random_stop(rng)), (1.0, centre + half, random_stop(rng))]
         keep = rng.integers(0, 3)
-        ends = [None if keep == k else kernel_stop(stops[k][1], stops[k][2]) for k in (0, 1)]
-        held = [stop for end, stop in zip(ends, stops, strict=True) if end is not None]
+        held = [stop for k, stop in enumerate(stops) if keep != k]
         x, v = centre + rng.uniform(-1.0, 1.0) * half, 10.0 ** rng.uniform(-3.0, 1.0)
         h = 0.8 / math.sqrt(stiff) if stiff else 10.0 ** rng.uniform(-2.0, 0.0)
-        sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
+        at = stops_at({side: (place, law) for side, place, law in held}, stiff, abs(v), h)
+        flown = Flown.before()
 
         def energy(x: float, v: float, held=held, stiff=stiff) -> float:
             stored = (float(law.potential_at(s * (x - c))) for s, c, law in held if not law.rigid)
@@ -487,9 +474,9 @@ def test_any_flow_ends_and_keeps_its_energy_or_loses_some() -> None:
 
         before = energy(x, v)
         for _ in range(3):
-            x, v = flow_with_contacts(x, v, h, stiff, *ends, 0.0, np.zeros(5), peaks, sums)
-        assert math.isfinite(x) and math.isfinite(v) and np.isfinite(sums).all()
-        error = 1e-9 + 3.0 * HERTZ_ERROR * any(law.kind == "hertz" for _, _, law in held)
+            x, v = fly(x, v, h, at, flown)
+        assert math.isfinite(x) and math.isfinite(v) and np.isfinite(flown.sums).all()
+        error = 1e-9 + 3.0 * CONTACT_ERROR * any(law.kind == "hertz" for _, _, law in held)
         after = energy(x, v)
         kinds = {law.kind for _, _, law in held}
         if "viscoelastic" not in kinds:  # whose spring, once left, takes up its energy again

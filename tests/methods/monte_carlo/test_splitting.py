@@ -58,7 +58,7 @@ def plain_flight(plan: MissionPlan, fleet: Fleet, path: int, level: float) -> tu
     spread = math.sqrt(intensity * (1.0 - math.exp(-2.0 * b * h)) / (2.0 * b))
     x, v, left = fleet.x[path], fleet.v[path], int(fleet.left[path])
     state = fleet.streams[0, path], fleet.streams[1, path]
-    barrier = plan.upper[0]
+    barrier = plan.stops.laws[1][0]
     spare: list[float] = []
     while left > 0:
         if not spare:

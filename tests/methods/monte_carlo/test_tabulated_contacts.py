@@ -14,10 +14,11 @@ from stochvi.engine.impact_log import NO_LOG, page_of
 from stochvi.engine.sums import ENDED, IMPULSE, PEAK, TIME
 from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.compliant_white import CONTACT_ROWS, kernel_stop
+from stochvi.methods.monte_carlo.compliant_white import CONTACT_ROWS
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
     CONTACT_ERROR,
     KINK_ERROR,
+    PIECES,
     TALLY,
     IntervalEnds,
     cubic_at,
@@ -26,7 +27,6 @@ from stochvi.methods.monte_carlo.kernels.compliant_response import (
     stop_force,
     sub_step,
 )
-from stochvi.methods.monte_carlo.kernels.contact import PIECES
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_SUMS,
@@ -42,7 +42,7 @@ from stochvi.methods.monte_carlo.kernels.rows import (
 )
 from stochvi.methods.monte_carlo.kernels.steps import Sampling
 from stochvi.methods.monte_carlo.path_statistics import PathStatistics
-from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
+from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, kernel_stop
 from stochvi.model.model import model_of
 from stochvi.results.response import QUANTITY_UNITS
 from stochvi.scenes.excitations import FilteredNoise, Sine

@@ -26,11 +26,10 @@ from typing import NamedTuple
 
 from stochvi.engine.bounces import MOST_BOUNCES, RESTING
 from stochvi.engine.compiling import kernel
+from stochvi.engine.free_motion import decay
 from stochvi.engine.impact_log import log_impact
 from stochvi.engine.roots import time_to_stop
 from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, TIME
-from stochvi.methods.monte_carlo.kernels.between_samples import decay
-from stochvi.methods.monte_carlo.kernels.contact import DAMPED, HERTZ, RIGID
 from stochvi.methods.monte_carlo.kernels.rows import (
     CONTACT_LOWER,
     CONTACT_UPPER,
@@ -43,13 +42,18 @@ from stochvi.methods.monte_carlo.kernels.rows import (
 )
 from stochvi.methods.monte_carlo.kernels.steps import ContactStop
 
+RIGID, PIECES, DAMPED, HERTZ = range(4)
+"""Kinds of a `steps.ContactStop`. Its data holds (R,), the rows (y_k, f_k, s_k) of the pieces,
+(K, c), or (k,), in this order of the kinds."""
+
 CONTACT_ANGLE = 0.125
 """Length of a sub-step of a contact times the largest rate in that contact, rad: the longest for
 which CONTACT_ERROR holds."""
 
 HERTZ_START = 0.125
 """Length of the first and the last sub-step of a Hertz contact, as a share of a full one; lengths
-double from the first on and halve towards the last. `contact.HERTZ_START` says why."""
+double from the first on and halve towards the last. The force
+y^(3/2) has no second derivative at the touch."""
 
 CONTACT_ERROR = 3e-6
 """Relative error of speed, duration, impulse and peak force of a free contact with an elastic or

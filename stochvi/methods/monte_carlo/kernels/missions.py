@@ -1,6 +1,6 @@
 """Missions under white noise by kick-flow-kick, each simulated until its event.
 
-The step is that of `contact`: a kick by noise and damping, then the exact undamped motion with the
+The step is that of `compliant`: a kick by noise and damping, then the undamped motion with the
 stops in it. A mission ends with its event, with its time, or where its energy first reaches a
 level, from where splitting goes on with copies of it. Paths that move together fill lanes; a lane
 whose path has ended takes the next one, so that no lane waits for the longest path.
@@ -13,18 +13,20 @@ import math
 
 import numpy as np
 
+from stochvi.engine.borrowed import borrowed, hold
 from stochvi.engine.compiling import kernel
-from stochvi.engine.sums import ENDED, PEAK
-from stochvi.methods.monte_carlo.kernels.contact import flow_with_contacts, step_clear_paths
+from stochvi.engine.one_mass import finish_step
+from stochvi.engine.sums import (
+    ENDED,
+    FOUND,
+    PEAK,
+    ROWS_OF_CONTACT_PAIR,
+    ROWS_OF_PAIR,
+    ROWS_OF_STOP,
+)
+from stochvi.methods.monte_carlo.kernels.compliant import step_clear_paths
 from stochvi.methods.monte_carlo.kernels.lanes import LANES
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
-from stochvi.methods.monte_carlo.kernels.rows import (
-    CONTACT_LOWER,
-    CONTACT_SUMS,
-    CONTACT_UPPER,
-    N_LOWER,
-    N_UPPER,
-)
 
 OVER, AT_LEVEL, HAPPENED = range(3)
 """How a path ended: its time is over, it reached the level, or the event happened."""
@@ -35,16 +37,16 @@ exceeds its limit; there is no event."""
 
 
 @kernel
-def exceeds_force_limit(peaks, sums, limit):
+def exceeds_force_limit(peaks, sums, lane, limit):
     """Whether the force of a stop exceeded its limit in a step, in contacts that last or ended.
 
     Contacts with one stop that ended in one step count with their mean peak force: so soon after
     one another they are nearly alike.
     """
-    for side, row in ((0, CONTACT_LOWER), (1, CONTACT_UPPER)):
-        force = peaks[side]
-        if sums[row + ENDED] > 0.0:
-            force = max(force, sums[row + PEAK] / sums[row + ENDED])
+    for side in range(2):
+        row, force = ROWS_OF_PAIR + ROWS_OF_STOP * side, peaks[lane, side]
+        if sums[lane, row + ENDED] > 0.0:
+            force = max(force, sums[lane, row + PEAK] / sums[lane, row + ENDED])
         if force > limit[side]:
             return True
     return False
@@ -72,7 +74,7 @@ def count_down(x, v, left, top, near, stiff, level, mark):
 
 @kernel
 def run_missions(
-    fleet, kick, flow, lower, upper, event, limit, threshold, counted, level, flag
+    fleet, kick, flow, at, event, limit, threshold, counted, level, flag
 ):  # fmt: skip
     """Simulate every path that has steps left until its event, the level, or the end of its time.
 
@@ -86,7 +88,7 @@ def run_missions(
         hits : (paths,) replaced by the impacts at `threshold` and faster in the counted steps;
         streams : (2, paths) random streams, advanced.
     kick, flow : `steps.Kick` and `steps.Flow`.
-    lower, upper : None, or a `steps.ContactStop`; for the event PASSAGE they are the barriers.
+    at : `one_mass.MassStops`; for the event PASSAGE the stops are the barriers.
     event, limit : the event that ends a mission, and its limits at the lower and the upper stop: a
         force per unit mass, m/s^2; of the limits of a speed, m/s, the first holds for both stops.
     counted : events and impacts count in the last `counted` steps only. Barriers act only in them.
@@ -102,7 +104,9 @@ def run_missions(
     xs, vs, rest, high, seen = np.zeros((5, LANES))
     state = np.zeros((2, LANES), np.uint64)
     owner = np.empty(LANES, np.int64)
-    peaks, sums, tally = np.zeros((LANES, 2)), np.zeros(CONTACT_SUMS), np.zeros(4)
+    peaks, sums = np.zeros((LANES, 2)), np.zeros((LANES, ROWS_OF_CONTACT_PAIR))
+    found = np.zeros(FOUND)
+    scene, forces, added, numbers = borrowed(at), borrowed(peaks), borrowed(sums), borrowed(found)
     done = np.zeros(LANES, np.bool_)
     waiting, lanes, steps, ended = 0, 0, 0, True
     while True:
@@ -138,13 +142,14 @@ def run_missions(
             else:
                 ended = False
         if lanes == 0 or flag[0] != 0:
+            hold((at, peaks, sums, found))
             return steps
         normal_pairs(state[0, :lanes], state[1, :lanes], z1[:lanes], z2[:lanes])
         for half in range(2):
             z = z1 if half == 0 else z2
             steps += lanes
             step_clear_paths(
-                xs[:lanes], vs[:lanes], z[:lanes], near[:lanes], kick, flow, lower, upper
+                xs[:lanes], vs[:lanes], z[:lanes], near[:lanes], kick, flow, at.stops.places
             )
             marked = count_down(
                 xs[:lanes], vs[:lanes], rest[:lanes], high[:lanes], near[:lanes], stiff, level,
@@ -163,25 +168,17 @@ def run_missions(
                             flow.cosine * vs[i] - stiff * flow.sine * xs[i],
                         )
                     else:
-                        sums[:] = 0.0
+                        for row in range(ROWS_OF_CONTACT_PAIR):
+                            sums[i, row] = 0.0
                         least = limit[0] if event == IMPACT else threshold
-                        xs[i], vs[i] = flow_with_contacts(
-                            xs[i],
-                            vs[i],
-                            flow.step,
-                            stiff,
-                            lower,
-                            upper,
-                            least,
-                            tally,
-                            peaks[i],
-                            sums,
+                        xs[i], vs[i] = finish_step(
+                            xs[i], vs[i], flow.step, scene, least, forces, added, i, numbers, None
                         )
-                        number = sums[N_LOWER] + sums[N_UPPER]
+                        number = sums[i, 0] + sums[i, 3]
                         if event == IMPACT:
                             happened = counts and number > 0.0
                         elif event == FORCE:
-                            happened = counts and exceeds_force_limit(peaks[i], sums, limit)
+                            happened = counts and exceeds_force_limit(peaks, sums, i, limit)
                         seen[i] += number if counts else 0.0
                 energy = vs[i] * vs[i] + stiff * xs[i] * xs[i]
                 high[i] = max(high[i], energy)

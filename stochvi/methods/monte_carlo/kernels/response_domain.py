@@ -21,9 +21,9 @@ import numpy as np
 
 from stochvi.engine.bounces import MOST_BOUNCES, RESTING
 from stochvi.engine.compiling import kernel
+from stochvi.engine.free_motion import decay
 from stochvi.engine.impact_log import log_impact, page_of
 from stochvi.engine.roots import time_to_stop
-from stochvi.methods.monte_carlo.kernels.between_samples import decay
 from stochvi.methods.monte_carlo.kernels.compliant_response import (
     TALLY,
     IntervalEnds,
