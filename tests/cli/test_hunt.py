@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
+import pkgutil
 import resource
 import time
 from collections.abc import Iterator
@@ -10,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import stochvi as stochvi_package
 from stochvi.results.deadline import stood_still
 from support.commands import Run
 from support.mutations import BARE, BUDGET, COMMANDS, LONG_COMMANDS, Mutator
@@ -65,6 +68,15 @@ def files_of(folder: Path) -> dict[Path, tuple[int, int]]:
     """Every file below a folder with its number and the time when it was written."""
     found = {path: path.stat() for path in folder.rglob("*") if path.is_file()}
     return {path: (state.st_ino, state.st_mtime_ns) for path, state in found.items()}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def imported() -> None:
+    """All modules: the first command of a process that needs a library waits for it, which is no
+    work of that command."""
+    for module in pkgutil.walk_packages(stochvi_package.__path__, "stochvi."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
 
 
 @contextlib.contextmanager

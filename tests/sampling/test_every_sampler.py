@@ -275,9 +275,10 @@ class Remembers(ThreadPoolExecutor):
 
 
 @samplers
-def test_the_executor_never_shows_in_a_digit(sampler: Any) -> None:
-    alone = sampler(threads=1)
-    assert sampler(threads=2) == alone
+def test_neither_executor_nor_progress_shows_in_a_digit(sampler: Any) -> None:
+    alone, told = sampler(threads=1), []
+    assert sampler(threads=2, progress=lambda *said: told.append(said)) == alone
+    assert told
     with Remembers() as executor:
         assert sampler(executor=executor) == alone
     assert executor.futures and executor.largest < LARGEST_TASK

@@ -546,6 +546,9 @@ def _pilot(simulation: Simulation, rel_error: float, last: bool) -> tuple[Simula
         )
     except NotConverged:
         return pilot, 0.0  # the answer will say that the budget was too short
+    except KeyboardInterrupt:
+        simulation.run.latest = run.latest  # the paths of the pilot are an answer so far
+        raise
     return pilot, judged()[1] if enough else 0.0
 
 

@@ -99,13 +99,14 @@ def test_stopped_again_and_again_it_ends_with_the_same_digits(
     """Over rounds that grow, and a step that is so long that it is refined on the way."""
     monkeypatch.setattr(rigid_white, "LOSSY_ANGLE", 0.9)
     monkeypatch.setattr(rigid_white, "LOSSY_DECAY", 0.2)
+    monkeypatch.setattr(sampling_run, "REPORT_SECONDS", 0.0)  # progress is told of each block
     scene, kept = oscillator(), tmp_path / "run"
     asked = {"rel_error": 0.0007, "seed": 5}
     whole = simulate(scene, **asked)
     stops, samplers, resume, response = 0, set(), None, None
     while response is None:
         try:
-            response = simulate(scene, **asked, checkpoint=kept, resume=resume, progress=Stops(5))
+            response = simulate(scene, **asked, checkpoint=kept, resume=resume, progress=Stops(3))
         except Interrupted as reason:
             stopped(reason)
             stops, resume = stops + 1, kept
