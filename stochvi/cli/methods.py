@@ -177,7 +177,8 @@ def linearise(options: Common, scene: str, **asked: Any) -> None:
 @click.option(
     "--variant", type=click.Choice(["finite-jumps", "continuous", "unfolded"]),
     default="finite-jumps", show_default=True,
-    help="Impacts as jumps of the energy, as a loss spread over a cycle, or as a damper.",
+    help="Impacts as jumps of the energy (in Python 'finite jumps'), as a loss spread over a "
+    "cycle, or as a damper.",
 )  # fmt: skip
 @common("budget", "json", "out", "quiet")
 def average(options: Common, scene: str, variant: str) -> None:

@@ -162,7 +162,7 @@ def history(
 )  # fmt: skip
 @click.option(
     "--way", type=click.Choice(["crude", "splitting", "first-crossings"]),
-    help="Method; default: the one that a pilot run finds cheapest.",
+    help="Method; default: the one that a pilot run finds cheapest. In Python 'first crossings'.",
 )  # fmt: skip
 @click.option(
     "--rel-error", type=float, default=0.05, show_default=True, help="Relative standard error."

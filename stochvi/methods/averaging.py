@@ -59,7 +59,7 @@ def average(
     scene
         The scene.
     variant
-        "finite jumps", "continuous" or "unfolded".
+        "finite jumps" (on the command line `finite-jumps`), "continuous" or "unfolded".
     budget
         Seconds after which `NotConverged` is raised; None for no limit.
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -53,8 +55,35 @@ ROUGH = 1e-3
 """Relative bias above which a value is shown with four digits."""
 
 
+STOP_OF = re.compile(r"(.+ stop) (?:lower|upper) of .+")
+"""Pattern of the effect of a stop in a scene of several pairs."""
+
+
+MOST_NAMED = 4
+"""Largest number of stops of one kind that a line names one by one."""
+
+
 NEGLIGIBLE = 1e-12
 """Share of the standard deviation below which a mean is rounding error, and shown as 0."""
+
+
+def effects_in_words(effects: Sequence[str]) -> str:
+    """Effects of a scene in one line; stops of one kind are counted where they are many.
+
+    >>> effects_in_words(["sine on a", "rigid stop lower", "rigid stop upper"])
+    'sine on a; rigid stop lower; rigid stop upper'
+    >>> effects_in_words(["sine on a", *(f"rigid stop upper of {n}" for n in range(6))])
+    'sine on a; 6 rigid stops'
+    """
+    kinds = [found[1] if (found := STOP_OF.match(effect)) else effect for effect in effects]
+    count = Counter(kinds)
+    named: list[str] = []
+    for kind, effect in zip(kinds, effects, strict=True):
+        if kind == effect or count[kind] <= MOST_NAMED:
+            named.append(effect)
+        elif (together := f"{count[kind]} {kind}s") not in named:
+            named.append(together)
+    return "; ".join(named)
 
 
 def print_response(console: Console, response: Response) -> None:
@@ -87,7 +116,7 @@ def print_response(console: Console, response: Response) -> None:
     ]
     if balances:
         print_line(console, f"balances, relative to their largest term: {', '.join(balances)}")
-    print_line(console, f"simulated effects: {'; '.join(response.effects)}")
+    print_line(console, f"simulated effects: {effects_in_words(response.effects)}")
     print_line(console, f"assumptions: {'; '.join(response.assumptions)}")
     cost = response.cost
     price = f"cost: {cost.wall_time:.3g} s"
@@ -137,7 +166,7 @@ def print_first_passage(console: Console, found: FirstPassage) -> None:
     if found.rice_rate is not None:
         rates.append(f"Rice {found.rice_rate.value:.4g} 1/s")
     console.print("; ".join(rates), highlight=False)
-    print_line(console, f"simulated effects: {'; '.join(found.effects)}")
+    print_line(console, f"simulated effects: {effects_in_words(found.effects)}")
     print_line(console, f"assumptions: {'; '.join(found.assumptions)}")
     print_line(console, f"cost: {found.cost.wall_time:.3g} s")
 

@@ -20,6 +20,7 @@ from stochvi.verification.check_of_many import BALANCES_ONLY
 from stochvi.verification.cost import TARGETS, ModelError, StepError, WorkPrecision, spoken_time
 from stochvi.views.tables import (
     QUANTITY_NAMES,
+    effects_in_words,
     formatted_cell,
     new_table,
     print_line,
@@ -164,7 +165,7 @@ def print_explanation(console: Console, explanation: Explanation) -> None:
         words = ("in the scene:", "not in the scene:")
     width = max(map(len, words)) + 1
     for word, effects in zip(words, (explanation.effects, explanation.absent), strict=True):
-        console.print(f"{word:{width}}{'; '.join(effects) or '-'}", highlight=False)
+        console.print(f"{word:{width}}{effects_in_words(effects) or '-'}", highlight=False)
     _print_modes(console, explanation)
     for method, verdict in explanation.methods.items():
         console.print(f"{method}: {verdict}", highlight=False)

@@ -77,4 +77,4 @@ if __name__ == "__main__":
     corners = (0.3, 0.5) if options.quick else (0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8)
     slopes = pd.DataFrame([exponents(r, duration) for r in corners])
     slopes.to_csv(options.out / "exponent.csv", index=False)
-    figure_of(table, slopes, scene(0.5, 0.1)).savefig(options.out / "figure.png", dpi=110)
+    figure_of(table, slopes, scene(0.5, 0.1)).savefig(options.out / "figure.png", dpi=150)

@@ -3,12 +3,11 @@
 import argparse
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import pandas as pd
+from pictures import figure_of
 
 import stochvi
 from stochvi.scenes.datasets import profiles
-from stochvi.views.files import write_picture
 
 FREQUENCIES = (8.0, 12.0, 16.0, 20.0, 25.0, 32.0, 40.0, 60.0)
 LAW = stochvi.Restitution(coefficient=0.5)
@@ -52,18 +51,4 @@ table = pd.DataFrame(
     [row(name, f, 0.1 if options.quick else 0.05) for name in names for f in mounts]
 )
 table.to_csv(options.out / "result.csv", index=False)
-figure, (above, below) = plt.subplots(
-    2, 1, figsize=(7.2, 7.0), sharex=True, layout="constrained", height_ratios=(3, 2)
-)
-for name, group in table.groupby("profile", sort=False):
-    above.plot(group["frequency_hz"], group["hits_per_hour"], "o-", markersize=4, label=name)
-    below.plot(group["frequency_hz"], group["clearance_in_sigma"], "o-", markersize=4)
-above.set_yscale("log")
-above.set_ylabel("impacts per hour at 3 sigma")
-above.legend(frameon=False, fontsize="small")
-below.axhline(3.0, color="#8a8f98", linestyle="--")
-below.set_ylabel("clearance / sigma for 1 % an hour")
-below.set_xlabel("natural frequency (Hz), zeta = 0.1, R = 0.5")
-below.set_ylim(2.8, 6.5)
-figure.suptitle("stops at three sigma, and the clearance for 1 % an hour")
-write_picture(above, options.out / "figure.png")
+figure_of(table).savefig(options.out / "figure.png", dpi=150)

@@ -5,10 +5,10 @@ import matplotlib.pyplot as plt
 import pandas as pd
 
 PANELS = (
-    ("mass_ratio", "{:.3g} of the mass", "mass, R = 0.5"),
-    ("restitution", "R = {:g}", "restitution, 5 % of the mass"),
-    ("zeta", "zeta = {:g}", "damping of the structure, 5 %, R = 0.5"),
-    ("units", "units: {:g}", "5 % of the mass split over units, R = 0.5"),
+    ("mass_ratio", "{:.3g}", "mass ratio; R = 0.5"),
+    ("restitution", "R = {:g}", "restitution; mass ratio 0.05"),
+    ("zeta", "zeta = {:g}", "damping of the structure; mass ratio 0.05"),
+    ("units", "units: {:g}", "number of units; mass ratio 0.05 in all"),
 )
 
 
@@ -20,7 +20,7 @@ def curve(ax: plt.Axes, rows: pd.DataFrame, along: str, colour: tuple, label: st
 
 
 def draw(charts: pd.DataFrame, dampers: pd.DataFrame) -> plt.Figure:
-    figure, panels = plt.subplots(2, 3, figsize=(13.0, 8.0), layout="constrained", sharey=True)
+    figure, panels = plt.subplots(3, 2, figsize=(9.0, 11.5), layout="constrained", sharey=True)
     shades = plt.get_cmap("viridis")
     for ax, (along, label, title) in zip(panels.flat, PANELS, strict=False):
         groups = list(cases.select(charts, **{along: None}).groupby(along))
@@ -38,9 +38,13 @@ def draw(charts: pd.DataFrame, dampers: pd.DataFrame) -> plt.Figure:
         own = tuned[tuned["mass_ratio"] == mass]
         detuned.plot(own["frequency_ratio"], own["rms_ratio"], "--", color=shades(0.44 * number))
         rows = cases.select(charts, mass_ratio=mass, frequency_ratio=None, play_in_sigma=3.0)
-        curve(detuned, rows, "frequency_ratio", shades(0.44 * number), f"{mass:g} of the mass")
+        curve(detuned, rows, "frequency_ratio", shades(0.44 * number), f"mass ratio {mass:g}")
     detuned.plot([], [], "k--", label="tuned mass damper")
-    detuned.set(xlabel="frequency of the structure / designed for", title="boxes of 3 rms, R = 0.5")
+    detuned.set(
+        xlabel="frequency of the structure / designed for",
+        title="off tune: boxes of 3 rms, R = 0.5",
+    )
+    detuned.set_xticks([0.9, 0.95, 1.0, 1.05, 1.1])
     rows = cases.select(charts, mass_ratio=None).sort_values("rms_ratio")
     curve(best, rows.drop_duplicates("mass_ratio"), "mass_ratio", "#1f4e79", "box, best play")
     own = tuned.groupby("mass_ratio")["rms_ratio"]
@@ -49,9 +53,9 @@ def draw(charts: pd.DataFrame, dampers: pd.DataFrame) -> plt.Figure:
     best.set(xscale="log", xlabel="mass ratio", title="against a tuned mass damper")
     best.set_xticks(cases.FAMILIES["mass_ratio"], [f"{m:g}" for m in cases.FAMILIES["mass_ratio"]])
     best.minorticks_off()
-    for ax in panels.flat:
-        ax.set_ylim(0.2, 1.04)
+    for number, ax in enumerate(panels.flat):
+        ax.set_ylim(0.15, 1.04)
         ax.grid(alpha=0.25)
-        ax.legend(fontsize=8, frameon=False, ncols=2)
+        ax.legend(frameon=False, ncols=2 + (number < 2), columnspacing=1.0, handlelength=1.5)
         ax.set_ylabel("rms with / without" if ax in panels[:, 0] else "")
     return figure

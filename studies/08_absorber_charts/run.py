@@ -33,5 +33,5 @@ if __name__ == "__main__":
         table.to_csv(options.out / f"{name}.csv", index=False)
     if not options.quick:
         charts.drop(columns="cpu_seconds").to_csv(CHARTS, index=False)
-        drawing.draw(charts, dampers).savefig(options.out / "figure.png", dpi=110)
+        drawing.draw(charts, dampers).savefig(options.out / "figure.png", dpi=150)
     print(cases.against_table(charts).round(3).to_string(), no_help, sep="\n")

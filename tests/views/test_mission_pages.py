@@ -46,6 +46,8 @@ def test_a_replay_has_a_page_that_names_its_record(stochvi: Run, tmp_path: Path)
     assert (
         text.index("impacts on stops") < text.index("Motion and impacts") < text.index("Approved")
     )
+    for field in ("Customer", "Laboratory", "Project", "Report no.", "Date"):
+        assert f">{field}</th>" in text
     assert 'class="verdict alarm"' in text  # it touches its stops
     assert "Clearance of &#39;stops&#39;, lower" in text and "2.000 mm" in text
     assert "Natural frequency" in text and "damping ratio 0.1" in text

@@ -48,9 +48,7 @@ def response(scene: Scene, started: float) -> Response:
 
 def unmet(model: Model) -> list[str]:
     """The conditions of the closed form that a model of one oscillator does not meet."""
-    found = [
-        sentence for stop in model.stops if (sentence := lossy(stop.law, f"the {stop.name} stop"))
-    ]
+    found = [f"{loss} at the {stop.name} stop" for stop in model.stops if (loss := lossy(stop.law))]
     found += without_energy(model) if not found else []
     if model.drag is not None:
         found.append("damping must be linear, got a function of velocity")
@@ -80,14 +78,14 @@ def unmet(model: Model) -> list[str]:
     return found
 
 
-def lossy(law: Law, at: str) -> str:
-    """Whether a stop loses energy, in a sentence; empty if it does not."""
+def lossy(law: Law) -> str:
+    """The condition that a stop without loss meets, and what this one has; empty if it meets it."""
     if law.conservative:
         return ""
     if not law.rigid:
-        return f"law must lose no energy, got {law.kind!r} at {at}"
+        return f"law must lose no energy, got {law.kind!r}"
     got = f"{law.coefficient:g}" if isinstance(law, Restitution) else "a function of speed"
-    return f"restitution must be 1 (an elastic stop), got {got} at {at}"
+    return f"restitution must be 1 (an elastic stop), got {got}"
 
 
 def displacement_law(scene: Scene) -> GibbsLaw:

@@ -12,7 +12,7 @@ does not couple are independent, each like one oscillator; coupled ones are inte
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +35,9 @@ from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
+
+MOST_NAMED = 4
+"""Largest number of stops that a condition names one by one."""
 
 
 class Split(NamedTuple):
@@ -95,11 +98,22 @@ def unmet(model: Model) -> list[str]:
         return found
     if any(signal.intensity for signal in model.signals):
         found.append("excitation must be white noise where there are stops, got filtered noise")
+    found.extend(_losses(model))
+    return found or without_energy(model) or _not_gibbs(model)
+
+
+def _losses(model: Model) -> Iterator[str]:
+    """Stops that lose energy, each by its name, or counted where they are many."""
+    places: dict[str, list[str]] = {}
     for pair in model.pairs:
         for stop in pair.stops:
-            if sentence := lossy(stop.law, f"the {stop.name} stop of {pair.name}"):
-                found.append(sentence)
-    return found or without_energy(model) or _not_gibbs(model)
+            if loss := lossy(stop.law):
+                places.setdefault(loss, []).append(f"the {stop.name} stop of {pair.name}")
+    for loss, at in places.items():
+        if len(at) > MOST_NAMED:
+            yield f"{loss} at {len(at)} stops, the first of which is {at[0]}"
+        else:
+            yield from (f"{loss} at {place}" for place in at)
 
 
 def _not_gibbs(model: Model) -> list[str]:

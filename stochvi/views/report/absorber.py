@@ -150,7 +150,7 @@ def sine_page(found: AbsorberSine, origin: Origin) -> Page:
             _limits("Rigid stops, no friction; the noise of the scene is left out."),
         ],
         origin=origin,
-        footer=[f"{found.cost.wall_time:.3g} s"],
+        footer=[f"calculated in {found.cost.wall_time:.3g} s"],
     )
 
 

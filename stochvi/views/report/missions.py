@@ -15,6 +15,7 @@ from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history
 from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
 from stochvi.views.schematic import draw_problem
 from stochvi.views.statistics_tables import NEAR_ONE, SURELY
+from stochvi.views.tables import effects_in_words
 from stochvi.views.words import MM, UNKNOWN, G, count_of, four_digits
 
 if TYPE_CHECKING:
@@ -111,7 +112,7 @@ def reliability_page(
             ),
         ],
         origin=origin,
-        footer=[f"{found.cost.wall_time:.3g} s on {found.cost.threads} threads"],
+        footer=[f"calculated in {found.cost.wall_time:.3g} s on {found.cost.threads} threads"],
     )
 
 
@@ -276,7 +277,7 @@ def _scene_section(scene: Scene, hung: SceneAtRest) -> Section:
         facts += [
             Fact(*each) for each in excitation.facts(scene.place(excitation), excitation.numbers())
         ]
-    facts.append(Fact("Simulated", "; ".join(scene.effects())))
+    facts.append(Fact("Simulated", effects_in_words(scene.effects())))
     return Section(
         title="Scene",
         facts=facts,
@@ -343,7 +344,7 @@ def replay_page(
             ),
         ],
         origin=origin,
-        footer=[f"{found.cost.wall_time:.3g} s"],
+        footer=[f"calculated in {found.cost.wall_time:.3g} s"],
     )
 
 

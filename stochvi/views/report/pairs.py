@@ -140,7 +140,7 @@ def pairs_page(
             ),
         ],
         origin=origin,
-        footer=[f"{sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads"],
+        footer=[f"calculated in {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads"],
     )
 
 

@@ -387,3 +387,14 @@ def test_coupled_pairs_pressed_deep_into_stiff_stops_do_not_depend_on_units():
     assert metres[0] == pytest.approx(0.7 / 2.0 * metres[1], rel=1e-9)
     for unit in (1e-3, 1e-6):
         assert mean(unit) == pytest.approx(metres, rel=1e-9)
+
+
+def test_many_stops_that_lose_energy_are_counted_in_one_condition() -> None:
+    lossy = Restitution(coefficient=0.5)
+    springs = 2.0 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1)
+    for names, said in (("ab", 4), ("abc", 1)):
+        chain = scene(np.ones(3), np.eye(3), springs, [pair(name, law=lossy) for name in names])
+        found = [each for each in unmet(model_of(chain)) if "restitution must be 1" in each]
+        assert len(found) == said
+        assert all("lower stop of a stops" in each for each in found[:1])
+    assert "at 6 stops" in found[0]
