@@ -1,5 +1,5 @@
 from .bursts import Bursts
-from .first_crossings import FirstCrossings
+from .crossing_ages import FirstCrossings
 from .histories import History
 from .impacts import Exponent, Histogram, ImpactStatistics, PairStatistics, Rate
 from .lifetimes import Destination, LifeTime, LifeTimes, lifetimes

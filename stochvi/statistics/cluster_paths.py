@@ -32,8 +32,13 @@ from stochvi.model.model import Model
 from stochvi.model.scales import scales_of_free_motion
 from stochvi.results.errors import NotApplicable
 from stochvi.statistics.crossing_ages import STRIDES
-from stochvi.statistics.first_crossings import MEMORY_RELAXATIONS
-from stochvi.statistics.pair_crossings import GapRecords, PairCrossings, PairMotion, own_distances
+from stochvi.statistics.pair_crossings import (
+    MEMORY_RELAXATIONS,
+    GapRecords,
+    PairCrossings,
+    PairMotion,
+    own_distances,
+)
 
 Records = NDArray[np.float64]
 
@@ -107,25 +112,38 @@ class ModalMotion(PairMotion):
         return np.asarray(np.einsum("gm,olmn,hn->olgh", self.rows, kept, self.rows))
 
     def around(self, gap: int) -> Records:
-        """rho, rho', eta and eta' of all modes from one sample before a crossing of one gap to the
-        end of the window, (samples, modes, 4)."""
+        """rho, rho', eta and eta' of all modes around a crossing of one gap, (samples, modes, 4).
+
+        They begin the longest of STRIDES before it and end with the window.
+        """
         row = self.rows[gap]
         # E[q_m(t) y(0)] at t > 0 is E[y(-t) q_m(0)]; every derivative changes sign
         after = np.einsum("m,olmn->oln", row, self.lagged[:, : self.window + 1])
         after *= np.array([1.0, -1.0, 1.0])[:, None, None]
-        before = np.einsum("omn,n->om", self.lagged[:, 1], row)
-        r, rate, bend = np.concatenate([before[:, None], after], axis=1)
+        before = np.einsum("olmn,n->olm", self.lagged[:, max(STRIDES) : 0 : -1], row)
+        r, rate, bend = np.concatenate([before, after], axis=1)
         own, own_bend = self.correlations[0, 0, gap, gap], self.correlations[2, 0, gap, gap]
         return np.stack([r / own, rate / own, rate / own_bend, bend / own_bend], axis=-1)
+
+
+class Followed(NamedTuple):
+    """What stops make of given motions: path, pair, time and speed of each impact (4, impacts), the
+    sums of each pair (pairs, sums_of_pair, paths), and the largest accelerations (paths,
+    outputs)."""
+
+    impacts: Matrix
+    sums: Records
+    accelerations: Matrix
 
 
 class ClusterPaths:
     """Paths of a linear structure under Gaussian noise, with clusters from their first impacts on.
 
-    Raises `NotApplicable` as `pair_crossings` does, or where a law cannot be simulated.
+    Half of a record is at least `memories` times as long as the memory of the gaps. Raises
+    `NotApplicable` as `pair_crossings` does, or where a law cannot be simulated.
     """
 
-    def __init__(self, model: Model, seed: int) -> None:
+    def __init__(self, model: Model, seed: int, memories: float = WINDOWS) -> None:
         if conditions := unmet(model):
             raise NotApplicable("bursts", conditions)
         self.model, self.seed = model, seed
@@ -134,8 +152,10 @@ class ClusterPaths:
         if model.single and not model.base_alone_moves:
             tables = tables.shaken_by_base()
         plan = plan_modal_tables(tables, None, None, scales_of_free_motion)
-        self.motion = ModalMotion(model, plan.step, WINDOWS)
-        self.plan: ModalTablesPlan = replace(plan, step=self.motion.response.step)
+        self.motion = ModalMotion(model, plan.step, memories)
+        self.plans: dict[int, ModalTablesPlan] = {
+            stride: replace(plan, step=stride * self.motion.response.step) for stride in STRIDES
+        }
         below, above = own_distances(model)
         self.records = GapRecords(self.motion, seed, below[None], above[None])
         self.pairs = tuple(pair.name for pair in model.pairs)
@@ -148,17 +168,26 @@ class ClusterPaths:
         """Number of paths that are made together."""
         return self.motion.modes.block(self.motion.modes.gaps)
 
+    def free(self, first_path: int) -> Records:
+        """Motion of all modes without stops (paths, samples, 2 modes) of one block of paths."""
+        modes = np.arange(self.model.modal.size)
+        return self.motion.modes.records(self.seed, first_path, self.together, modes)
+
+    def gaps(self, free: Records) -> Records:
+        """The gaps of the records (paths, samples, 2 pairs), from the motion of all modes."""
+        rows = self.motion.rows[self.records.chosen].T
+        found = np.empty((*free.shape[:2], 2 * len(self.records.pairs)))
+        found[:, :, 0::2], found[:, :, 1::2] = free[:, :, 0::2] @ rows, free[:, :, 1::2] @ rows
+        return found
+
     def found(self, ages: NDArray[np.float32]) -> PairCrossings:
         """The answer from the ages of all crossings so far."""
         return self.records.found(ages)
 
     def part(self, widening: float, first_path: int) -> Part:
         """Crossings of one block of paths, and the clusters after first impacts."""
-        records, n = self.records, self.model.modal.size
-        free = self.motion.modes.records(self.seed, first_path, self.together, np.arange(n))
-        gaps = np.empty((*free.shape[:2], 2 * len(records.pairs)))
-        rows = self.motion.rows[records.chosen].T
-        gaps[:, :, 0::2], gaps[:, :, 1::2] = free[:, :, 0::2] @ rows, free[:, :, 1::2] @ rows
+        records, free = self.records, self.free(first_path)
+        gaps = self.gaps(free)
         units = records.units(first_path, self.together)
         ages = records.ages_in(gaps, units, STRIDES)
         slopes, weights = widened(units, widening)
@@ -167,17 +196,15 @@ class ClusterPaths:
         kept = np.maximum(rates / rates.max(), LEAST_SHARE)
         random = np.random.default_rng([self.seed, CHOICE, first_path])
         chosen = random.random(wide[0, :, 0].shape) < kept[:, None, None]
-        chosen &= wide[0, :, 0] > records.horizon - 0.5 * self.plan.step
+        chosen &= wide[0, :, 0] > records.horizon - 0.5 * records.plan.step
         columns = [np.empty((3 + 3 * len(self.pairs) + len(self.outputs), 0))]
-        for side, (gap, near, _) in enumerate(records.sides):
+        for side, (gap, _, _) in enumerate(records.sides):
             path, start = np.nonzero(chosen[side])
             for p, s in self._shared(path, start):
-                speeds = records.speed(gap) * slopes[gap, p, s]
-                motion = self._motion(
-                    free, gap, near[0, gap], p, s, speeds, self._signs(side, p + s)
-                )
+                signs, units_of = self._signs(side, p + s), slopes[gap, p, s]
+                motion = self.around(free, side, p, records.starts[s], units_of, signs)
                 weight = rates[side] / kept[side] * weights[gap, p, s]
-                columns.append(np.vstack([first_path + p, weight, self._follow(motion)]))
+                columns.append(np.vstack([first_path + p, weight, self._cluster(motion)]))
         return Part(ages, np.concatenate(columns, axis=1))
 
     def _shared(
@@ -196,20 +223,32 @@ class ClusterPaths:
         near = self.records.sides[side][1]
         return np.full(len(numbers), 1.0 if near is self.records.above else -1.0)
 
-    def _motion(
-        self, free: Records, gap: int, near: float, path: NDArray[np.int64],
-        start: NDArray[np.int64], speeds: Vector, signs: Vector,
+    def around(
+        self, free: Records, side: int, path: NDArray[np.int64], start: NDArray[np.int64],
+        units: Vector, signs: Vector, stride: int = 1,
     ) -> Records:  # fmt: skip
-        """Modal displacements and velocities around crossings of one gap (samples, modes, 2
-        clusters), for the engine, which begins at the last sample."""
-        n, shape = self.model.modal.size, self._around[gap]
+        """Modal displacements and velocities around crossings of the stop of one side, for
+        `follow`.
+
+        Parameters
+        ----------
+        path, start
+            (crossings,): path and sample of the `free` motion that become a crossing.
+        units, signs
+            (crossings,): slope in rms speeds of the gap, and -1 where the motion is turned over.
+        stride
+            Number of samples in a step.
+        """
+        gap, near, _ = self.records.sides[side]
         row = self.motion.rows[self.records.chosen[gap]]
-        starts = self.records.starts[start]
-        here = free[path, starts]
-        away = (1.0 + TOUCH) * near - here[:, 0::2] @ row
-        change = speeds - here[:, 1::2] @ row
-        motion = np.empty((len(shape), n, 2 * len(path)))
-        motions_around(free, path, starts, shape, away, change, signs, self.plan.scale, motion)
+        shape = np.ascontiguousarray(self._around[gap][max(STRIDES) - stride :: stride])
+        here = free[path, start]
+        away = (1.0 + TOUCH) * near[0, gap] - here[:, 0::2] @ row
+        change = self.records.speed(gap) * units - here[:, 1::2] @ row
+        motion = np.empty((len(shape), len(row), 2 * len(path)))
+        motions_around(
+            free, path, start, stride, shape, away, change, signs, self.plans[1].scale, motion
+        )
         return motion
 
     @cached_property
@@ -217,31 +256,46 @@ class ClusterPaths:
         """`ModalMotion.around` of each gap of the records."""
         return [self.motion.around(int(gap)) for gap in self.records.chosen]
 
-    def _follow(self, motion: Records) -> Matrix:
-        """Rows of `Part.bursts` from the impacts in the first half of the window on."""
-        bursts = motion.shape[2] // 2
-        accelerations = np.zeros((bursts, len(self.outputs)))
+    def follow(
+        self, motion: Records, *, accelerations: bool, stride: int = 1, burn_in: int = 0,
+        counted: int | None = None,
+    ) -> Followed:  # fmt: skip
+        """What the stops make of a motion, by `ModalTablesPlan.follow`; without `accelerations`
+        these are 0."""
+        largest = np.zeros((motion.shape[2] // 2, len(self.outputs)))
         rows = LOGGED
         while True:
             log = Log(np.zeros((rows, COLUMNS)), np.zeros(1, np.int64), 0.0)
-            accelerations[:] = 0.0
-            sums = self.plan.follow(motion, log, accelerations if self.outputs else None)
+            largest[:] = 0.0
+            sums = self.plans[stride].follow(
+                motion, log, largest if accelerations and self.outputs else None, burn_in, counted
+            )
             if log.count[0] <= rows:
                 break
             rows = int(log.count[0])
-        path, pair, time, speed = log.events[: log.count[0]].T
-        fastest = np.zeros((len(self.pairs), bursts))
-        np.maximum.at(fastest, (pair.astype(int), path.astype(int)), np.abs(speed))
-        early = np.bincount(
-            path[time <= 0.5 * self.motion.window * self.plan.step].astype(int), minlength=bursts
-        )
-        of = {name: row for row, name in enumerate(self.plan.sums_of_pair)}
+        return Followed(log.events[: log.count[0]].T, sums, largest)
+
+    def fastest(self, impacts: Matrix, paths: int) -> Matrix:
+        """Largest impact speeds of each pair (pairs, paths), m/s; 0 where there is no impact."""
+        path, pair, _, speed = impacts
+        found = np.zeros((len(self.pairs), paths))
+        np.maximum.at(found, (pair.astype(int), path.astype(int)), np.abs(speed))
+        return found
+
+    def _cluster(self, motion: Records) -> Matrix:
+        """Rows of `Part.bursts` from the impacts in the first half of the window on."""
+        bursts, plan = motion.shape[2] // 2, self.plans[1]
+        impacts, sums, accelerations = self.follow(motion, accelerations=True)
+        early = impacts[0, impacts[2] <= 0.5 * self.motion.window * plan.step].astype(int)
+        of = {name: row for row, name in enumerate(plan.sums_of_pair)}
         hits, speeds = (
             sums[:, of[f"{what}_lower"]] + sums[:, of[f"{what}_upper"]] for what in ("n", "f1")
         )
         if self.model.sharing is not None:
             hits, speeds = self.model.sharing @ hits, self.model.sharing @ speeds
-        return np.vstack([early, hits, speeds, fastest, accelerations.T])
+        counts = np.bincount(early, minlength=bursts)
+        fastest = self.fastest(impacts, bursts)
+        return np.vstack([counts, hits, speeds, fastest, accelerations.T])
 
 
 def widened(unit: Vector, widening: float) -> tuple[Vector, Vector]:

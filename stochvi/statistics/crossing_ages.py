@@ -11,8 +11,8 @@ limiting decay rate
 
     lambda = sum_s nu_s G_s(t) / P(no impact before t)
 
-which thus needs no record as long as the mission. One process between two stops is the case of
-`first_crossings`, the gaps of several pairs that of `pair_crossings`.
+which thus needs no record as long as the mission. The gaps of any number of pairs are
+the case of `pair_crossings`, one of them at many places that of `first_crossings`.
 """
 
 from __future__ import annotations
@@ -184,6 +184,28 @@ class CrossingAges:
         early = np.minimum(_columns(self.outside, means[0]) + means[0], 1.0 - FEWEST_SURVIVORS)
         later = max(mission - self.horizon, 0.0)
         return np.asarray(-np.expm1(np.log1p(-early) - self._rate(means) * later))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FirstCrossings(CrossingAges):
+    """Ages of outcrossings of pairs of levels by one oscillator: they give its first impacts.
+
+    Parameters
+    ----------
+    lower, upper
+        (levels,) distances of the stops from the mean position, m; infinite for none.
+    displacement_std, velocity_std
+        Standard deviations of the process and of its rate, m and m/s.
+
+    See Also
+    --------
+    stochvi.reliability : The probability of any impact in a mission.
+    """
+
+    lower: Vector
+    upper: Vector
+    displacement_std: float
+    velocity_std: float
 
 
 def _columns(levels: Vector, like: Vector) -> Vector:

@@ -24,6 +24,7 @@ from __future__ import annotations
 import math
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Unpack
 
@@ -31,9 +32,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.impact_rates import rice_rate
-from stochvi.methods.monte_carlo.kernels.rows import Extremes, Sums
-from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
+from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
+from stochvi.methods.monte_carlo.step_bias import (
+    bias_of_plain_step,
+    bias_of_smooth_motion,
+    lossiest,
+)
+from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
@@ -52,8 +57,8 @@ from stochvi.sampling.sampler import TrialSampler
 from stochvi.sampling.stop_flag import GivenUp
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import UNFINISHED
-from stochvi.statistics.cluster_paths import TOUCH, WINDOW_RELAXATIONS, WINDOWS
-from stochvi.statistics.first_crossings import Records, crossing_plan
+from stochvi.statistics.cluster_paths import WINDOW_RELAXATIONS, WINDOWS, ClusterPaths
+from stochvi.statistics.pair_crossings import GapRecords
 
 FLOWN_TOGETHER = 128
 """Number of trials that one call of the engine simulates."""
@@ -64,7 +69,11 @@ so that a small budget, too, holds several repetitions; and largest number times
 relative error asked for."""
 
 MOST_SAMPLES = 2**21
-"""Largest number of samples that the trials of one repetition hold together: 32 MB."""
+"""Largest number of samples that the trials of one repetition hold together, of all modes: 32
+MB."""
+
+TINY = 1e-300
+"""Smallest number that a score is the inverse of."""
 
 FEWEST_TRIALS = 64
 """Smallest number of trials in one repetition, where each takes many samples."""
@@ -125,15 +134,16 @@ class Trials(NamedTuple):
     Parameters
     ----------
     records
-        (trials, samples, 2): x and x' without stops, before anything is made a crossing, m and m/s.
+        (trials, samples, 2 modes): displacement and velocity of each mode without stops, in turn,
+        before anything is made a crossing.
     pairs
         (trials, 2): standard normal numbers; the length of a pair is the slope of the crossing over
         the rms velocity (Rayleigh's distribution).
     side
-        (trials,): number of the stop that is crossed.
+        (trials,): number of the stop that is crossed, see `Kind`.
     score
-        (trials,): largest impact speed (m/s) or absolute acceleration (m/s^2); minus infinity where
-        the crossing is no first impact.
+        (trials,): largest impact speed (m/s) or absolute acceleration (m/s^2); below 0 where no
+        stop is hit, and minus infinity where the crossing is no first impact.
     """
 
     records: Vector
@@ -152,10 +162,10 @@ class Kind(ABC):
 
     Parameters
     ----------
-    records
-        Records of the response without stops: their plan and its correlation.
+    paths
+        Motion without stops, and what the stops make of it.
     event
-        What the score measures: "impact_speed" or "peak_acceleration".
+        What the score measures: "impact_speed" of any pair or "peak_acceleration".
     samples
         Length of a trial, in samples.
     trials
@@ -164,31 +174,42 @@ class Kind(ABC):
         (stops,): probability that a trial belongs to each stop.
     """
 
-    records: Records
+    paths: ClusterPaths
     event: str
     samples: int
     trials: int
     sides: Vector
 
     @property
-    def plan(self) -> TabulatedPlan:
-        """Synthesis of the response without stops."""
-        return self.records.plan
+    def records(self) -> GapRecords:
+        """The gaps without stops, and crossings that are put into them."""
+        return self.paths.records
+
+    @property
+    def step(self) -> float:
+        """Sampling interval, s."""
+        return self.records.plan.step
+
+    def step_bias(self, difference: float) -> float | None:
+        """The bias that the sampling leaves in a probability, from its difference to half the
+        sampling rate."""
+        model = self.paths.model
+        if not model.whites:
+            return bias_of_smooth_motion(difference)
+        return bias_of_plain_step("impact_speed_rate", difference, lossiest(model))
 
     def fresh(self, draw: int) -> Trials:
         """Independent trials, without their scores; each `draw` has random numbers of its own."""
-        plan, count = self.plan, self.records.count
-        starts = np.arange(0, plan.samples - self.samples + 1, count)
+        block, modes = self.paths.together, self.paths.model.modal.size
+        starts = np.arange(0, self.records.plan.samples - self.samples + 1, self.records.count)
         paths = math.ceil(self.trials / len(starts))
-        records = np.empty((self.trials, self.samples, 2))
+        records = np.empty((self.trials, self.samples, 2 * modes))
         done = 0
-        for first in range(0, paths, plan.block):
-            free = plan.free_response(self.records.seed, draw * TRIALS + first, plan.block, 0)
+        for first in range(0, paths, block):
+            free = self.paths.free(draw * TRIALS + first)
             for start in starts:
-                part = free[start : start + self.samples]
-                size = min(plan.block, self.trials - done)
-                records[done : done + size, :, 0] = part[:, 0 : 2 * size : 2].T
-                records[done : done + size, :, 1] = plan.model.omega * part[:, 1 : 2 * size : 2].T
+                size = min(block, self.trials - done)
+                records[done : done + size] = free[:size, start : start + self.samples]
                 done += size
         random = np.random.default_rng([self.records.seed, STREAM, draw])
         pairs = random.standard_normal((self.trials, 2))
@@ -204,42 +225,50 @@ class Kind(ABC):
         """The score of every trial; with `half` from the first half of what counts alone, with
         `coarse` at twice the sampling interval."""
         found = np.full(len(trials.side), -math.inf)
-        (chosen,) = np.nonzero(self._counts(trials))
-        plan = self.plan
-        if coarse:
-            plan = replace(plan, block_length=2.0 * plan.block_length)
-        for first in range(0, len(chosen), FLOWN_TOGETHER):
-            which = chosen[first : first + FLOWN_TOGETHER]
-            rows, warm_up = self._rows(trials.chosen(which), 2 if coarse else 1)
-            counted = len(rows) - warm_up - 1
-            extremes = Extremes.zeros(len(which))
-            sums = Sums.zeros(len(which), plan.contacts).table
-            # the engine begins with the samples before the crossing, which stand at the end of a
-            # record
-            rows = np.ascontiguousarray(np.roll(rows, -warm_up - 1, axis=0))
-            plan.add_impacts(
-                rows, warm_up, counted // 2 if half else counted, sums, None, extremes.table
-            )
-            found[which] = self._score_of(extremes)
+        for which in self._together(trials):
+            motion, burn_in = self._motion(trials.chosen(which), 2 if coarse else 1)
+            counted = (len(motion) - 1 - burn_in) // (2 if half else 1)
+            found[which] = self._score_of(motion, burn_in, counted, 2 if coarse else 1)
         return found
 
-    def _score_of(self, extremes: Extremes) -> Vector:
-        """The scores of trials with such extremes. Where no stop was hit, a negative number that
-        rises with the largest acceleration stands for the speed: it shows which trials came
-        close, and lies below all speeds."""
-        if self.event == "peak_acceleration":
-            return extremes.acceleration
-        speed = extremes.impact_speed
-        return np.where(speed > 0.0, speed, -1.0 / np.maximum(extremes.acceleration, 1e-300))
+    def _together(self, trials: Trials) -> Iterator[NDArray[np.intp]]:
+        """Numbers of the trials that have a score, in parts that are simulated together and belong
+        to one stop."""
+        scored = self._counts(trials)
+        for number in range(len(self.sides)):
+            (chosen,) = np.nonzero(scored & (trials.side == number))
+            for first in range(0, len(chosen), FLOWN_TOGETHER):
+                yield chosen[first : first + FLOWN_TOGETHER]
+
+    def _score_of(self, motion: Vector, burn_in: int, counted: int, stride: int) -> Vector:
+        """The scores of trials with such a motion without stops. Where no stop is hit, it is a
+        negative number that rises with how close the motion comes to a stop."""
+        trials, sharp = motion.shape[2] // 2, self.event == "peak_acceleration"
+        impacts, _, accelerations = self.paths.follow(
+            motion, accelerations=sharp, stride=stride, burn_in=burn_in, counted=counted
+        )
+        score: Vector
+        if sharp:
+            score = accelerations.max(axis=1)
+        else:
+            score = self.paths.fastest(impacts, trials).max(axis=0)
+        (missed,) = np.nonzero(score == 0.0)
+        if len(missed):
+            gaps = motion[:counted, :, 2 * missed].transpose(2, 0, 1)
+            reached = gaps @ self.paths.motion.rows[self.records.chosen].T
+            above, below = self.records.above[0], self.records.below[0]
+            closeness = np.maximum(reached / above, -reached / below).max(axis=(1, 2))
+            score[missed] = -1.0 / np.maximum(closeness, TINY)
+        return score
 
     @abstractmethod
     def _counts(self, trials: Trials) -> NDArray[np.bool_]:
         """(trials,): whether a trial has a score at all."""
 
     @abstractmethod
-    def _rows(self, trials: Trials, stride: int) -> tuple[Vector, int]:
-        """Rows for the engine, (samples, 2 trials), from one sample before the first one that is
-        simulated, and how many samples are simulated before counting starts."""
+    def _motion(self, trials: Trials, stride: int) -> tuple[Vector, int]:
+        """Motion without stops of trials that belong to one stop, for `ClusterPaths.follow`, and
+        how many samples are simulated before counting starts."""
 
     @abstractmethod
     def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
@@ -272,14 +301,13 @@ class AfterCrossings(Kind):
     """
 
     rate: float
-    near: Vector
-    far: Vector
-    signs: Vector
+    crossed: tuple[tuple[int, float], ...]
+    """The side of the records and the sign of each stop, see `ClusterPaths.around`."""
 
     @property
     def window(self) -> float:
         """Seconds that are simulated after a first impact."""
-        return (self.samples - self.records.count - 2) * self.plan.step
+        return (self.samples - self.records.count - 2) * self.step
 
     @property
     def relaxation(self) -> float:
@@ -300,27 +328,25 @@ class AfterCrossings(Kind):
 
     def _ages(self, trials: Trials) -> Vector:
         """(trials,): seconds without an impact before the crossing, up to the horizon."""
-        count, ages = self.records.count, np.empty((1, len(trials.side), 1))
-        for number in range(len(self.sides)):
+        crossing, ages = self.records.count + 1, np.empty(len(trials.side))
+        gaps = self.paths.gaps(trials.records[:, : crossing + 1])
+        for number, (side, _) in enumerate(self.crossed):
             (which,) = np.nonzero(trials.side == number)
             found = self.records.ages_before(
-                trials.records[which], np.array([count + 1]), self._slopes(trials)[which, None],
-                1, self.near[[number]], self.far[[number]],
-            )  # fmt: skip
-            ages[:, which] = found
-        return np.asarray(ages[0, :, 0])
+                side, gaps[which], np.array([crossing]), _slopes(trials)[which, None]
+            )
+            ages[which] = found[0, :, 0]
+        return ages
 
-    def _slopes(self, trials: Trials) -> Vector:
-        return np.asarray(self.records.velocity_std * np.hypot(*trials.pairs.T))
-
-    def _rows(self, trials: Trials, stride: int) -> tuple[Vector, int]:
-        crossing = self.records.count + 1
-        sample = np.arange(-stride, self.samples - crossing, stride)
-        rows = after_crossings(
-            self.records, trials.records[:, crossing + sample], trials.records[:, crossing],
-            sample, self._slopes(trials), self.near[trials.side], self.signs[trials.side],
+    def _motion(self, trials: Trials, stride: int) -> tuple[Vector, int]:
+        side, sign = self.crossed[trials.side[0]]
+        count = len(trials.side)
+        crossing = np.full(count, self.records.count + 1)
+        motion = self.paths.around(
+            trials.records, side, np.arange(count), crossing, _slopes(trials),
+            np.full(count, sign), stride,
         )  # fmt: skip
-        return rows, 0
+        return motion, 0
 
     def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
         # a window holds first impacts of other clusters as well, see `bursts.Bursts`
@@ -339,38 +365,9 @@ class AfterCrossings(Kind):
         return max(share - 0.5 * self.overlap(scored), 0.0)  # without those of new clusters
 
 
-def after_crossings(
-    records: Records,
-    record: Vector,
-    here: Vector,
-    sample: NDArray[np.int64],
-    slopes: Vector,
-    near: Vector,
-    sign: Vector,
-) -> Vector:
-    """Records around crossings (see `kernels.crossings`), in rows for the engine.
-
-    Parameters
-    ----------
-    record, here
-        (clusters, samples, 2) and (clusters, 2): x and x' of stationary records at the samples, and
-        at the one that is made a crossing.
-    sample
-        (samples,): numbers of the samples, from the crossing.
-    slopes, near, sign
-        (clusters,): speed of the crossing (m/s), distance of the stop (m), and 1 for an upper stop,
-        -1 for a lower one.
-    """
-    rho, rho_rate, eta, eta_rate = records.shape[np.abs(sample)].T
-    back = np.where(sample < 0, -1.0, 1.0)
-    away = (1.0 + TOUCH) * near - here[:, 0]
-    change = slopes - here[:, 1]
-    y = record[:, :, 0] + away[:, None] * rho + change[:, None] * back * eta
-    rate = record[:, :, 1] + away[:, None] * back * rho_rate + change[:, None] * eta_rate
-    rows = np.empty((len(sample), 2 * len(record)))
-    rows[:, 0::2] = (sign[:, None] * y).T
-    rows[:, 1::2] = (sign[:, None] * rate).T / records.plan.model.omega
-    return rows
+def _slopes(trials: Trials) -> Vector:
+    """(trials,): slopes of the crossings, in rms speeds of the gaps."""
+    return np.asarray(np.hypot(*trials.pairs.T))
 
 
 def risk_of_windows(exceeded: Vector, late: Vector, window: float, mission: float) -> Vector:
@@ -394,17 +391,19 @@ class Windows(Kind):
     @property
     def window(self) -> float:
         """Counted seconds of a trial."""
-        return self.counted * self.plan.step
+        return self.counted * self.step
 
     def _counts(self, trials: Trials) -> NDArray[np.bool_]:
         return np.ones(len(trials.side), bool)
 
-    def _rows(self, trials: Trials, stride: int) -> tuple[Vector, int]:
+    def _motion(self, trials: Trials, stride: int) -> tuple[Vector, int]:
         records = trials.records[:, ::stride]
-        rows = np.empty((records.shape[1], 2 * len(records)))
-        rows[:, 0::2] = records[:, :, 0].T
-        rows[:, 1::2] = records[:, :, 1].T / self.plan.model.omega
-        return rows, len(rows) - 1 - self.counted // stride
+        count, samples, width = records.shape
+        motion = np.empty((samples, width // 2, 2 * count))
+        motion[:, :, 0::2] = records[:, :, 0::2].transpose(1, 2, 0)
+        motion[:, :, 1::2] = records[:, :, 1::2].transpose(1, 2, 0) / self.paths.plans[1].scale
+        burn_in = samples - 1 - self.counted // stride
+        return np.roll(motion, -burn_in - 1, axis=0), burn_in
 
     def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
         return risk_of_windows(exceeded, late, self.window, mission)
@@ -425,48 +424,51 @@ def kinds_of(
     """Both kinds of trials of a scene. `budget` is what a user asked for, in seconds, and not what
     is left of it: no digit depends on the load of a machine.
 
-    Raises `NotApplicable` as `first_crossings` does, or without stops on both sides of the mean
-    position.
+    Raises `NotApplicable` as `bursts` does, for several coordinates or pairs, and where a stop has
+    no force, so that its impacts have no acceleration.
     """
-    plan = crossing_plan(scene, HORIZONS)
     model = model_of(scene)
-    stops = [
-        (float(stop.side), stop.side * (stop.position - model.rest))
-        for stop in model.stops_per_unit_mass
-    ]
-    if not stops or min(place for _, place in stops) <= 0.0:
-        raise NotApplicable("rare impacts", ["needs a stop, and none beyond the mean position"])
+    # trials of the stops that are reached seldom would be too few where pairs differ
+    if unmet := beyond_one_oscillator(model, with_filters=True):
+        raise NotApplicable("rare impacts", unmet)
     own = int(np.random.SeedSequence([seed, STREAM]).generate_state(1, np.uint64)[0] >> 1)
-    near = np.array([place for _, place in stops])
-    records = Records(plan, own, near[:1], near[:1])
-    # the stops are not alike for what follows a crossing, even where they are equally far
-    far = near[::-1] if len(near) == 2 else np.array([math.inf])
-    rates = rice_rate(near, records.displacement_std, records.velocity_std)
+    paths = ClusterPaths(model, own, HORIZONS)
+    if event == "peak_acceleration" and not paths.outputs:
+        raise NotApplicable("peak_acceleration", [NEEDS_FORCE])
+    records, modes = paths.records, paths.model.modal.size
+    # stops that are equally far are not alike in what follows a crossing
+    signs = (1.0, -1.0)
+    crossed = [
+        (number, sign, rate / 2.0 if records.alike else rate)
+        for number, ((_, near, _), rate) in enumerate(
+            zip(records.sides, records.rice_rates[:, 0], strict=True)
+        )
+        for sign in (signs if records.alike else signs[int(near is not records.above) :][:1])
+    ]
+    rates = np.array([rate for _, _, rate in crossed])
     most = min(TRIALS, TRIALS_FOR_ERROR / rel_error**2)
     if budget is not None:
         most = min(most, TRIALS_PER_SECOND * budget)
     trials = 2 ** int(math.log2(max(most, 1.0)))
 
     def fitting(samples: int) -> int:
-        return int(max(min(trials, MOST_SAMPLES // samples), FEWEST_TRIALS))
+        return int(max(min(trials, MOST_SAMPLES // (samples * modes)), FEWEST_TRIALS))
 
-    after = math.ceil(WINDOWS * records.count)
+    after = paths.motion.window
     length = records.count + 2 + after
     bursts = AfterCrossings(
-        records=records,
+        paths=paths,
         event=event,
         samples=length,
         trials=fitting(length),
-        sides=rates / rates.sum() if rates.sum() > 0.0 else np.full(len(near), 1.0 / len(near)),
+        sides=rates / rates.sum() if rates.sum() > 0.0 else np.full(len(rates), 1.0 / len(rates)),
         rate=float(rates.sum()),
-        near=near,
-        far=far.copy(),
-        signs=np.array([sign for sign, _ in stops]),
+        crossed=tuple((number, sign) for number, sign, _ in crossed),
     )
-    counted = min(after, max(2, round(mission / plan.step)))
+    counted = min(after, max(2, round(mission / records.plan.step)))
     length = after + 1 + counted
     windows = Windows(
-        records=records,
+        paths=paths,
         event=event,
         samples=length,
         trials=fitting(length),
@@ -642,7 +644,7 @@ def rare_hits(
     Raises
     ------
     NotApplicable
-        As `first_crossings`, or if there are no stops on both sides of the mean position.
+        As `bursts`, for several coordinates or pairs, and for accelerations at rigid stops.
     """
     run = Run.of(options)
     bursts, windows = kinds_of(scene, event, mission, run.accuracy, run.seed, run.deadline.budget)
@@ -737,7 +739,7 @@ class _Question:
             words = f"the probability of exceeding {levels.levels[-1]:.4g}, {count} repetitions"
             return self._at_most(kind, levels, count, upper, words)
         at_twice = float(risk(np.array([coarse.mean(), late.mean(), scored.mean()])))
-        step = kind.plan.step_bias("impact_speed_rate", abs(at_twice - value))
+        step = kind.step_bias(abs(at_twice - value))
         apart = value * kind.bias(float(scored.mean()), self.mission)
         return RareHits(
             chance=Estimate(

@@ -41,7 +41,8 @@ from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.statistics.bursts import UNFINISHED, Bursts, bursts
-from stochvi.statistics.first_crossings import crossing_plan, first_crossings
+from stochvi.statistics.first_crossings import first_crossings, one_gap
+from stochvi.statistics.pair_crossings import PairMotion
 from stochvi.testing import assert_agrees
 from stochvi.verification.testing.agreement import Z
 from stochvi.views.sizing import plot_risk
@@ -512,10 +513,9 @@ def test_a_chance_near_one_falls_with_the_clearance_and_is_a_limit(mission: floa
     )
     curve = size(scene, probability=0.5, mission=mission, seed=1).curve
     assert (np.diff(curve["probability"]) <= 0.0).all()
-    plan = crossing_plan(scene)
-    blocks = [plan.free_response(7, first, plan.block, 0) for first in range(0, 2048, plan.block)]
-    x = np.abs(np.concatenate([block[:, 0::2] for block in blocks], axis=1))
-    largest = x[: math.ceil(mission / plan.step) + 1].max(axis=0)
+    response = PairMotion(one_gap(model_of(scene))).response
+    x = np.abs(response.records(7, 0, 2048, np.arange(1))[:, :, 0])
+    largest = x[:, : math.ceil(mission / response.step) + 1].max(axis=1)
     for row in curve.iloc[:6].itertuples():
         share = float(np.mean(largest > row.clearance))
         error = math.sqrt(max(share * (1.0 - share), 1.0 / len(largest)) / len(largest))

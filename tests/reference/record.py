@@ -147,8 +147,8 @@ def cases() -> dict[str, Callable[[], Any]]:
             pair_crossings(shipped("rigid-box"), mission=60.0, rel_error=0.2, seed=7, budget=None)
         ),
         "rare hits": lambda: rare_hits(
-            zoo("psd-truck-elastic"), "peak_acceleration", 600.0, mission=60.0, rel_error=0.3,
-            seed=7, budget=None,
+            zoo("psd-spring-stops"), "impact_speed", 0.5, mission=60.0, rel_error=0.3, seed=7,
+            budget=None,
         ),
         "chance in windows": lambda: chance_in_windows(
             zoo("psd-spring-stops"), "impact_speed", 0.5, 60.0, accepted=0.2, seed=7, budget=None

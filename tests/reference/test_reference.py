@@ -33,6 +33,8 @@ OTHER_DIGITS = {
     "absorber design": PUSHES,
     "impacts, rel_error": PUSHES,
     "bursts": ONE_MASS,
+    "first crossings": ONE_MASS,
+    "rare hits": ONE_MASS,
     "bursts of a structure": PUSHES,
     "reliability of pairs": PUSHES,
     "life times": PUSHES,

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from stochvi import (
+    Elastic,
     FilteredNoise,
+    ImpactPair,
     Isolator,
     NotApplicable,
     Oscillator,
@@ -26,14 +28,9 @@ from stochvi.mathematics.spectra import squared_gain
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
-from stochvi.statistics.crossing_ages import FEWEST_PATHS, PILOT, largest_error
-from stochvi.statistics.first_crossings import (
-    FirstCrossings,
-    Records,
-    crossing_plan,
-    deviations,
-    first_crossings,
-)
+from stochvi.statistics.crossing_ages import FEWEST_PATHS, PILOT, FirstCrossings, largest_error
+from stochvi.statistics.first_crossings import first_crossings, one_gap
+from stochvi.statistics.pair_crossings import GapRecords, PairMotion
 from stochvi.testing import assert_agrees
 
 UNIT = Scene(
@@ -50,6 +47,22 @@ TRUCK = Scene(
     excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
 )
 MISSION, HOUR = 10.0, 3600.0
+
+
+def motion_of(scene: Scene) -> PairMotion:
+    """Displacement and velocity of an oscillator."""
+    return PairMotion(one_gap(model_of(scene)))
+
+
+def deviations(scene: Scene) -> tuple[float, float]:
+    """Standard deviations of displacement and velocity, m and m/s."""
+    motion = motion_of(scene)
+    return float(motion.displacement_std[0]), float(motion.velocity_std[0])
+
+
+def records_of(scene: Scene, seed: int, level: float) -> GapRecords:
+    """Records with crossings of two stops at one distance."""
+    return GapRecords(motion_of(scene), seed, np.array([[level]]), np.array([[level]]))
 
 
 @pytest.fixture(scope="module")
@@ -121,12 +134,12 @@ def test_half_the_horizon_gives_the_same_rate(unit: FirstCrossings) -> None:
 @pytest.fixture(scope="module")
 def extremes() -> tuple[NDArray[np.float64], float]:
     """Lowest and highest place of 2048 stationary records of MISSION seconds, and their step."""
-    plan = crossing_plan(TRUCK)
+    plan = motion_of(TRUCK).response
     plan = plan.with_step(plan.step / 1.5)
     found = []
-    for first in range(0, 2048, plan.block):
-        x = plan.free_response(11, first, plan.block, 0)[: round(MISSION / plan.step) + 1, 0::2]
-        found.append([x.min(axis=0), x.max(axis=0)])
+    for first in range(0, 2048, 32):
+        x = plan.records(11, first, 32, np.arange(1))[:, : round(MISSION / plan.step) + 1, 0]
+        found.append([x.min(axis=1), x.max(axis=1)])
     return np.concatenate(found, axis=1), plan.step
 
 
@@ -181,16 +194,17 @@ def test_rare_levels_tend_to_rice_and_keep_their_digits() -> None:
 
 
 def test_correlation_is_that_of_an_oscillator_in_white_noise() -> None:
-    records = Records(crossing_plan(UNIT), 0, np.array([3.0]), np.array([3.0]))
+    records = records_of(UNIT, 0, 3.0)
     t = records.plan.step * np.arange(records.count)
+    r, _, bend = records.correlations[:, : records.count, 0, 0]
     damped = math.sqrt(1.0 - 0.05**2)
     expected = np.exp(-0.05 * t) * (np.cos(damped * t) + 0.05 / damped * np.sin(damped * t))
     # a bin of the synthesis has one frequency: sinc(t / block); and what is folded from beyond
-    folded = 4.0 * abs(records.displacement_std**2 - 1.0)
+    folded = 4.0 * abs(r[0] - 1.0)
     allowed = np.exp(-0.05 * t) * (np.pi * t / records.plan.block_length) ** 2 / 6.0 + folded
-    assert (np.abs(records.shape[: records.count, 0] - expected) < allowed).all()
+    assert (np.abs(r / r[0] - expected) < allowed).all()
     slope = np.exp(-0.05 * t) * (np.cos(damped * t) - 0.05 / damped * np.sin(damped * t))
-    np.testing.assert_allclose(records.shape[:20, 3], slope[:20], atol=2e-2)
+    np.testing.assert_allclose(bend[:20] / bend[0], slope[:20], atol=2e-2)
 
 
 def test_digits_depend_on_the_seed_alone() -> None:
@@ -200,6 +214,16 @@ def test_digits_depend_on_the_seed_alone() -> None:
     )
     np.testing.assert_array_equal(one.ages, two.ages)
     assert not np.array_equal(one.ages, other.ages)
+
+
+def test_stops_of_the_scene_do_not_matter() -> None:
+    stops = ImpactPair(lower=-0.5, law=Elastic(stiffness=5.0))
+    stopped = UNIT.model_copy(update={"impact_pairs": (stops,)})
+    one, other = (
+        first_crossings(scene, upper=[3.0], rel_error=0.2, seed=1) for scene in (UNIT, stopped)
+    )
+    np.testing.assert_array_equal(one.ages, other.ages)
+    assert one.first_rate() == other.first_rate() and np.isinf(other.lower[0])
 
 
 def test_filtered_noise_is_one_of_them() -> None:
@@ -272,10 +296,10 @@ def test_an_input_narrower_than_the_mount_is_remembered_for_as_long_as_it_lasts(
 
 
 def test_an_input_too_narrow_for_any_block_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stochvi.statistics.first_crossings.MOST_SAMPLES", 2**14)
-    crossing_plan(narrow(0.02))
+    monkeypatch.setattr("stochvi.statistics.pair_crossings.MOST_SAMPLES", 2**14)
+    assert motion_of(narrow(0.02)).response.samples <= 2**14
     with pytest.raises(NotApplicable, match="too narrow to be resolved: its memory of"):
-        crossing_plan(narrow(0.001))
+        first_crossings(narrow(0.001), [1.0])
 
 
 def test_where_no_crossing_was_a_first_one_the_chance_is_not_called_known(
@@ -297,17 +321,15 @@ def test_a_long_block_is_timed_before_more_are_begun(monkeypatch: pytest.MonkeyP
     # the guard of budgets reads the same clock
     monkeypatch.setattr("stochvi.model.calculations.ended_by", lambda _: nullcontext())
     found = first_crossings(UNIT, [2.0], mission=10.0, rel_error=1e-5, budget=0.5, threads=1)
-    assert found.ages.shape[3] == crossing_plan(UNIT).block < FEWEST_PATHS
+    assert found.ages.shape[3] == records_of(UNIT, 0, 2.0).together < FEWEST_PATHS
 
 
 def test_an_answer_is_not_ended_by_its_own_error() -> None:
     """A pilot that is no part of it tells how many paths it takes."""
     found = first_crossings(UNIT, [3.0], mission=200.0, rel_error=0.5, seed=7, threads=1)
-    plan = crossing_plan(UNIT)
-    level = np.array([3.0])
-    records = Records(plan, 7, level, level)
+    records = records_of(UNIT, 7, 3.0)
     first, pilot = records.ages(0), records.ages(PILOT)
-    np.testing.assert_array_equal(found.ages[:, :, :, : plan.block], first)
+    np.testing.assert_array_equal(found.ages[:, :, :, : records.together], first)
     assert not np.array_equal(first, pilot)
 
 
@@ -317,10 +339,9 @@ def test_where_hardly_any_motion_outlasts_the_memory_errors_do_not_vanish() -> N
     (known,) = first_passage(
         UNIT, -2.0, 2.0, times=[mission], start="stationary"
     ).probability  # fmt: skip
-    level = np.array([2.0])
     scores = []
     for seed in range(1000, 1024):
-        records = Records(crossing_plan(UNIT), seed, level, level)
+        records = records_of(UNIT, seed, 2.0)
         found = records.found(np.concatenate([records.ages(0), records.ages(32)], axis=3))
         (chance,) = found.probability(mission)
         scores.append((chance.value - known.value) / chance.standard_error)

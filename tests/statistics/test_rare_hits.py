@@ -10,6 +10,7 @@ from stochvi import (
     Elastic,
     ImpactPair,
     Isolator,
+    NotApplicable,
     Restitution,
     Scene,
     TabulatedNoise,
@@ -32,6 +33,7 @@ from stochvi.statistics.rare_hits import (
 )
 from stochvi.testing import assert_agrees
 from support.accuracies import rel_errors
+from support.pairs import pair, uncoupled
 
 NATURAL = 24.0 * math.pi
 RUBBER = Viscoelastic(stiffness=100.0 * NATURAL**2, damping_ratio=0.2)
@@ -104,7 +106,7 @@ def test_moves_leave_the_law_of_the_records_as_it_is() -> None:
     middle = trials.records.shape[1] // 2
 
     def variance(records: np.ndarray) -> Estimate:
-        squares = (records[:, middle, 0] / bursts.records.displacement_std) ** 2
+        squares = (records[:, middle, 0] / bursts.paths.motion.displacement_std[0]) ** 2
         error = float(squares.std(ddof=1)) / math.sqrt(len(squares))
         return Estimate(value=float(squares.mean()), standard_error=error)
 
@@ -141,3 +143,11 @@ def test_a_chance_is_as_uncertain_as_its_rate_makes_it() -> None:
     error = float(rate.std(ddof=1)) / math.sqrt(len(rate)) * 600.0
     assert found.value == pytest.approx(-math.expm1(-600.0 * float(rate.mean())), rel=1e-9)
     assert found.standard_error == pytest.approx(error * (1.0 - found.value), rel=1e-3)
+
+
+def test_several_pairs_and_accelerations_of_rigid_stops_are_refused() -> None:
+    with pytest.raises(NotApplicable, match="got 2 coordinates"):
+        rare_hits(uncoupled(pair("x", "x", 4.0)), "impact_speed", 4.0, mission=60.0)
+    scene = truck(4.0, 4.0, Restitution(coefficient=0.6))
+    with pytest.raises(NotApplicable, match="a restitution alone does not give a force"):
+        rare_hits(scene, "peak_acceleration", 100.0, mission=60.0)

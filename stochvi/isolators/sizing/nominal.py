@@ -35,6 +35,7 @@ from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.isolators.sizing.targets import check_laws, limit_of_pairs, widening
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
@@ -43,7 +44,7 @@ from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import FAR, UNFINISHED, bursts, chance_of
 from stochvi.statistics.crossing_ages import largest_error
-from stochvi.statistics.first_crossings import deviations, first_crossings
+from stochvi.statistics.first_crossings import first_crossings, one_gap
 from stochvi.statistics.reliability import reliability
 
 if TYPE_CHECKING:
@@ -192,8 +193,8 @@ def nominal_sizing(scene: Scene, asked: Question) -> Sizing | PairsSizing:
 def risk_curve(scene: Scene, target: Target, mission: float, run: Run) -> RiskCurve:
     """Probability of any impact against clearance, from 1 sigma to a clearance that is more than
     the target needs."""
-    free = scene.model_copy(update={"impact_pairs": ()})
-    s_x, s_v = deviations(free)
+    motion = free_motion(one_gap(model_of(scene)))
+    (s_x,), (s_v,) = motion.deviations(np.eye(1))
     chances = [*SEARCH.required, target.exceedance or 1.0]
     if target.name == "probability":
         chances.append(target.value)
@@ -206,7 +207,7 @@ def risk_curve(scene: Scene, target: Target, mission: float, run: Run) -> RiskCu
     one_sided = pair is not None and (pair.lower is None or pair.upper is None)
     found = partial_result(
         first_crossings,
-        free,
+        scene,
         None if one_sided else levels,
         upper=levels if one_sided else None,
         mission=mission,
@@ -222,9 +223,8 @@ def chance_between(
     "lower" and "upper", m; 1 where one of them presses on the mass."""
     if min(distances.values()) <= 0.0:
         return Estimate(value=1.0, how="a stop presses on the mass")
-    free = scene.model_copy(update={"impact_pairs": ()})
     found = partial_result(
-        first_crossings, free, mission=mission, **distances, **run.options(rel_error=run.rel_error)
+        first_crossings, scene, mission=mission, **distances, **run.options(rel_error=run.rel_error)
     )
     return found.probability(mission)[0]
 

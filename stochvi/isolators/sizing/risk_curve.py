@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from stochvi.isolators.sizing.answer import Clearance
 from stochvi.mathematics.arrays import Vector
 from stochvi.results.estimates import Estimate
-from stochvi.statistics.first_crossings import FirstCrossings
+from stochvi.statistics.crossing_ages import FirstCrossings
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -314,28 +314,33 @@ class ModalTablesPlan(ModalContactsPlan):
         )
 
     def follow(
-        self, free: NDArray[np.float64], log: Log, accelerations: NDArray[np.float64] | None
-    ) -> NDArray[np.float64]:
+        self, free: NDArray[np.float64], log: Log, accelerations: NDArray[np.float64] | None,
+        burn_in: int = 0, counted: int | None = None,
+    ) -> NDArray[np.float64]:  # fmt: skip
         """What the stops make of paths whose motion without stops is given: the sums of all pairs,
         (pairs, sums_of_pair, paths).
 
         Parameters
         ----------
         free
-            (samples, modes, 2 paths), modal displacements and velocities over `scale`, in turn. The
-            last sample is the one before the first.
+            (samples, modes, 2 paths), modal displacements and velocities over `scale`, in turn.
+            First come the samples that count, then the one from which paths begin, then those of
+            the burn-in.
         log
-            Gets every impact, at its time since the last sample.
+            Gets every impact that counts, at its time since the sample before the first.
         accelerations
             (paths, outputs), zeros that become the largest absolute accelerations of the outputs of
             the model while a stop that gives way is touched, m/s^2; None for none.
+        burn_in, counted
+            Number of samples that do not count, and of those that do, by default all others.
         """
         paths = free.shape[2] // 2
         state, streams = np.zeros((self.states, paths)), np.zeros((2, paths), np.uint64)
-        sums, steps = np.zeros((self._rows_of_sums, paths)), len(free) - 1
+        sums = np.zeros((self._rows_of_sums, paths))
+        steps = len(free) - 1 - burn_in if counted is None else counted
         outputs = Outputs(log=log, largest=self._largest(accelerations))
         underway = self.paths_of(state, streams, sums)
-        self._advance(underway, Steps(0, steps, steps), outputs, self._smooth(free))
+        self._advance(underway, Steps(-burn_in, steps, steps), outputs, self._smooth(free))
         return self._of_pairs(sums)
 
     def _smooth(self, free: NDArray[np.float64]) -> SmoothResponse:

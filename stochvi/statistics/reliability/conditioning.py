@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
 from stochvi.model.model import model_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
@@ -210,9 +209,6 @@ def by_conditioning(
 
 def exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Jobs) -> Chance:
     """The probability that any impact of the mission exceeds a limit, by splitting of trials."""
-    rigid = any(law.rigid for _, law in scene.impact_pairs[0].stops())
-    if name == "peak_acceleration" and rigid:
-        raise NotApplicable("peak_acceleration", [NEEDS_FORCE])
     found = rare_hits(
         scene, name, limit, mission=mission, confidence=jobs.confidence, **jobs.sampling,
     )  # fmt: skip

@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Unpack
 
+import numpy as np
 from scipy.special import ndtr
 
 from stochvi.methods.monte_carlo.missions import (
@@ -30,13 +31,13 @@ from stochvi.methods.monte_carlo.missions import (
 )
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator, without_noise
+from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Estimate, provenance
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.first_crossings import deviations
 from stochvi.statistics.pair_crossings import same_gaps
 from stochvi.statistics.reliability.answer import Chance, Reliability
 from stochvi.statistics.reliability.choice import MISSED, Hits, Jobs, Way
@@ -511,7 +512,7 @@ def _beyond_at_the_start(
     if start == "rest" or chance is None:
         return []
     if coloured:
-        std = deviations(scene)[0]
+        std = float(free_motion(model).deviations(np.eye(1))[0][0])
     else:
         std = math.sqrt(model.intensity / (2.0 * model.damping_rate)) / model.omega
     outside = sum(

@@ -124,19 +124,22 @@ def outcrossing_ages(
 
 
 @kernel
-def motions_around(records, paths, starts, shape, away, change, signs, scale, motion):
+def motions_around(
+    records, paths, starts, stride, shape, away, change, signs, scale, motion
+):  # fmt: skip
     """Fill `motion` with the modes around crossings, x_m(t) + away rho_m(t) + change eta_m(t).
 
     Parameters
     ----------
     records : (paths, samples, 2 modes), as above, of all modes.
     paths, starts : (crossings,), path and sample of each crossing.
-    shape : (n, modes, 4), rho, rho', eta and eta' of the modes from one sample before the crossing.
+    stride : number of samples from one step of the motion to the next.
+    shape : (n, modes, 4), rho, rho', eta and eta' of the modes from one step before the crossing.
     away, change : (crossings,), u - x_c(0) and p - x_c'(0).
     signs : (crossings,), -1 where the motion is turned over, else 1.
     scale : rad/s, by which velocities are divided.
     motion : (n, modes, 2 crossings), replaced: values, and slopes over `scale`, in turn, from the
-        crossing on; the last sample is the one before it.
+        crossing on; the last step is the one before it.
     """
     count, modes = shape.shape[0], shape.shape[1]
     samples = records.shape[1]
@@ -144,7 +147,7 @@ def motions_around(records, paths, starts, shape, away, change, signs, scale, mo
         for m in range(modes):
             row, (rho, rho_rate, eta, eta_rate) = motion[k - 1, m], shape[k, m]
             for i in range(paths.shape[0]):
-                here = records[paths[i], (starts[i] + k - 1) % samples]
+                here = records[paths[i], (starts[i] + stride * (k - 1)) % samples]
                 value = here[2 * m] + away[i] * rho + change[i] * eta
                 rate = here[2 * m + 1] + away[i] * rho_rate + change[i] * eta_rate
                 row[2 * i] = signs[i] * value
