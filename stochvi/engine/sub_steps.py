@@ -40,7 +40,7 @@ from stochvi.engine.batch import (
 )  # fmt: skip
 from stochvi.engine.compiling import kernel
 from stochvi.engine.lanes import columns_of, lanes_from, rows_of
-from stochvi.engine.law import force, is_lossy, is_smooth, margin, rate, read_lane
+from stochvi.engine.law import energy, force, is_lossy, is_smooth, margin, rate, read_lane
 from stochvi.engine.pushes import SIXTH, next_moments
 
 CONTACT_ANGLE = 0.25
@@ -52,6 +52,10 @@ at the touch. Lengths double from the first on and halve towards the last."""
 
 EVENT_ERROR = 1e-9
 """Error of the time of an event, as a share of a sub-step, before the last Newton step to it."""
+
+SLIGHT = 0.01
+"""Largest share of the energy of its motion that a stop without losses gives back at the end of a
+contact, or of a step, where sub-steps have lost it."""
 
 MOST_TRIES = 20
 """Largest number of Newton steps to an event."""
@@ -80,6 +84,7 @@ def first_sub_steps(kind, memory, low, high, numbers, fastest):
         longest = CONTACT_ANGLE / math.sqrt(fastest * fastest + fast * fast)
         w[LONGEST, i] = longest
         w[PUSHING, i] = 1.0 if (y <= 0.0) | (margin(own, y, v) > 0.0) else 0.0
+        w[LOST, i] = energy(own, y) if (y > 0.0) & (not is_lossy(own)) else 0.0
         w[H, i] = min(first_length(own, y, v, longest), w[LEFT, i])
         w[WHOLE, i] = w[H, i]
 
@@ -143,17 +148,19 @@ def advance_contacts(kind, memory, low, high, numbers):
         slope, bend = 4.0 * centre - 3.0 * f0 - last, 2.0 * (f0 + last) - 4.0 * centre
         inner = (bend < 0.0) & (slope > 0.0) & (slope < -2.0 * bend)
         peak = max(max(f0, last), f0 - 0.25 * slope * slope / bend if inner else 0.0)
-        work = h * SIXTH * (f0 * v + 2.0 * (f1 * v1 + f2 * v2) + f3 * v3)
+        # the parabola of the push, which the structure feels, times the cubic of the rate
+        work = f0 * (11.0 * v + h * a0 - v_end) + f3 * (11.0 * v_end - h * a3 - v)
+        work += 2.0 * (f1 + f2) * (5.0 * (v + v_end) + h * (a0 - a3))
+        work *= h / 60.0
         n0, n1, n2, n3, n4, n5 = next_moments(s0, s1, s2, s3, s4, s5, h, f0, 0.5 * (f1 + f2), f3)
         keep = not again
         w[PEAKS, i] = max(w[PEAKS, i], peak) if keep else w[PEAKS, i]
-        w[LOST, i] += work if keep else 0.0
+        lost = w[LOST, i] + (work if keep else 0.0)
         w[LASTED, i] += on * h if keep else 0.0
-        w[NOW, i], w[NOW + 1, i] = (n0, n1) if keep else (s0, s1)
+        w[NOW + 1, i] = n1 if keep else s1
         w[NOW + 2, i], w[NOW + 3, i] = (n2, n3) if keep else (s2, s3)
         w[NOW + 4, i], w[NOW + 5, i] = (n4, n5) if keep else (s4, s5)
         y_new, v_new = (y_end, v_end) if keep else (y, v)
-        w[Y, i], w[V, i] = y_new, v_new
         # what follows
         until = w[LEFT, i]
         ends = active & keep & (not found) & (h >= until - t)
@@ -166,6 +173,15 @@ def advance_contacts(kind, memory, low, high, numbers):
         w[T, i] = t_new
         state = OVER if over else (LASTING if ends else w[STATE, i])
         w[STATE, i] = state
+        # a last push gives back what sub-steps have lost at a stop that loses nothing
+        excess = lost - (0.0 if over | (y_new <= 0.0) else energy(law, y_new))
+        slight = abs(excess) * own < SLIGHT * v_new * v_new
+        gives = (not lossy) & (state != RUNNING) & active & slight
+        push = -excess / v_new if gives else 0.0
+        v_new -= own * push
+        w[NOW, i] = (n0 if keep else s0) + push
+        w[LOST, i] = lost
+        w[Y, i], w[V, i] = y_new, v_new
         there = y_new / v_new if v_new > 0.0 else -0.5 * y_new / v_new
         shortest = FIRST_SHARE * w[LONGEST, i]
         share = w[LONGEST, i] if smooth else min(w[LONGEST, i], max(shortest, there))

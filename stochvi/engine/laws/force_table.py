@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stochvi.engine.bounces import MOST_EVENTS
-from stochvi.engine.law import MOST_NUMBERS, force, rate, read, read_lane
+from stochvi.engine.law import MOST_NUMBERS, energy, force, rate, read, read_lane
 from stochvi.engine.linear_pieces import STAYS, through_piece
 from stochvi.engine.mass_contacts import through
 from stochvi.engine.sums import IMPULSE, LEFT, LOSS, PLACE, SPEED, TIME
@@ -46,6 +46,18 @@ def _(law, y, v):
         piece -= 1
     k = 1 + 3 * piece
     return numbers[row, k + 1] + numbers[row, k + 2] * (y - numbers[row, k])
+
+
+@energy.of(ForceTable)
+def _(law, y):
+    numbers, row = law
+    stored, last = 0.0, int(numbers[row, 0]) - 1
+    for piece in range(last + 1):
+        k = 1 + 3 * piece
+        end = min(y, numbers[row, k + 3]) if piece < last else y
+        way = max(end - numbers[row, k], 0.0)
+        stored += way * (numbers[row, k + 1] + 0.5 * numbers[row, k + 2] * way)
+    return stored
 
 
 @rate.of(ForceTable)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from stochvi.engine.bounces import MOST_EVENTS
 from stochvi.engine.compiling import kernel
 from stochvi.engine.free_motion import decay, travel_time, undamped_motion
-from stochvi.engine.law import force, is_lossy, margin, rate, read
+from stochvi.engine.law import energy, force, is_lossy, margin, rate, read
 from stochvi.engine.linear_pieces import STAYS, through_piece
 from stochvi.engine.mass_contacts import lost_energy, through
 from stochvi.engine.sums import IMPULSE, LEFT, LOSS, PEAK, PLACE, SPEED, TIME
@@ -27,6 +27,11 @@ class Viscoelastic(NamedTuple):
 @force.of(Viscoelastic)
 def _(law, y, v):
     return law.stiffness * y + law.damping * v
+
+
+@energy.of(Viscoelastic)
+def _(law, y):
+    return 0.5 * law.stiffness * y * y
 
 
 @margin.of(Viscoelastic)

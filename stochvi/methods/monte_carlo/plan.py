@@ -133,6 +133,10 @@ class Plan(Protocol):
     def cut(self, steps: int) -> Self:
         """The plan whose paths end after so many counted steps, of which there is at least one."""
 
+    @property
+    def relative_bias(self) -> float:
+        """Relative bias of all quantities that does not depend on the step."""
+
     def step_bias(self, name: str, difference: float) -> float | None:
         """The bias that the step leaves in a quantity, from its difference to twice the step; None
         where that difference does not determine the bias."""
@@ -274,6 +278,11 @@ class SteppedPlan:
     step: float
     burn_in: float
     duration: float
+
+    @property
+    def relative_bias(self) -> float:
+        """None but that of the step."""
+        return 0.0
 
     def with_step(self, step: float) -> Self:
         """The plan at a chosen step, s."""

@@ -204,7 +204,8 @@ class Simulation:
             limit = self._limit_unseen(name) if name.startswith("collision_rate") else None
             return Estimate(value=0.0, how=f"no impact seen, {how}", upper_95=limit)
         if self.plan.elastic:
-            return Estimate(value=value, standard_error=error, how=how)
+            contacts = self.plan.relative_bias * abs(value)
+            return Estimate(value=value, standard_error=error, bias=contacts, how=how)
         change, change_error = difference()
         if math.isnan(change):  # no impact at twice the step, as may be if there are few at all
             return Estimate(

@@ -164,6 +164,11 @@ class TabulatedPlan:
     settling = 0
 
     @property
+    def relative_bias(self) -> float:
+        """None but that of the step."""
+        return 0.0
+
+    @property
     def contacts(self) -> bool:
         """Whether a stop gives way; `averages` then have CONTACT_SUMS rows."""
         return bool(self.model.not_rigid())
