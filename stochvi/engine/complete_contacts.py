@@ -69,7 +69,10 @@ def complete_contacts(
             continue
         found = np.empty((touches.size, QUANTITIES))
         pressing = -stiffness * (2 * which - 1) * stops.places[0, which]
-        follow_touches(touches.ravel(), which, stops, laws, longest, pressing, stiffness, found)
+        follow_touches(
+            touches.ravel(), laws, stops.kinds[0, which], stops.numbers, which, longest, pressing,
+            stiffness, found,
+        )  # fmt: skip
         found = found.reshape(CELLS, len(tried), QUANTITIES)
         made = np.einsum("pn,cnq->cqp", to_terms, found[:, :TERMS])
         off = np.abs(np.einsum("np,cqp->cnq", powers[TERMS:], made) - found[:, TERMS:])
@@ -79,17 +82,16 @@ def complete_contacts(
 
 
 @kernel
-def follow_touches(touches, which, stops, laws, longest, pressing, stiffness, quantities):
+def follow_touches(
+    touches, laws, kind, numbers, row, longest, pressing, stiffness, quantities
+):  # fmt: skip
     """Follow contacts from touches at some speeds to their ends: rows of QUANTITIES, nan where a
     contact lasts longer."""
     found = np.zeros(FOUND)
     for i in range(touches.shape[0]):
         w = touches[i]
         found[PEAK] = 0.0
-        follow(
-            laws, stops.kinds[0, which], stops.numbers, which, 0.0, w, longest, pressing, stiffness,
-            found,
-        )  # fmt: skip
+        follow(laws, kind, numbers, row, 0.0, w, longest, pressing, stiffness, found)
         quantities[i, REBOUND] = -found[SPEED] / w
         quantities[i, DURATION] = longest - found[LEFT] if found[LEFT] > 0.0 else math.nan
         quantities[i, BRAKING] = found[IMPULSE] / w

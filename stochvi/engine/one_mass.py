@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.engine.bounces import MOST_EVENTS, RESTING
-from stochvi.engine.compiled_laws import Stops
 from stochvi.engine.compiling import kernel
 from stochvi.engine.complete_contacts import (
     BRAKING,
@@ -48,44 +47,51 @@ NO_STOP = -1
 
 
 class MassStops(NamedTuple):
-    """The stops of one mass.
+    """The lower and the upper stop of one mass.
 
     Parameters
     ----------
-    stops : `Stops` of one pair, placed from the rest position, infinite for none.
+    places : (2,), m, from the rest position, infinite for none.
+    kinds, rigid, lossy : (2,), number of the class of each law, and traits of the law; a place
+        without a stop counts as rigid.
+    numbers : (2, width), numbers of the laws.
     laws : `functions_of` the classes of their laws, with those of one mass.
-    complete : see this class.
     stiffness : w0^2, 1/s^2.
+    complete : see this class.
     """
 
-    stops: Stops
+    places: NDArray[np.float64]
+    kinds: NDArray[np.int64]
+    rigid: NDArray[np.bool_]
+    lossy: NDArray[np.bool_]
+    numbers: NDArray[np.float64]
     laws: NDArray[np.int64]
-    complete: Complete
     stiffness: float
+    complete: Complete
 
 
 @kernel
-def contact_that_lasts(x, stops):
+def contact_that_lasts(x, at):
     """The compliant stop that a mass is inside of, or NO_STOP."""
-    if x > stops.places[0, 1] and not stops.rigid[0, 1]:
+    if x > at.places[1] and not at.rigid[1]:
         return 1
-    return 0 if x < stops.places[0, 0] and not stops.rigid[0, 0] else NO_STOP
+    return 0 if x < at.places[0] and not at.rigid[0] else NO_STOP
 
 
 @kernel
 def strike(w, left, which, at, sums, lane):
     """An impact on a rigid stop at the speed w: the speed after it, and what is left of the step, 0
     for a mass that rests on the stop."""
-    stops, kind = at.stops, at.stops.kinds[0, which]
-    back = rebound_of(at.laws, kind, stops.numbers, which, w)
+    kind = at.kinds[which]
+    back = rebound_of(at.laws, kind, at.numbers, which, w)
     row = ROWS_OF_PAIR + ROWS_OF_STOP * which
     sums[lane, row + IMPULSE] += w + back
     sums[lane, row + LOSS] += 0.5 * (w - back) * (w + back)
-    pressing = -at.stiffness * (2.0 * which - 1.0) * stops.places[0, which]
+    pressing = -at.stiffness * (2.0 * which - 1.0) * at.places[which]
     if pressing > 0.0 and back <= RESTING * pressing * left:
         # ever lower bounces, whose impulses add up to the pressing force
         sums[lane, row + IMPULSE] += pressing * left
-        both = 1.0 + rebound_of(at.laws, kind, stops.numbers, which, 1.0)
+        both = 1.0 + rebound_of(at.laws, kind, at.numbers, which, 1.0)
         sums[lane, 3 * which + 1] += pressing * left / both
         return 0.0, 0.0
     return back, left
@@ -106,7 +112,7 @@ def read_contact(w, left, which, at, sums, lane):
     row = ROWS_OF_PAIR + ROWS_OF_STOP * which
     back = w * quantity_of(at.complete.terms, which, cell, REBOUND, u)
     sums[lane, row + IMPULSE] += w * quantity_of(at.complete.terms, which, cell, BRAKING, u)
-    sums[lane, row + LOSS] += 0.5 * (w - back) * (w + back) if at.stops.lossy[0, which] else 0.0
+    sums[lane, row + LOSS] += 0.5 * (w - back) * (w + back) if at.lossy[which] else 0.0
     sums[lane, row + TIME] += quantity_of(at.complete.terms, which, cell, PUSHING, u)
     sums[lane, row + PEAK] += w * quantity_of(at.complete.terms, which, cell, HARDEST, u)
     sums[lane, row + ENDED] += 1.0
@@ -117,16 +123,15 @@ def read_contact(w, left, which, at, sums, lane):
 def follow_contact(y, v, left, which, at, peaks, sums, lane, found):
     """A contact from the deflection y: deflection and rate at its end, and what is left of the
     step, 0 where it lasts."""
-    stops = at.stops
-    pressing = -at.stiffness * (2.0 * which - 1.0) * stops.places[0, which]
+    pressing = -at.stiffness * (2.0 * which - 1.0) * at.places[which]
     found[PEAK] = peaks[lane, which]
     follow(
-        at.laws, stops.kinds[0, which], stops.numbers, which, y, v, left, pressing, at.stiffness,
+        at.laws, at.kinds[which], at.numbers, which, y, v, left, pressing, at.stiffness,
         found,
     )  # fmt: skip
     row = ROWS_OF_PAIR + ROWS_OF_STOP * which
     sums[lane, row + IMPULSE] += found[IMPULSE]
-    sums[lane, row + LOSS] += found[LOSS] if stops.lossy[0, which] else 0.0
+    sums[lane, row + LOSS] += found[LOSS] if at.lossy[which] else 0.0
     sums[lane, row + TIME] += found[TIME]
     peaks[lane, which] = found[PEAK]
     if found[LEFT] > 0.0:
@@ -152,14 +157,14 @@ def finish_step(x, v, left, at, threshold, peaks, sums, lane, found, page):
     found : FOUND numbers, overwritten.
     page : None, or part of a log, which gets the impacts that are counted.
     """
-    stops, stiffness = at.stops, at.stiffness
-    omega, whole = math.sqrt(stiffness), left
-    which = contact_that_lasts(x, stops)
+    stiffness, whole = at.stiffness, left
+    omega = math.sqrt(stiffness)
+    which = contact_that_lasts(x, at)
     for _ in range(MOST_EVENTS):
         touched, w = which == NO_STOP, 0.0
         if touched:
-            up, w_up = time_to_touch(x, v, stops.places[0, 1], left, stiffness, omega)
-            down, w_down = time_to_touch(-x, -v, -stops.places[0, 0], left, stiffness, omega)
+            up, w_up = time_to_touch(x, v, at.places[1], left, stiffness, omega)
+            down, w_down = time_to_touch(-x, -v, -at.places[0], left, stiffness, omega)
             t = min(up, down)
             if t > left:
                 return undamped_motion(x, v, -stiffness * x, left, omega)
@@ -172,9 +177,9 @@ def finish_step(x, v, left, at, threshold, peaks, sums, lane, found, page):
             if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
                 if page.open and counted:
                     log_impact(page, 0, whole - left, w if which == 1 else -w)
-        side, stop = 2.0 * which - 1.0, stops.places[0, which]
+        side, stop = 2.0 * which - 1.0, at.places[which]
         y, back, rest = 0.0, 0.0, -1.0
-        if stops.rigid[0, which]:
+        if at.rigid[which]:
             back, rest = strike(w, left, which, at, sums, lane)
         elif touched:
             back, rest = read_contact(w, left, which, at, sums, lane)
@@ -189,5 +194,5 @@ def finish_step(x, v, left, at, threshold, peaks, sums, lane, found, page):
             break
         which = NO_STOP
     # rounding, or bounces without end, must not leave the mass in a wall
-    x = min(x, stops.places[0, 1]) if stops.rigid[0, 1] else x
-    return (max(x, stops.places[0, 0]) if stops.rigid[0, 0] else x), v
+    x = min(x, at.places[1]) if at.rigid[1] else x
+    return (max(x, at.places[0]) if at.rigid[0] else x), v

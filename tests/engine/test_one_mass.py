@@ -32,12 +32,10 @@ def followed(
 ) -> NDArray[np.float64]:
     """A contact with the upper stop, followed for some time in so many parts; what ends in a part
     has all the others left."""
-    total, found, stops = np.zeros(FOUND), np.zeros(FOUND), at.stops
+    total, found = np.zeros(FOUND), np.zeros(FOUND)
     for part in range(parts):
         left = seconds / parts
-        follow(
-            at.laws, stops.kinds[0, 1], stops.numbers, 1, y, v, left, pressing, at.stiffness, found
-        )
+        follow(at.laws, at.kinds[1], at.numbers, 1, y, v, left, pressing, at.stiffness, found)
         for row in (IMPULSE, LOSS, TIME):
             total[row] += found[row]
         y, v = found[PLACE], found[SPEED]

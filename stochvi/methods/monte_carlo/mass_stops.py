@@ -40,8 +40,12 @@ class StopsOfMass:
     @property
     def for_kernel(self) -> MassStops:
         """The argument of kernels. It holds for this process only, as it has addresses."""
-        stops, kinds = self._stops
-        return MassStops(stops, functions_of(kinds, mass=True), self._complete, self.stiffness)
+        stops, classes = self._stops
+        return MassStops(
+            places=stops.places[0], kinds=stops.kinds[0], rigid=stops.rigid[0],
+            lossy=stops.lossy[0], numbers=stops.numbers, laws=functions_of(classes, mass=True),
+            stiffness=self.stiffness, complete=self._complete,
+        )  # fmt: skip
 
     @cached_property
     def _stops(self) -> tuple[Stops, list[Any]]:
@@ -53,8 +57,8 @@ class StopsOfMass:
 
     @cached_property
     def _complete(self) -> Complete:
-        stops, kinds = self._stops
-        functions = functions_of(kinds, mass=True)
+        stops, classes = self._stops
+        functions = functions_of(classes, mass=True)
         return complete_contacts(stops, functions, self.stiffness, self.speed, self.longest)
 
 

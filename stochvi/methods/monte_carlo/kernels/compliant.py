@@ -34,12 +34,12 @@ def step_clear_paths(x, v, z, near, kick, flow, places):
     """Advance every path that touches no stop by one step; kick and mark the others.
 
     This holds for w0 h < pi. A mass turns in the step if it moves up before and down after it; its
-    orbit then reaches the stop if v^2 + w0^2 x^2 > w0^2 stop^2. `places` (1, 2) are those of the
+    orbit then reaches the stop if v^2 + w0^2 x^2 > w0^2 stop^2. `places` (2,) are those of the
     stops, infinite for none. Returns the number of marked paths.
     """
     e, s, _ = kick
     _, cosine, sine, stiff = flow
-    lower, upper = places[0, 0], places[0, 1]
+    lower, upper = places[0], places[1]
     count = 0
     for i in range(x.shape[0]):
         q = x[i]
@@ -109,7 +109,7 @@ def run_contacts(paths, kick, flow, at, counting, record, log, flag):
             counted = step >= 0
             if counted:
                 add_noise(xs, vs, z, place, power)
-            count = step_clear_paths(xs, vs, z, near, kick, flow, at.stops.places)
+            count = step_clear_paths(xs, vs, z, near, kick, flow, at.places)
             target = borrowed(extra if counted else spare)
             for i in range(n if count > 0 else 0):
                 if near[i] != 0.0:

@@ -148,9 +148,7 @@ def run_missions(
         for half in range(2):
             z = z1 if half == 0 else z2
             steps += lanes
-            step_clear_paths(
-                xs[:lanes], vs[:lanes], z[:lanes], near[:lanes], kick, flow, at.stops.places
-            )
+            step_clear_paths(xs[:lanes], vs[:lanes], z[:lanes], near[:lanes], kick, flow, at.places)
             marked = count_down(
                 xs[:lanes], vs[:lanes], rest[:lanes], high[:lanes], near[:lanes], stiff, level,
                 mark[:lanes],
