@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from stochvi.engine.impact_log import COLUMNS, Log
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.choose_plan import unmet
-from stochvi.methods.monte_carlo.gap_response import GapResponse, with_tables
+from stochvi.methods.monte_carlo.gap_response import GapResponse, shaken_by_tables
 from stochvi.methods.monte_carlo.kernels.crossings import motions_around
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.free_motion import free_motion
@@ -148,9 +148,7 @@ class ClusterPaths:
             raise NotApplicable("bursts", conditions)
         self.model, self.seed = model, seed
         free_motion(model)  # raises what no stationary Gaussian motion covers
-        tables = with_tables(model)
-        if model.single and not model.base_alone_moves:
-            tables = tables.shaken_by_base()
+        tables = shaken_by_tables(model)
         plan = plan_modal_tables(tables, None, None, scales_of_free_motion)
         self.motion = ModalMotion(model, plan.step, memories)
         self.plans: dict[int, ModalTablesPlan] = {

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple, Unpack
 
 import numpy as np
@@ -210,57 +209,52 @@ def _speed_to_reach(model: Model, pair: Pair, rows: Vector, acceleration: float)
 
 @dataclass(frozen=True, eq=False)
 class WindowSampler(ListSampler):
-    """Windows of the motion with stops, each a path of its own.
+    """Windows of the motion with stops, each a path of its own of `plan`.
 
-    `plan` has paths of one window, `half` the same paths over half of it. A sample are arrays
-    (2, names, windows): whether a limit is exceeded in the first half of a window, and in the whole
-    window.
+    A sample are arrays (parts, names, windows): the largest "impact_speed" (m/s), or
+    "peak_acceleration" of each of the outputs, in each of these `parts` of a window from its start.
     """
 
     plan: ModalTablesPlan
-    limit: Limit
+    event: str
+    outputs: tuple[str, ...]
     seed: int
+    parts: tuple[float, ...] = (1.0,)
 
     @property
     def block(self) -> int:
         """Number of windows that are simulated together."""
         return self.plan.block
 
-    @cached_property
-    def half(self) -> ModalTablesPlan:
-        """The first half of every window."""
-        return replace(self.plan, duration=0.5 * self.window)
-
     @property
     def window(self) -> float:
         """Length of a window, s."""
         return self.plan.steps * self.plan.step
 
-    def add_up(self, pieces: list[NDArray[np.bool_]]) -> list[NDArray[np.bool_]]:
+    def add_up(self, pieces: list[Vector]) -> list[Vector]:
         """The windows of a block."""
         return [np.concatenate(pieces, axis=2)]
 
-    def paths(self, sample: list[NDArray[np.bool_]]) -> int:
+    def paths(self, sample: list[Vector]) -> int:
         """Number of windows."""
         return sum(each.shape[2] for each in sample)
 
-    def simulate(self, first_path: int, paths: int) -> NDArray[np.bool_]:
-        """Which of some windows exceed the limit."""
-        if self.limit.event == "impact_speed":
+    def simulate(self, first_path: int, paths: int) -> Vector:
+        """The largest of some windows."""
+        if self.event == "impact_speed":
+            found = np.zeros((len(self.parts), 1, paths))
             path, time, speed = self._impacts(first_path, paths)
-            fast = speed > self.limit.value
-            hard = np.zeros((2, 1, paths), bool)
-            hard[0, 0, path[fast & (time <= 0.5 * self.window)]] = True
-            hard[1, 0, path[fast]] = True
-            return hard
+            for part, largest in zip(self.parts, found, strict=True):
+                early = time <= part * self.window
+                np.maximum.at(largest[0], path[early], speed[early])
+            return found
         names = self.plan.model.outputs
-        rows = [names.index(name) for name in self.limit.outputs]
-        found = []
-        for plan in (self.half, self.plan):
-            largest = np.zeros((paths, len(names)))
+        rows = [names.index(name) for name in self.outputs]
+        found = np.zeros((len(self.parts), paths, len(names)))
+        for part, largest in zip(self.parts, found, strict=True):
+            plan = self.plan if part == 1.0 else replace(self.plan, duration=part * self.window)
             plan.averages(self.seed, first_path, paths, accelerations=largest)
-            found.append((largest[:, rows] > self.limit.value).T)
-        return np.array(found)
+        return found[:, :, rows].swapaxes(1, 2)
 
     def _impacts(self, first: int, paths: int) -> tuple[NDArray[np.int64], Vector, Vector]:
         rows = LOGGED
@@ -284,14 +278,14 @@ def windows(
     plan = plan_modal_tables(with_tables(model_of(scene)), None, None)
     longest = plan.block_length - plan.burn_in
     plan = replace(plan, duration=max(min(longest, mission), 2.0 * plan.step))
-    sampler = WindowSampler(plan, limit, run.seed)
+    sampler = WindowSampler(plan, limit.event, limit.outputs, run.seed, parts=(0.5, 1.0))
 
-    def chance_in(sample: list[NDArray[np.bool_]], name: int | None = None) -> Estimate:
-        seen = np.concatenate(sample, axis=2)
+    def chance_in(sample: list[Vector], name: int | None = None) -> Estimate:
+        seen = np.concatenate(sample, axis=2) > limit.value
         chosen = seen.any(axis=1) if name is None else seen[:, name]
         return _of_windows(np.asarray(chosen), sampler.window, mission)
 
-    def error(sample: list[NDArray[np.bool_]]) -> float:
+    def error(sample: list[Vector]) -> float:
         chance = chance_in(sample)
         if sampler.paths(sample) >= MOST_WINDOWS:
             return 0.0

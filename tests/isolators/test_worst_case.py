@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stochvi import ImpactPair, Isolator, Restitution, Scene, WhiteNoise
+from stochvi import Elastic, ImpactPair, Isolator, Restitution, Scene, WhiteNoise
 from stochvi.isolators import size
 from stochvi.isolators.sizing import exceedances as hard
 from stochvi.isolators.sizing import sensitivity
@@ -145,6 +145,23 @@ def test_bursts_and_windows_agree(sizing: Sizing, monkeypatch: pytest.MonkeyPatc
     error = np.hypot(one[2] - one[1], other[2] - other[1]) / (2.0 * 1.96)
     assert abs(one[0] - other[0]) <= 4.5 * error
     assert abs(1.6 * one[0] - other[0]) > 4.5 * error
+
+
+def test_only_contacts_count_among_the_accelerations_of_windows() -> None:
+    """A window without an impact has none, and each with an impact has at least that of the spring
+    at the stop."""
+    natural = 20.0 * math.pi
+    mount = Isolator(frequency_hz=10.0, zeta=0.2, mass=1.0)
+    stops = ImpactPair(clearance=0.004, law=Elastic(stiffness=100.0 * natural**2))
+    scene = Scene(structure=mount, impact_pairs=[stops], excitations=[NOISE])
+    speeds, sharpest = (
+        hard.window_sampler(scene, event, 1.0, 1).simulate(0, 64)[0, 0]
+        for event in ("impact_speed", "peak_acceleration")
+    )
+    touched = speeds > 0.0
+    assert 8 < touched.sum() < 56
+    np.testing.assert_array_equal(sharpest > 0.0, touched)
+    assert sharpest[touched].min() > natural**2 * 0.004
 
 
 def test_limits_that_no_hit_reaches_give_way_to_those_that_hits_reach(sizing: Sizing) -> None:

@@ -35,6 +35,7 @@ OTHER_DIGITS = {
     "bursts": ONE_MASS,
     "first crossings": ONE_MASS,
     "rare hits": ONE_MASS,
+    "chance in windows": ONE_MASS,
     "bursts of a structure": PUSHES,
     "reliability of pairs": PUSHES,
     "life times": PUSHES,

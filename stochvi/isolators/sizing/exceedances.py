@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING, ClassVar, Unpack
 import numpy as np
 
 from stochvi.isolators.moved_stops import at_clearances
-from stochvi.isolators.sizing.clatter import plan_windows
 from stochvi.mathematics.arrays import Vector
-from stochvi.methods.monte_carlo.kernels.rows import Extremes
-from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
+from stochvi.methods.monte_carlo.gap_response import shaken_by_tables
+from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.model.model import model_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable
@@ -27,9 +26,9 @@ from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import GAUSSIAN_95, binomial_interval
 from stochvi.sampling.options import RunOptions
 from stochvi.sampling.run import Run, sampled
-from stochvi.sampling.sampler import ListSampler
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import Bursts, bursts
+from stochvi.statistics.structure_hits import WindowSampler
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,7 +85,8 @@ def exceedances(
     clearances
         Metres per side from the static equilibrium.
     event
-        "peak_acceleration" (absolute, m/s^2) or "impact_speed" (m/s); by default `event_of`.
+        "peak_acceleration" (absolute, m/s^2, while a stop is touched) or "impact_speed" (m/s); by
+        default `event_of`.
     marks
         Limits for which every clearance has a row where their probability is known; that of the
         first one is found to `REL_ERROR` if the budget allows it. By default, and where no
@@ -244,9 +244,19 @@ def _by_bursts(
 def _by_windows(scene: Scene, event: str, mission: float, run: Run) -> _Windows:
     """Trials by windows of the whole motion, as many as the time allows."""
     window = min(WINDOW, mission)
-    sampler = ExtremeSampler(plan_windows(scene, window), event, run.seed)
-    parts = run.until(sampler, MOST_WINDOWS).sample
-    return _Windows(np.concatenate(parts), mission, window)
+    parts = run.until(window_sampler(scene, event, window, run.seed), MOST_WINDOWS).sample
+    return _Windows(_largest(parts), mission, window)
+
+
+def window_sampler(scene: Scene, event: str, window: float, seed: int) -> WindowSampler:
+    """Windows of one oscillator, s, in which every contact counts, however slow."""
+    model = shaken_by_tables(model_of(scene))
+    return WindowSampler(plan_modal_tables(model, 0.0, window), event, model.outputs, seed)
+
+
+def _largest(sample: list[Vector]) -> Vector:
+    """(windows,): the largest speed or acceleration of each window."""
+    return np.concatenate([part[0].max(axis=0) for part in sample])
 
 
 @sampled
@@ -260,48 +270,19 @@ def chance_in_windows(
     """
     window, run = min(WINDOW, mission), Run.of(options)
     try:
-        plan = plan_windows(scene, window)
+        sampler = window_sampler(scene, event, window, run.seed)
     except NotApplicable:
         return None
 
     def more(parts: list[Vector]) -> int:
-        seen = _Windows(np.concatenate(parts), mission, window)
+        seen = _Windows(_largest(parts), mission, window)
         _, low, high = seen.interval(limit)
         known = high <= accepted or low > accepted
         return 0 if known else len(seen.largest)  # few looks: each may err once in 40
 
-    parts = run.until(ExtremeSampler(plan, event, run.seed), LEAST_WINDOWS, more).sample
-    return _Windows(np.concatenate(parts), mission, window).estimate(limit)
+    parts = run.until(sampler, LEAST_WINDOWS, more).sample
+    return _Windows(_largest(parts), mission, window).estimate(limit)
 
 
 LEAST_WINDOWS = 1024
 """Number of windows at the first look at a probability."""
-
-
-@dataclass(frozen=True, eq=False)
-class ExtremeSampler(ListSampler):
-    """Largest impact speeds, or accelerations, of windows."""
-
-    plan: TabulatedPlan
-    event: str
-    seed: int
-
-    @property
-    def block(self) -> int:
-        """Number of windows that are simulated together."""
-        return self.plan.block
-
-    def simulate(self, first_path: int, paths: int) -> Vector:
-        """The largest of each window."""
-        extremes = Extremes.zeros(paths)
-        self.plan.averages(self.seed, first_path, paths, None, extremes.table)
-        speeds = self.event == "impact_speed"
-        return np.asarray(extremes.impact_speed if speeds else extremes.acceleration)
-
-    def add_up(self, pieces: list[Vector]) -> list[Vector]:
-        """Those of a block."""
-        return [np.concatenate(pieces)]
-
-    def paths(self, sample: list[Vector]) -> int:
-        """Number of windows."""
-        return sum(map(len, sample))

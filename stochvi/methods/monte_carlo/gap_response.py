@@ -214,3 +214,10 @@ def with_tables(model: Model) -> Model:
         )
         tables.append((flat, direction))
     return replace(model, whites=(), signals=(), tables=tuple(tables))
+
+
+def shaken_by_tables(model: Model) -> Model:
+    """The model `with_tables`; one mass stands on a base that they shake, so that its absolute
+    acceleration is known: what spring, damper and stops give it."""
+    tables = with_tables(model)
+    return tables if tables.base_alone_moves or not model.single else tables.shaken_by_base()
