@@ -41,7 +41,7 @@ from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law, SpeedRestitution
 from stochvi.statistics.bursts import Bursts, _far, bursts, chance_of
-from stochvi.statistics.cluster_paths import widened
+from stochvi.statistics.cluster_paths import MISSED_CREST, ClusterPaths, widened
 from stochvi.testing import assert_agrees
 from support.accuracies import rel_errors
 
@@ -257,6 +257,26 @@ def test_noise_on_the_mass_is_as_sharp_as_noise_on_the_base() -> None:
         assert_agrees(apart(2.0), 0.0)
     rigid = bursts(unit(4.0, Restitution(coefficient=0.5)), rel_error=0.3, seed=2)
     assert rigid.outputs == () and rigid.sharpest.shape == (0, len(rigid.path))
+
+
+def test_a_crest_between_sub_steps_is_missed_by_the_share_that_is_stated() -> None:
+    """Of an elastic contact, w W at the speed w and the rate W, in sub-steps of W h = 0.25: so
+    stiff a stop leaves less than 1e-3 to the spring, the damper and the base of the mount."""
+    stiffness, w, level = 1e9, np.linspace(0.1, 0.6, 40), 1e-3
+    scene = truck(4.5, Elastic(stiffness=stiffness))
+    pair = scene.impact_pairs[0].model_copy(update={"lower": None, "upper": level})
+    paths = ClusterPaths(model_of(scene.model_copy(update={"impact_pairs": (pair,)})), 1)
+    plan, shape = paths.plans[1], float(paths.model.modal.shapes[0, 0])
+    # without the stop each motion passes it evenly, at another place of a step
+    time = plan.step * (np.arange(-1, 4)[:, None] - np.linspace(0.5, 1.5, 40))
+    motion = np.empty((5, 1, 80))
+    motion[:, 0, 0::2] = (level + w * time) / shape
+    motion[:, 0, 1::2] = w / shape / plan.scale
+    found = paths.follow(np.roll(motion, -1, axis=0), accelerations=True).accelerations[:, 0]
+    missed = 1.0 - found / (w * math.sqrt(stiffness))
+    assert missed.mean() == pytest.approx(MISSED_CREST, abs=1e-3)
+    # at worst two sub-steps begin half of one away from the crest
+    assert np.all(np.abs(missed - 1.5 * MISSED_CREST) < 1.5 * MISSED_CREST + 1e-3)
 
 
 def test_what_no_burst_does_has_the_limit_of_so_many_trials() -> None:
