@@ -103,12 +103,18 @@ def count_touch(tally, pair, upper, w, threshold):
     return counted
 
 
+EARLIER, EARLIER_AT, LAST, LAST_AT = range(2, 6)
+END_ROWS = 6
+"""Rows of `Followed.ends` after those of the ends."""
+
+
 class Followed(NamedTuple):
     """Largest absolute accelerations of a path in contacts.
 
     Parameters
     ----------
-    ends : (2, outputs), accelerations at both ends of what is left of the step, without the stops.
+    ends : (END_ROWS, outputs), accelerations at both ends of what is left of the step, without the
+        stops. Below stand the two that were read last, with their shares of the step.
     largest : (outputs,), updated.
     """
 
@@ -123,7 +129,7 @@ class Following(NamedTuple):
     ----------
     rows : (outputs, modes), from modal forces of springs, dampers and stops to accelerations.
     before, after : (modes, lanes), modal forces at both ends of the step, without the stops.
-    ends : (2, outputs), overwritten.
+    ends : (END_ROWS, outputs), overwritten.
     largest : (lanes, outputs), updated.
     """
 
@@ -413,9 +419,27 @@ def add_contacts(h, contacts, stops, laws, tally):
 
 
 @kernel
+def crest(a0, t0, a1, t1, a2, t2):
+    """Largest absolute value of the parabola through three values, where that lies between them;
+    else that of the last one. There are no earlier values where t0 is nan."""
+    rise = (a1 - a0) / (t1 - t0)
+    bend = ((a2 - a1) / (t2 - t1) - rise) / (t2 - t0)
+    top = 0.5 * (t0 + t1) - 0.5 * rise / bend
+    inner = (t0 < top) and (top < t2) and a1 * bend < 0.0  # nan is in no order
+    return abs(a0 + (top - t0) * (rise + bend * (top - t1))) if inner else abs(a2)
+
+
+@kernel
+def forget(followed):
+    """Leave out what was read before: accelerations may jump at events."""
+    for output in range(followed.largest.shape[0]):
+        followed.ends[EARLIER_AT, output] = followed.ends[LAST_AT, output] = math.nan
+
+
+@kernel
 def follow(followed, share, contacts, responses):
     """Raise the largest accelerations to those at the start of a sub-step, at a share of what is
-    left of the step."""
+    left of the step. A crest between the last three of them counts, too."""
     ends, largest = followed
     series, s = responses.accelerations, contacts.moments
     for output in range(largest.shape[0]):
@@ -426,7 +450,13 @@ def follow(followed, share, contacts, responses):
                 total -= series[i, output, 0] * force
                 for m in range(min(MOMENTS, series.shape[2] - 1)):
                     total -= series[i, output, m + 1] * s[i, m]
-        largest[output] = max(largest[output], abs(total))
+        highest = crest(
+            ends[EARLIER, output], ends[EARLIER_AT, output], ends[LAST, output],
+            ends[LAST_AT, output], total, share,
+        )  # fmt: skip
+        largest[output] = max(largest[output], highest, abs(total))
+        ends[EARLIER, output], ends[EARLIER_AT, output] = ends[LAST, output], ends[LAST_AT, output]
+        ends[LAST, output], ends[LAST_AT, output] = total, share
 
 
 @kernel
@@ -507,6 +537,8 @@ def integrate_contacts(
         for k in range(MOMENTS):
             s[j, k] = 0.0
     t, events = 0.0, 0
+    if followed is not None:
+        forget(followed)
     longest = longest_sub_step(gaps, fastest, contacts, stops, laws)
     while t < span:
         h = min(shorter_at_touch(longest, contacts, stops, laws), span - t)
@@ -536,6 +568,10 @@ def integrate_contacts(
                     s[j, k] = contacts.moments_end[j, k]
         if share > 1.0:
             continue
+        if followed is not None:  # where a contact ends or begins
+            push_at(0, t, 0.0, contacts, stops, laws, series)
+            follow(followed, t / span, contacts, responses)
+            forget(followed)
         apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, tally, page)
         events += 1
         rigid = stops.rigid[pair, upper]

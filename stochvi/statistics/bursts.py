@@ -29,7 +29,7 @@ from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.sampling.sampler import TrialSampler
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.cluster_paths import MISSED_CREST, WINDOWS, ClusterPaths, Part
+from stochvi.statistics.cluster_paths import WINDOWS, ClusterPaths, Part
 from stochvi.statistics.crossing_ages import FEWEST_PATHS, LEAST_PATHS
 
 UNFINISHED = 0.05
@@ -144,16 +144,8 @@ class Bursts:
     def exceedance_rate(
         self, name: str, limit: float, outputs: Sequence[str] | None = None
     ) -> Estimate:
-        """Clusters per second of which the `largest` is above a limit.
-
-        The bias holds what an acceleration that is too low by MISSED_CREST changes.
-        """
-        largest = self.largest(name, outputs)
-        found = self._rate((largest > limit).astype(float))
-        if name == "impact_speed" or found.bias is None:
-            return found
-        higher = self._rate((largest > limit / (1.0 + MISSED_CREST)).astype(float))
-        return replace(found, bias=found.bias + higher.value - found.value)
+        """Clusters per second of which the `largest` is above a limit."""
+        return self._rate((self.largest(name, outputs) > limit).astype(float))
 
     def _pairs(self, pair: str | None) -> list[int]:
         """Rows of one pair, or of all."""

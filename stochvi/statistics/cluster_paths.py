@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.engine.impact_log import COLUMNS, Log
-from stochvi.engine.sub_steps import CONTACT_ANGLE
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.choose_plan import unmet
 from stochvi.methods.monte_carlo.gap_response import GapResponse, shaken_by_tables
@@ -52,10 +51,6 @@ WINDOW_RELAXATIONS = 15.0
 
 WINDOWS = WINDOW_RELAXATIONS / MEMORY_RELAXATIONS
 """The same time in horizons, the time for which records look back from a crossing."""
-
-MISSED_CREST = CONTACT_ANGLE**2 / 24.0
-"""Share by which the largest acceleration of a contact is too low on average. It is taken where
-sub-steps of CONTACT_ANGLE begin, of which one lies evenly within half a sub-step of the crest."""
 
 LEAST_SHARE = 0.1
 """Smallest share of the first impacts of a stop that are simulated on: first impacts of a stop that

@@ -41,7 +41,7 @@ from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law, SpeedRestitution
 from stochvi.statistics.bursts import Bursts, _far, bursts, chance_of
-from stochvi.statistics.cluster_paths import MISSED_CREST, ClusterPaths, widened
+from stochvi.statistics.cluster_paths import ClusterPaths, widened
 from stochvi.testing import assert_agrees
 from support.accuracies import rel_errors
 
@@ -259,9 +259,8 @@ def test_noise_on_the_mass_is_as_sharp_as_noise_on_the_base() -> None:
     assert rigid.outputs == () and rigid.sharpest.shape == (0, len(rigid.path))
 
 
-def test_a_crest_between_sub_steps_is_missed_by_the_share_that_is_stated() -> None:
-    """Of an elastic contact, w W at the speed w and the rate W, in sub-steps of W h = 0.25: so
-    stiff a stop leaves less than 1e-3 to the spring, the damper and the base of the mount."""
+def test_a_crest_between_sub_steps_is_found() -> None:
+    """Of an elastic contact, w W at the speed w and the rate W, in sub-steps of W h = 0.25."""
     stiffness, w, level = 1e9, np.linspace(0.1, 0.6, 40), 1e-3
     scene = truck(4.5, Elastic(stiffness=stiffness))
     pair = scene.impact_pairs[0].model_copy(update={"lower": None, "upper": level})
@@ -273,10 +272,10 @@ def test_a_crest_between_sub_steps_is_missed_by_the_share_that_is_stated() -> No
     motion[:, 0, 0::2] = (level + w * time) / shape
     motion[:, 0, 1::2] = w / shape / plan.scale
     found = paths.follow(np.roll(motion, -1, axis=0), accelerations=True).accelerations[:, 0]
-    missed = 1.0 - found / (w * math.sqrt(stiffness))
-    assert missed.mean() == pytest.approx(MISSED_CREST, abs=1e-3)
-    # at worst two sub-steps begin half of one away from the crest
-    assert np.all(np.abs(missed - 1.5 * MISSED_CREST) < 1.5 * MISSED_CREST + 1e-3)
+    # the spring adds its force; by values at the starts of sub-steps alone it would be up to 8e-3
+    # lower
+    crest = w * math.sqrt(stiffness) + float(paths.model.omega**2) * level
+    assert found == pytest.approx(crest, rel=5e-4)
 
 
 def test_what_no_burst_does_has_the_limit_of_so_many_trials() -> None:

@@ -32,7 +32,7 @@ from stochvi.engine.alone import Workspace, make_workspace
 from stochvi.engine.borrowed import borrowed, hold
 from stochvi.engine.compiled_laws import Stops
 from stochvi.engine.compiling import kernel
-from stochvi.engine.contacts import Following
+from stochvi.engine.contacts import END_ROWS, Following
 from stochvi.engine.fused import fma
 from stochvi.engine.impact_log import NO_RECORD, Log
 from stochvi.engine.lanes import LANES as LANES_TOGETHER
@@ -469,8 +469,8 @@ def make_room(states, rows_of_sums, width, structure, rows, waiting, acceleratio
         np.zeros((width, pairs, 2)), np.zeros(width, np.uint64), np.zeros(width, np.uint64),
         np.zeros((2 * modes, width)), np.zeros((2 * modes, width)), np.zeros(modes),
         np.zeros((modes, width)), np.zeros((pairs, width)), np.zeros((modes, width)),
-        np.zeros((modes, width)), np.zeros((width, accelerations)), np.zeros((2, accelerations)),
-        work, make_waiting(work.numbers.shape[0], waiting),
+        np.zeros((modes, width)), np.zeros((width, accelerations)),
+        np.zeros((END_ROWS, accelerations)), work, make_waiting(work.numbers.shape[0], waiting),
     )  # fmt: skip
 
 
