@@ -26,7 +26,17 @@ from stochvi.engine.bounces import MOST_BOUNCES, RESTING
 from stochvi.engine.compiling import kernel
 from stochvi.engine.impact_log import log_impact
 from stochvi.engine.law_calls import force_of, margin_of, rate_of, rebound_of
-from stochvi.engine.pushes import A0, A1, MOMENTS, V0, V1, Y0, Y1, next_moments
+from stochvi.engine.pushes import (
+    A0,
+    A1,
+    MOMENTS,
+    V0,
+    V1,
+    Y0,
+    Y1,
+    next_moments,
+    parabola_maximum,
+)
 from stochvi.engine.roots import time_to_stop
 from stochvi.engine.sub_steps import CONTACT_ANGLE, FIRST_SHARE
 from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, ROWS_OF_PAIR, ROWS_OF_STOP, TIME
@@ -370,16 +380,6 @@ def shorter_at_touch(h, contacts, stops, laws):
             if v != 0.0 and not smooth:
                 h = min(h, max(shortest, y / v if v > 0.0 else -0.5 * y / v))
     return h
-
-
-@kernel
-def parabola_maximum(f0, middle, f1):
-    """Largest value of the parabola through values at 0, 1/2 and 1."""
-    slope, bend = 4.0 * middle - 3.0 * f0 - f1, 2.0 * (f0 + f1) - 4.0 * middle
-    highest = max(f0, f1)
-    if bend < 0.0 and 0.0 < slope < -2.0 * bend:
-        highest = max(highest, f0 - 0.25 * slope * slope / bend)
-    return highest
 
 
 @kernel

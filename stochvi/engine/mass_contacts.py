@@ -15,6 +15,8 @@ import math
 from stochvi.engine.compiling import kernel
 from stochvi.engine.law import energy, force, is_lossy, is_smooth, margin, rate
 from stochvi.engine.parts import generic
+from stochvi.engine.pushes import parabola_maximum
+from stochvi.engine.sub_steps import FIRST_SHARE
 from stochvi.engine.sums import IMPULSE, LEFT, LOSS, PEAK, PLACE, SPEED, TIME
 
 CONTACT_ANGLE = 0.125
@@ -25,13 +27,8 @@ CONTACT_ERROR = 2e-5
 """Relative error of duration, impulse and peak force of a contact in sub-steps: among random
 contacts with a ball, 99 of 100 were below 1.3e-5, and the state at any time below 3e-6 of the
 largest. The peak of a force that depends on the rate has twice that error. The energy of a contact
-without losses is kept. Whether a mass that is pressed on leaves
-its stop with less than a millionth of its energy is not resolved."""
-
-FIRST_SHARE = 0.125
-"""Share of a full sub-step that the first and the last one have, where the force has no derivatives
-at the touch: the force y^(3/2) of a ball lowers the order to 5/2 there. Lengths double from the
-first on, and halve towards the last."""
+without losses is kept. It is not resolved whether a mass that is pressed on leaves its stop with
+less than a millionth of its energy."""
 
 MOST_SUB_STEPS = 100_000
 """Largest number of sub-steps of a contact in a step."""
@@ -117,9 +114,7 @@ def largest_push(law, on, y, v, y1, v1, a1, h, pressing, stiffness):
     centre = push_of(
         law, on, 0.5 * (y + y1) + 0.125 * h * (v - v1), 0.5 * (v + v1) + 0.125 * h * (a0 - a1)
     )
-    slope, bend = 4.0 * centre - 3.0 * f0 - f1, 2.0 * (f0 + f1) - 4.0 * centre
-    inner = bend < 0.0 and 0.0 < slope < -2.0 * bend
-    return max(max(f0, f1), f0 - 0.25 * slope * slope / bend if inner else f0)
+    return parabola_maximum(f0, centre, f1)
 
 
 @kernel

@@ -157,3 +157,13 @@ def add_four_terms(target, first, weights, series, pair):
             two = fma(b, series[pair, k + 1, i], fma(a, series[pair, k, i], target[first + i]))
             more = fma(d, series[pair, k + 3, i], c * series[pair, k + 2, i])
             target[first + i] = two + more
+
+
+@kernel
+def parabola_maximum(f0, middle, f1):
+    """Largest value of the parabola through values at 0, 1/2 and 1."""
+    slope, bend = 4.0 * middle - 3.0 * f0 - f1, 2.0 * (f0 + f1) - 4.0 * middle
+    highest = max(f0, f1)
+    if bend < 0.0 and 0.0 < slope < -2.0 * bend:
+        highest = max(highest, f0 - 0.25 * slope * slope / bend)
+    return highest
