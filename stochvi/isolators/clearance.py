@@ -142,17 +142,16 @@ def clearance_curve(
     rows: list[dict[str, float | str]] = []
     short: list[str] = []
     for number, case in enumerate(cases):
-        simulated = None
+        if number and run.deadline.passed():
+            short.append(case.words)
+            continue
         left = len(cases) - number
         closure = _closure_rates(case.scene, run.deadline, CLOSURE_SHARE / left)
         part = run.part(
             number / len(cases), (number + 1) / len(cases), case.words, run.deadline.share(1 / left)
         )
         try:
-            if not (number and run.deadline.passed()):
-                simulated = simulate(case.scene, **part.options(rel_error=run.rel_error))
-            else:
-                short.append(case.words)
+            simulated = simulate(case.scene, **part.options(rel_error=run.rel_error))
         except (NotConverged, Interrupted) as reason:
             simulated = reason.partial
             short.append(case.words)

@@ -73,11 +73,18 @@ def gains(frequency_hz: Vector, stiffness: Matrix, damping: Matrix, force: Force
     >>> still.real.tolist()
     [[0.5]]
     """
+    return _gains_of_all(frequency_hz, stiffness, damping, [force])[:, :, 0]
+
+
+def _gains_of_all(
+    frequency_hz: Vector, stiffness: Matrix, damping: Matrix, forces: Sequence[Force]
+) -> Waves:
+    """`gains` of several excitations, (frequencies, n, excitations)."""
     w = 2.0 * np.pi * frequency_hz[:, None, None]
     dynamic = stiffness - w**2 * np.eye(len(stiffness)) + 1j * w * damping
-    pushed = _at(force, frequency_hz)
-    forces = np.broadcast_to(pushed, (len(frequency_hz), len(stiffness)))[:, :, None]
-    return np.asarray(np.linalg.solve(dynamic, forces)[:, :, 0], dtype=np.complex128)
+    shape = (len(frequency_hz), len(stiffness))
+    pushed = [np.broadcast_to(_at(force, frequency_hz), shape) for force in forces]
+    return np.asarray(np.linalg.solve(dynamic, np.stack(pushed, axis=-1)), dtype=np.complex128)
 
 
 def _at(force: Force, frequency_hz: Vector) -> Waves:
@@ -87,15 +94,13 @@ def _at(force: Force, frequency_hz: Vector) -> Waves:
     return force.astype(complex)
 
 
-def quadrature(
-    table: Table, stiffness: Matrix, damping: Matrix, force: Force
-) -> tuple[Vector, Vector]:
-    """Nodes (Hz) and weights over a table, in panels that narrow towards every resonance."""
-    low, high = float(table.frequency_hz[0]), float(table.frequency_hz[-1])
-    octaves = 2 + 2 * math.ceil(math.log2(high / low))
-    edges = [table.frequency_hz, np.geomspace(low, high, octaves)]
-    if isinstance(force, InputMatrix):
-        edges.append(force.breaks)
+def quadrature(tables: Tables, stiffness: Matrix, damping: Matrix) -> tuple[Vector, Vector]:
+    """Nodes (Hz) and weights over all tables, in panels that narrow towards every resonance."""
+    edges = [table.frequency_hz for table, _ in tables]
+    edges += [force.breaks for _, force in tables if isinstance(force, InputMatrix)]
+    low = float(min(table.frequency_hz[0] for table, _ in tables))
+    high = float(max(table.frequency_hz[-1] for table, _ in tables))
+    edges.append(np.geomspace(low, high, 2 + 2 * math.ceil(math.log2(high / low))))
     for value in eigenvalues(stiffness, damping):
         resonance = abs(value.imag) / (2.0 * math.pi)
         width = max(abs(value.real) / (2.0 * math.pi), NARROWEST * abs(value), 1e-300)
@@ -129,13 +134,18 @@ def covariance(tables: Tables, stiffness: Matrix, damping: Matrix) -> Matrix:
     """
     n = len(stiffness)
     total = np.zeros((2 * n, 2 * n))
-    for table, force in tables:
-        nodes, weights = quadrature(table, stiffness, damping, force)
-        for first in range(0, len(nodes), AT_ONCE):
-            f, weight = nodes[first : first + AT_ONCE], weights[first : first + AT_ONCE]
-            displacement = gains(f, stiffness, damping, force)
-            both = np.hstack([displacement, 2j * np.pi * f[:, None] * displacement])
-            total += np.einsum("fi,fj->ij", (table(f) * weight)[:, None] * both, both.conj()).real
+    if not tables:
+        return total
+    nodes, weights = quadrature(tables, stiffness, damping)
+    for first in range(0, len(nodes), AT_ONCE):
+        f, weight = nodes[first : first + AT_ONCE], weights[first : first + AT_ONCE]
+        solved = _gains_of_all(f, stiffness, damping, [force for _, force in tables])
+        for number, (table, _) in enumerate(tables):
+            moved = np.sqrt(table(f) * weight)[:, None] * solved[:, :, number]
+            both = np.hstack([moved, 2j * np.pi * f[:, None] * moved])
+            # einsum rather than a product of matrices: no thread of BLAS changes its digits
+            for part in (both.real, both.imag):
+                total += np.einsum("fi,fj->ij", part, part)
     return total
 
 
@@ -146,7 +156,7 @@ def beyond(
     each frequency and above, (frequencies, rows)."""
     nodes, parts = [], []
     for table, force in tables:
-        f, weight = quadrature(table, stiffness, damping, force)
+        f, weight = quadrature([(table, force)], stiffness, damping)
         velocity = 2.0 * np.pi * f[:, None] * (gains(f, stiffness, damping, force) @ rows.T)
         nodes.append(f)
         parts.append((table(f) * weight)[:, None] * np.abs(velocity) ** 2)

@@ -330,6 +330,11 @@ def _columns(
             )
     else:
         meanings["acceleration_m_s2"] = "left out: " + _why_no_acceleration(model, on_base)
+    if turning := [name for name in model.outputs if name in ROTATIONS]:
+        for name, unit in (("displacement_m", "rad"), ("velocity_m_s", "rad/s")):
+            meanings[name] += f"; {', '.join(turning)} in {unit}"
+        if acceleration is not None:
+            meanings["acceleration_m_s2"] += f"; {', '.join(turning)} in rad/s^2"
     columns: dict[str, Vector] = {}
     for name, row in zip(model.outputs, model.output_rows, strict=True):
         before = _before(name, model.outputs)

@@ -18,7 +18,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.response import ROTATIONS
 from stochvi.views.axes import add_grid, as_written, draw_stop_bands, length_unit, thinned
-from stochvi.views.colours import COLOURS, OWNERS
+from stochvi.views.colours import COLOURS, OWNERS, owner_colours
 from stochvi.views.files import write_bytes
 from stochvi.views.tables import print_frame
 
@@ -36,6 +36,9 @@ many equal intervals is marked."""
 
 SMALLEST_MARK, MARK_GROWTH = 10.0, 50.0
 """Area of the mark of an impact at speed 0, and addition to it for the fastest impact, points^2."""
+
+MOST_COLUMNS = 8
+"""Largest number of names beside each other in a legend."""
 
 FRAMES, FRAMES_PER_PERIOD, FRAMES_PER_SECOND = 120, 15, 20
 """Number of frames in an animation, in a mean period of the motion, and in a second of watching."""
@@ -87,36 +90,81 @@ def print_history(console: Console, found: History) -> None:
         console.print(f"note: {warning}", style="yellow", highlight=False, markup=False)
 
 
+class _Panel(NamedTuple):
+    """Curves that are drawn over each other: columns by their labels, what they are, the pairs
+    whose stops stand beside them, and whether they are angles."""
+
+    columns: dict[str, str]
+    words: str
+    pairs: Sequence[ImpactPair] = ()
+    turns: bool = False
+
+
 def draw_history(found: History, scene: Scene, title: str = "") -> Axes:
     """Displacements and gaps with stops and impacts, and absolute accelerations below them.
 
-    Long histories are drawn by the smallest and largest values of neighbouring samples.
+    A coordinate between stops of its own has a panel of its own. The others share one for
+    displacements, one for rotations, and one for each point of a body. Long histories are drawn by
+    the smallest and largest values of neighbouring samples.
     """
-    pairs = scene.expanded.impact_pairs
-    relative = [pair for pair in pairs if _spans(pair)]
-    columns = [str(name) for name in found.samples]
-    displacements = [name for name in columns if _ends(name, "displacement_m")]
-    accelerations = [name for name in columns if _ends(name, "acceleration_m_s2")]
-    rows = len(displacements) + len(relative) + bool(accelerations)
+    panels = [*_motion_panels(found, scene), *_acceleration_panels(found)]
+    rows = len(panels)
     figure, grid = plt.subplots(
         rows, 1, figsize=(9.6, 2.4 * rows + 0.8), sharex=True, squeeze=False, layout="constrained"
     )
-    axes = list(grid[:, 0])
-    names = [column.rpartition(".")[0] or scene.expanded.moving[0] for column in displacements]
-    for name, column, ax in zip(names, displacements, axes, strict=False):
-        own = [pair for pair in pairs if not _spans(pair) and (pair.on or names[0]) == name]
-        _plot_motion(found, column, own, ax, f"displacement of {name}")
-    for pair, ax in zip(relative, axes[len(names) :], strict=False):
-        column = "gap_m" if len(pairs) == 1 else f"{pair.name}.gap_m"
-        what = " less ".join(pair.between) if pair.between else f"gap of {pair.name}"
-        _plot_motion(found, column, [pair], ax, what)
-    if accelerations:
-        _plot_accelerations(found, accelerations, axes[-1])
-    axes[-1].set_xlabel("time (s)")
-    axes[0].margins(x=0.0)
+    for panel, ax in zip(panels, grid[:, 0], strict=True):
+        _plot_panel(found, panel, ax)
+    grid[-1, 0].set_xlabel("time (s)")
+    grid[0, 0].margins(x=0.0)
     figure.suptitle(title or "one realisation", fontsize="medium")
-    first: Axes = axes[0]
+    first: Axes = grid[0, 0]
     return first
+
+
+def _motion_panels(found: History, scene: Scene) -> list[_Panel]:
+    """Panels of the displacements, in the order of the table, and then of the gaps."""
+    pairs, panels = scene.expanded.impact_pairs, []
+    shared: dict[str, dict[str, str]] = {}
+    for column in (str(name) for name in found.samples):
+        if not _ends(column, "displacement_m"):
+            continue
+        name = column.rpartition(".")[0] or scene.expanded.moving[0]
+        own = [
+            pair
+            for pair in pairs
+            if not _spans(pair) and (pair.on or scene.expanded.moving[0]) == name
+        ]
+        if own:
+            panels.append(_Panel({name: column}, f"displacement of {name}", own))
+        else:
+            point = name.rpartition(".")[0]
+            kind = f"displacement of {point}" if point else "displacement"
+            shared.setdefault("rotation" if name in ROTATIONS else kind, {})[name] = column
+    for words, columns in shared.items():
+        alone = f" of {next(iter(columns))}" if len(columns) == 1 else ""
+        panels.append(_Panel(columns, words + alone, turns=words == "rotation"))
+    for pair in pairs:
+        if _spans(pair):
+            column = "gap_m" if len(pairs) == 1 else f"{pair.name}.gap_m"
+            words = " less ".join(pair.between) if pair.between else f"gap of {pair.name}"
+            panels.append(_Panel({words: column}, words, [pair]))
+    return panels
+
+
+def _acceleration_panels(found: History) -> list[_Panel]:
+    """Panels of the absolute accelerations: of coordinates, and of rotations."""
+    columns = {
+        str(name).rpartition(".")[0]: str(name)
+        for name in found.samples
+        if _ends(str(name), "acceleration_m_s2")
+    }
+    turning = {name: column for name, column in columns.items() if name in ROTATIONS}
+    moving = {name: column for name, column in columns.items() if name not in turning}
+    panels = [
+        _Panel(moving, "absolute\nacceleration"),
+        _Panel(turning, "angular\nacceleration", turns=True),
+    ]
+    return [panel for panel in panels if panel.columns]
 
 
 def _spans(pair: ImpactPair) -> bool:
@@ -129,14 +177,15 @@ def _ends(name: str, quantity: str) -> bool:
     return name.rpartition(".")[2] == quantity
 
 
-def _plot_motion(
-    found: History, column: str, pairs: Sequence[ImpactPair], ax: Axes, what: str
-) -> None:
-    """A displacement or a gap with its stops, on which the impacts are marked."""
-    t, y = thinned(found.samples["time_s"].to_numpy(), found.samples[column].to_numpy())
-    unit, unit_name = length_unit(float(np.abs(y).max()))
-    ax.plot(t, y / unit, color=OWNERS[0], linewidth=0.8)
-    for pair in pairs:
+def _plot_panel(found: History, panel: _Panel, ax: Axes) -> None:
+    """Curves in a unit that reads well, and their stops, on which the impacts are marked."""
+    time = found.samples["time_s"].to_numpy()
+    curves = {label: found.samples[column].to_numpy() for label, column in panel.columns.items()}
+    unit, unit_name = _unit(found, panel, max(float(np.abs(y).max()) for y in curves.values()))
+    for (label, y), colour in zip(curves.items(), owner_colours(len(curves)), strict=True):
+        name = label if len(curves) > 1 else None
+        ax.plot(*thinned(time, y / unit), color=colour, linewidth=0.8, label=name)
+    for pair in panel.pairs:
         hits = _fastest(found.impacts[found.impacts["pair"] == pair.name], found.duration)
         place = np.where(hits["side"] == "upper", pair.upper or 0.0, pair.lower or 0.0)
         ax.scatter(
@@ -145,11 +194,27 @@ def _plot_motion(
             color=COLOURS["linearise:closure"], edgecolor="white", linewidth=0.5, zorder=3,
             label="impacts, larger = faster" if len(hits) else None,
         )  # fmt: skip
-    draw_stop_bands(ax, pairs, unit, vertical=False)
-    ax.set_ylabel(f"{what}\n({unit_name})")
+    draw_stop_bands(ax, panel.pairs, unit, vertical=False)
+    join = " " if "\n" in panel.words else "\n"
+    ax.set_ylabel(f"{panel.words}{join}({unit_name})")
     add_grid(ax)
-    if ax.get_legend_handles_labels()[1]:
-        ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0))
+    labels = ax.get_legend_handles_labels()[1]
+    if labels:
+        ax.legend(
+            frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
+            ncols=min(len(labels), MOST_COLUMNS),
+        )  # fmt: skip
+
+
+def _unit(found: History, panel: _Panel, largest: float) -> tuple[float, str]:
+    """Unit of a panel, in SI, and its name: accelerations are in g where a base is shaken, and in
+    m/s^2 where forces act."""
+    if not _ends(next(iter(panel.columns.values())), "acceleration_m_s2"):
+        return (1e-3, "mrad") if panel.turns else length_unit(largest)
+    if panel.turns:
+        return 1.0, "rad/s²"
+    shaken = any(_ends(str(name), "base_acceleration_m_s2") for name in found.samples)
+    return (STANDARD_GRAVITY, "g") if shaken else (1.0, "m/s²")
 
 
 def _fastest(hits: pd.DataFrame, duration: float) -> pd.DataFrame:
@@ -159,21 +224,6 @@ def _fastest(hits: pd.DataFrame, duration: float) -> pd.DataFrame:
         return hits
     interval = (hits["time_s"] * (MOST_MARKS / duration)).astype(int)
     return hits.loc[hits.groupby(interval)["speed_m_s"].idxmax()]
-
-
-def _plot_accelerations(found: History, columns: Sequence[str], ax: Axes) -> None:
-    """Draw absolute accelerations: in g where a base is shaken, in m/s^2 where forces act."""
-    time = found.samples["time_s"].to_numpy()
-    shaken = any(_ends(str(name), "base_acceleration_m_s2") for name in found.samples)
-    unit, name = (STANDARD_GRAVITY, "g") if shaken else (1.0, "m/s²")
-    for colour, column in zip(OWNERS, columns, strict=False):
-        t, a = thinned(time, found.samples[column].to_numpy() / unit)
-        ax.plot(t, a, color=colour, linewidth=0.8, label=column.rpartition(".")[0] or None)
-    ax.set_ylabel(f"absolute\nacceleration ({name})")
-    add_grid(ax)
-    if len(columns) > 1:
-        ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
-                  ncols=len(columns))  # fmt: skip
 
 
 def write_animation(found: History, scene: Scene, path: Path, title: str = "") -> None:
