@@ -256,8 +256,9 @@ class Swept(NamedTuple):
 
 
 def swept(m: Mass, frequencies: np.ndarray, near: float = 1e-4) -> Swept:
-    """A slow sweep from rest, with its jumps bisected to a relative distance."""
-    state, passed, jumps = np.array([min(max(0.0, m.lower), m.upper), 0.0]), list[Motion](), []
+    """A slow sweep from rest under the load, with its jumps bisected to a relative distance."""
+    rest = min(max(m.load / m.k, m.lower), m.upper)
+    state, passed, jumps = np.array([rest, 0.0]), list[Motion](), []
     for number, frequency in enumerate(frequencies.tolist()):
         w, here = 2.0 * math.pi * frequency, passed[-1] if passed else None
         there = settled(m, w, state, rounds=4 if here is None or here.periods else 2)

@@ -257,7 +257,8 @@ class HarmonicResponse(Result):
     special_points
         Folds, grazings and changes of stability, in the order of their values.
     jumps
-        Jumps of a slow sweep up and one down where the regime that they follow ends.
+        Jumps of a slow sweep up and one down where the regime that they follow ends. Each sweep
+        starts at an end of the range, at rest under the constant loads.
     starts
         Ends of random starts; None for harmonic linearisation.
     model_error
