@@ -30,7 +30,9 @@ from .scenes.excitations import (
     RecordedNoise,
     RoadNoise,
     Sine,
+    StateSpaceNoise,
     TabulatedNoise,
+    TransferFunctionNoise,
     WhiteNoise,
 )
 from .scenes.impact_laws import (
@@ -76,8 +78,10 @@ __all__ = [
     "SceneError",
     "Sine",
     "SpeedRestitution",
+    "StateSpaceNoise",
     "StochviError",
     "TabulatedNoise",
+    "TransferFunctionNoise",
     "Viscoelastic",
     "WhiteNoise",
     "absorber",

@@ -24,7 +24,7 @@ from typing import NamedTuple
 FENCE = re.compile(
     r"<!-- run: (?P<run>[^\n]+) -->|"
     r"(?:<!-- file: (?P<file>\S+) -->\n+)?"
-    r"^(?P<ticks>```+)(?P<language>[a-z]*)\n(?P<text>.*?)^(?P=ticks)$",
+    r"^(?P<ticks>```+)(?P<language>[^`\n]*)\n(?P<text>.*?)^(?P=ticks)$",
     flags=re.DOTALL | re.MULTILINE,
 )
 """Pattern of a fenced block, with the name of its file where a comment states one."""

@@ -67,6 +67,8 @@ level_db = 0.0
 # S0 / (2 c k); S0 = 2 pi S of a two-sided density S per rad/s; or density = .. with unit = ..
 # filtered: the same keys, for white noise that then passes a resonance of frequency_hz and zeta;
 # at its peak this raises the density by the factor 1 / (4 zeta^2)
+# filtered, of any order: numerator = [..] and denominator = [..], coefficients of s (rad/s), the
+# highest power first (also kind "transfer-function"); or A, B and C (also kind "state-space")
 # sine: frequency_hz and amplitude (N, or m/s^2 of the base);
 # instead of amplitude: displacement (m) or velocity (m/s) of the base, or unbalance (kg m) of a
 # rotor on the mass; phase_deg where several make one force

@@ -6,7 +6,9 @@ from .excitations import (
     RecordedNoise,
     RoadNoise,
     Sine,
+    StateSpaceNoise,
     TabulatedNoise,
+    TransferFunctionNoise,
     WhiteNoise,
 )
 from .impact_laws import (
@@ -61,7 +63,9 @@ __all__ = [
     "Scene",
     "Sine",
     "SpeedRestitution",
+    "StateSpaceNoise",
     "TabulatedNoise",
+    "TransferFunctionNoise",
     "Viscoelastic",
     "WhiteNoise",
     "load_scene",

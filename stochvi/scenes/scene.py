@@ -29,6 +29,7 @@ from stochvi.scenes.excitations import (
     check_unit,
 )
 from stochvi.scenes.excitations.base import Density, StrengthNoise
+from stochvi.scenes.excitations.shaped import kind_of_filter
 from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelastic
 from stochvi.scenes.impact_laws.rubber_data import AS_WRITTEN
 from stochvi.scenes.structures import Matrices, NonlinearOscillator, Oscillator, Structure
@@ -255,6 +256,14 @@ class Scene(Checked):
             keys = ", ".join(f"{name} = {entry!r}" for name, entry in value.items())
             raise ValueError(f"must be a list, got one table ({keys}); write [[{key}]]")
         return value
+
+    @field_validator("excitations", mode="before")
+    @classmethod
+    def _filters(cls, value: Any) -> Any:
+        """Filtered noise of a transfer function or in state space has a kind of its own."""
+        return (
+            [kind_of_filter(each) for each in value] if isinstance(value, list | tuple) else value
+        )
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

@@ -17,19 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import model_validator
 
-from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.mathematics.spectra import Table
+from stochvi.mathematics.arrays import Matrix
+from stochvi.mathematics.spectra import Table, refined_table
 from stochvi.scenes.validation import Checked, NonNegative, Positive, given
-
-TABLE_ERROR = 1e-6
-"""Largest relative error of a filtered density between the breakpoints of its table, and so of
-every mean square that follows from it."""
-
-POINTS_PER_DECADE = 20.0
-"""Breakpoints per decade of a filtered density before its table is refined."""
-
-MOST_HALVINGS = 24
-"""Largest number of times that an interval between two of these breakpoints is halved."""
 
 
 class Preset(NamedTuple):
@@ -173,25 +163,7 @@ class QuarterCar(Checked):
 
         The breakpoints lie so close that log-log interpolation is off by `TABLE_ERROR` at most.
         """
-        low, high = float(road.frequency_hz[0]), float(road.frequency_hz[-1])
-        count = 2 + math.ceil(POINTS_PER_DECADE * math.log10(high / low))
-        f = np.unique(np.concatenate([road.frequency_hz, np.geomspace(low, high, count)]))
-        f = np.clip(f, low, high)
-
-        def log_density(at: Vector) -> Vector:
-            return np.log(road(at)) + 2.0 * np.log(np.abs(self.gain(at)))
-
-        values = log_density(f)
-        for _ in range(MOST_HALVINGS):
-            middle = np.sqrt(f[1:] * f[:-1])
-            exact = log_density(middle)
-            wrong = np.abs(exact - 0.5 * (values[1:] + values[:-1])) > TABLE_ERROR
-            if not wrong.any():
-                break
-            places = np.flatnonzero(wrong) + 1
-            f = np.insert(f, places, middle[wrong])
-            values = np.insert(values, places, exact[wrong])
-        return Table(frequency_hz=f, density=np.exp(values))
+        return refined_table(lambda f: road(f) * np.abs(self.gain(f)) ** 2, road.frequency_hz)
 
     def assumptions(self) -> tuple[str, ...]:
         """The assumptions about the vehicle, in words."""

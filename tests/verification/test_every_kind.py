@@ -67,6 +67,8 @@ KEYS_OF_LAWS: dict[str, dict[str, Any]] = {
 KEYS_OF_EXCITATIONS: dict[str, dict[str, Any]] = {
     "white": {"intensity": 0.2},
     "filtered": {"intensity": 0.2, "frequency_hz": 10.0, "zeta": 0.2},
+    "transfer-function": {"intensity": 0.2, "numerator": [60.0], "denominator": [1.0, 60.0]},
+    "state-space": {"intensity": 0.2, "A": [[-60.0]], "B": [60.0], "C": [1.0]},
     "psd": {"frequency_hz": [1.0, 100.0], "density": [0.3, 0.2], "unit": "(m/s2)2/Hz"},
     "road": {"road": "A", "speed": 10.0},
     "record": {"unit": "m/s2", "fs": 100.0},
@@ -76,7 +78,8 @@ KEYS_OF_EXCITATIONS: dict[str, dict[str, Any]] = {
 """Keys of one member of each kind; a new kind needs an entry, or its tests fail."""
 
 KEYS_WITHOUT_UNIT = {
-    "restitution.coefficient", "damping_ratio", "zeta", "phase_deg", "intensity"
+    "restitution.coefficient", "damping_ratio", "zeta", "phase_deg", "intensity", "numerator",
+    "denominator", "C",
 }  # fmt: skip
 """Keys of numbers without a unit, of an angle, which has one unit only, and of the strength of
 white noise, whose unit depends on what is shaken."""

@@ -12,12 +12,21 @@ from stochvi.scenes.excitations.constant import ConstantLoad
 from stochvi.scenes.excitations.filtered import FilteredNoise
 from stochvi.scenes.excitations.recorded import RecordedNoise
 from stochvi.scenes.excitations.road import RoadNoise
+from stochvi.scenes.excitations.shaped import ShapedNoise, StateSpaceNoise, TransferFunctionNoise
 from stochvi.scenes.excitations.sine import Sine
 from stochvi.scenes.excitations.tabulated import TabulatedNoise
 from stochvi.scenes.excitations.white import WhiteNoise
 
 Excitation = (
-    WhiteNoise | FilteredNoise | TabulatedNoise | RoadNoise | RecordedNoise | Sine | ConstantLoad
+    WhiteNoise
+    | FilteredNoise
+    | TransferFunctionNoise
+    | StateSpaceNoise
+    | TabulatedNoise
+    | RoadNoise
+    | RecordedNoise
+    | Sine
+    | ConstantLoad
 )
 """Every excitation that a scene may hold."""
 
@@ -44,8 +53,11 @@ __all__ = [
     "FilteredNoise",
     "RecordedNoise",
     "RoadNoise",
+    "ShapedNoise",
     "Sine",
+    "StateSpaceNoise",
     "TabulatedNoise",
+    "TransferFunctionNoise",
     "WhiteNoise",
     "check_unit",
 ]
