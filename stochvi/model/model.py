@@ -583,7 +583,7 @@ def _build_model(scene: Scene) -> Model:
         whites=tuple((e.si_intensity, d) for e, d in shaken if isinstance(e, WhiteNoise)),
         constants=tuple(_constants(scene, shaken)),
         signals=tuple(_signals(scene, shaken)),
-        tables=tuple(_tables(scene, mass, shaken)),
+        tables=tuple(_tables(scene, shaken)),
         pairs=tuple(_pair(scene, pair, mass) for pair in scene.impact_pairs),
         moving_base=structure.on_mount
         or any(scene.place(excitation) == BASE for excitation in scene.excitations),
@@ -717,25 +717,25 @@ def _crank_force(scene: Scene, sine: Sine, direction: Vector) -> complex:
     return complex(-sine.crank * (stiffness[first, second] + rate * damping[first, second]))
 
 
-def _tables(
-    scene: Scene, mass: Matrix, shaken: list[tuple[Excitation, Vector]]
-) -> Iterator[tuple[Table, Force]]:
-    """Densities with the forces per unit of each; correlated motions of a base along several axes
-    are expressed by independent sources."""
-    together = scene.tables_by_axis() if scene.cross_densities else {}
-    sources = independent_sources(scene.cross_densities, together)
-    influence = scene.structure.carried
-    rows = np.array([inertia_of(mass, influence[axis]) for axis in together]).T
+def _tables(scene: Scene, shaken: list[tuple[Excitation, Vector]]) -> Iterator[tuple[Table, Force]]:
+    """Densities with the forces per unit of each; correlated noises are expressed by independent
+    sources."""
+    together = scene.correlated()
+    tables = {name: scene.table_of(each) for name, each in together.items()}
+    sources = independent_sources(scene.cross_densities, tables)
+    directions = {id(excitation): direction for excitation, direction in shaken}
+    rows = np.array([directions[id(each)] for each in together.values()]).T
     breaks = [
-        *(table.frequency_hz for table in together.values()),
-        *(np.array(cross.frequency_hz) for cross in scene.cross_densities),
+        *(table.frequency_hz for table in tables.values()),
+        *(cross.places for cross in scene.cross_densities),
     ]
+    names = {id(each): name for name, each in together.items()}
     for excitation, direction in shaken:
         if isinstance(excitation, DensityNoise):
             force: Force = direction
-            if excitation.axis in sources:
+            if id(excitation) in names:
                 places = np.unique(np.concatenate(breaks))
-                force = InputMatrix(rows, sources[excitation.axis], places)
+                force = InputMatrix(rows, sources[names[id(excitation)]], places)
             yield scene.table_of(excitation), force
 
 

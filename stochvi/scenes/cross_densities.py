@@ -1,45 +1,59 @@
-"""Cross densities between the motions of a base along its axes."""
+"""Correlation of two noises: by their cross density, or by coherence and phase."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from functools import partial
-from typing import Literal, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from stochvi.mathematics.arrays import Vector, Waves
 from stochvi.mathematics.spectra import Table
-from stochvi.mathematics.units import power_ratio, unit
+from stochvi.mathematics.units import DENSITIES, power_ratio, unit
 from stochvi.results.errors import SceneError
 from stochvi.scenes.excitations.base import DensityUnit, unit_name
-from stochvi.scenes.validation import Checked, Column, Numbers
-
-Axis = Literal["x", "y", "z"]
+from stochvi.scenes.validation import Checked, Column, NonNegatives, Numbers, given
 
 COHERENT = 1e-9
 """Size up to which a negative eigenvalue of the matrix of coherences counts as a rounding error."""
 
 
-class CrossDensity(Checked):
-    """The complex cross density of the accelerations of a base along two of its axes.
+def _listed(value: Any) -> Any:
+    """One number as a list of one."""
+    return [value] if isinstance(value, int | float) and not isinstance(value, bool) else value
 
-    It is one-sided per hertz, G_ab = 2 E conj(A) B / T for a, b = `between`, as
-    scipy.signal.csd(a, b) estimates it. The complex coherence is the cross density over the root of
-    the product of the two densities. Between breakpoints it is linear in the logarithm of the
-    frequency; outside them, and where one of the densities is 0, it is 0.
+
+class CrossDensity(Checked):
+    """How two noises with a density depend on each other.
+
+    They are excitations of the scene by their `name`, or the axes of the base of a rigid body. The
+    correlation is given by the complex cross density, or by coherence and phase.
+
+    The cross density is one-sided per hertz, G_ab = 2 E conj(A) B / T for a, b = `between`, as
+    scipy.signal.csd(a, b) estimates it. The ordinary coherence is |G_ab|^2 / (G_aa G_bb), and the
+    phase that of G_ab, by which b leads a. Real and imaginary part of G_ab / sqrt(G_aa G_bb) are
+    linear in the logarithm of the frequency between breakpoints. They are 0 outside them, and where
+    one of the densities is 0.
 
     Parameters
     ----------
     between
-        The two axes.
-    frequency_hz, real, imaginary
-        Breakpoints, Hz, and the real and imaginary parts of the cross density there.
+        The two excitations by their names, or two axes, "x", "y" or "z".
+    frequency_hz
+        Breakpoints, Hz.
+    real, imaginary
+        Real and imaginary part of the cross density at each breakpoint.
     unit
-        Unit of the cross density, the same as of an acceleration density.
+        Unit of the cross density, the same as of the densities.
+    coherence
+        Instead of these three: ordinary coherence, 0 to 1, at each breakpoint, or one number for
+        all frequencies.
+    phase_deg
+        Phase beside the coherence, degrees, at each breakpoint or one number; by default 0.
 
     Examples
     --------
@@ -49,13 +63,17 @@ class CrossDensity(Checked):
     ... )
     >>> cross.between
     ('x', 'z')
+    >>> CrossDensity(between=["left wheel", "right wheel"], coherence=0.5).coherence
+    (0.5,)
     """
 
-    between: tuple[Axis, Axis]
-    frequency_hz: Column
-    real: Numbers
-    imaginary: Numbers
-    unit: DensityUnit
+    between: tuple[str, str]
+    frequency_hz: Column | None = None
+    real: Numbers | None = None
+    imaginary: Numbers | None = None
+    unit: DensityUnit | None = None
+    coherence: Annotated[NonNegatives | None, BeforeValidator(_listed)] = Field(default=None)
+    phase_deg: Annotated[Numbers | None, BeforeValidator(_listed)] = Field(default=None)
 
     @model_validator(mode="before")
     @classmethod
@@ -68,52 +86,95 @@ class CrossDensity(Checked):
     def _columns_fit(self) -> Self:
         if self.between[0] == self.between[1]:
             raise SceneError(
-                [("between", f"needs two different axes, got {self.between[0]!r} twice")]
+                [("between", f"needs two different excitations or axes, got {self.between[0]!r} "
+                  "twice")]
+            )  # fmt: skip
+        if self.frequency_hz is not None and np.any(np.diff(self.frequency_hz) <= 0.0):
+            raise SceneError([("frequency_hz", "must rise from each value to the next")])
+        if self.coherence is not None:
+            self._check_coherence(self.coherence)
+            return self
+        parts = (self.frequency_hz, self.real, self.imaginary)
+        if None in parts or self.unit is None or self.phase_deg is not None:
+            names = ("frequency_hz", "real", "imaginary", "unit", "phase_deg")
+            raise ValueError(
+                "needs coherence, with phase_deg where it is not 0, or frequency_hz with real, "
+                f"imaginary and unit, got {given(self, *names)}"
             )
-        unit_name(self.unit, "acceleration density")
-        count = len(self.frequency_hz)
-        if count < 2 or len(self.real) != count or len(self.imaginary) != count:
+        unit_name(self.unit, *DENSITIES)
+        counts = [len(part) for part in parts if part is not None]
+        if counts[0] < 2 or len(set(counts)) > 1:
             raise ValueError(
                 "needs at least 2 values of frequency_hz and as many of real and imaginary, got "
-                f"{count}, {len(self.real)} and {len(self.imaginary)}"
+                f"{counts[0]}, {counts[1]} and {counts[2]}"
             )
-        if np.any(np.diff(self.frequency_hz) <= 0.0):
-            raise SceneError([("frequency_hz", "must rise from each value to the next")])
         return self
 
-    def coherence(self, tables: dict[str, Table], frequency_hz: ArrayLike) -> Waves:
-        """Complex coherence E conj(A) B over the root of the product of the densities."""
-        first, second = (tables[axis] for axis in self.between)
-        places = np.array(self.frequency_hz)
-        size = np.sqrt(first(places) * second(places))
-        parts = unit(self.unit).to_si(np.array([self.real, self.imaginary]))
-        relative = np.divide(parts, size, out=np.zeros_like(parts), where=size > 0.0)
+    def _check_coherence(self, coherence: tuple[float, ...]) -> None:
+        if extra := [name for name in ("real", "imaginary", "unit") if getattr(self, name)]:
+            raise ValueError(f"has coherence, which needs no {' and no '.join(extra)}")
+        if max(coherence, default=0.0) > 1.0:
+            raise SceneError([("coherence", f"must be in [0, 1], got {max(coherence):g}")])
+        count = 1 if self.frequency_hz is None else len(self.frequency_hz)
+        for name, values in (("coherence", coherence), ("phase_deg", self.phase_deg or (0.0,))):
+            if len(values) not in (1, count):
+                raise SceneError(
+                    [(name, f"needs one number, or one for each of {count} values of "
+                      f"frequency_hz, got {len(values)}")]
+                )  # fmt: skip
+
+    @property
+    def places(self) -> Vector:
+        """Frequencies at which the coherence is not smooth, Hz; none for one number."""
+        return np.array(self.frequency_hz or ())
+
+    def complex_coherence(self, tables: dict[str, Table], frequency_hz: ArrayLike) -> Waves:
+        """E conj(A) B over the root of the product of the densities."""
+        first, second = (tables[name] for name in self.between)
+        f = np.asarray(frequency_hz, dtype=float)
+        moved = (first(f) > 0.0) & (second(f) > 0.0)
+        if self.coherence is not None:
+            relative = np.sqrt(self.coherence) * np.exp(1j * np.radians(self.phase_deg or (0.0,)))
+        else:
+            size = np.sqrt(first(self.places) * second(self.places))
+            parts = np.array(self.real) + 1j * np.array(self.imaginary)
+            parts = parts * unit(self.unit or "").factor
+            relative = np.divide(parts, size, out=np.zeros_like(parts), where=size > 0.0)
+        if self.frequency_hz is None:
+            return np.asarray(np.where(moved, relative, 0.0))
+        relative = np.broadcast_to(relative, self.places.shape)
         with np.errstate(divide="ignore"):
-            log, where = np.log(np.asarray(frequency_hz, dtype=float)), np.log(places)
-        real, imaginary = (np.interp(log, where, part, left=0.0, right=0.0) for part in relative)
-        moved = (first(frequency_hz) > 0.0) & (second(frequency_hz) > 0.0)
+            log, where = np.log(f), np.log(self.places)
+        real, imaginary = (
+            np.interp(log, where, part, left=0.0, right=0.0)
+            for part in (relative.real, relative.imag)
+        )
         return np.asarray(np.where(moved, real + 1j * imaginary, 0.0))
 
     def louder(self, level_db: float) -> CrossDensity:
-        """The cross density of both motions when they are raised by a level in dB."""
+        """The correlation of both noises when they are raised by a level in dB."""
+        if self.real is None or self.imaginary is None:
+            return self
         factor = power_ratio(level_db)
         parts = {
             name: [factor * each for each in getattr(self, name)] for name in ("real", "imaginary")
         }
-        return type(self)(**(self.model_dump() | parts))
+        return type(self)(**(self.model_dump(exclude_none=True) | parts))
 
 
 def coherences(
     crosses: tuple[CrossDensity, ...], tables: dict[str, Table], frequency_hz: ArrayLike
 ) -> Waves:
     """Matrices (frequencies, k, k) of E A_a conj(A_b), divided by the roots of the two densities,
-    for the axes in the order of `tables`."""
-    axes = list(tables)
+    for the sources in the order of `tables`."""
+    names = list(tables)
     f = np.asarray(frequency_hz, dtype=float)
-    found = np.broadcast_to(np.eye(len(axes), dtype=complex), (len(f), len(axes), len(axes))).copy()
+    found = np.broadcast_to(
+        np.eye(len(names), dtype=complex), (len(f), len(names), len(names))
+    ).copy()
     for cross in crosses:
-        a, b = (axes.index(axis) for axis in cross.between)
-        share = cross.coherence(tables, f)
+        a, b = (names.index(name) for name in cross.between)
+        share = cross.complex_coherence(tables, f)
         found[:, b, a], found[:, a, b] = share, share.conj()
     return found
 
@@ -121,17 +182,17 @@ def coherences(
 def independent_sources(
     crosses: tuple[CrossDensity, ...], tables: dict[str, Table]
 ) -> dict[str, Callable[[Vector], Waves]]:
-    """Accelerations along all axes per unit of independent sources, one for each axis.
+    """All correlated noises per unit of independent sources, one for each of them.
 
-    The source of an axis has the density of that axis.
+    The source of a noise has the density of that noise.
 
-    Source j moves axis a by sqrt(G_aa / G_jj) L_aj, L the Cholesky factor of the coherences. The
+    Source j drives noise a by sqrt(G_aa / G_jj) L_aj, L the Cholesky factor of the coherences. The
     sources together then have the densities and cross densities of the scene.
 
     Returns
     -------
     dict
-        Axis -> function of the frequencies (Hz) to complex (frequencies, axes).
+        Name -> function of the frequencies (Hz) to complex (frequencies, noises).
     """
 
     def shares(column: int, frequency_hz: Vector) -> Waves:
@@ -141,7 +202,7 @@ def independent_sources(
         ratio = np.divide(densities, own, out=np.zeros_like(densities), where=own > 0.0)
         return np.asarray(root * np.sqrt(ratio))
 
-    return {axis: partial(shares, column) for column, axis in enumerate(tables)}
+    return {name: partial(shares, column) for column, name in enumerate(tables)}
 
 
 def cholesky(matrices: Waves) -> Waves:
@@ -167,12 +228,15 @@ def impossible(crosses: tuple[CrossDensity, ...], tables: dict[str, Table]) -> s
 
     The coherences are linear between breakpoints, so that it is enough to check the breakpoints.
     """
-    places = np.unique(np.concatenate([each.frequency_hz for each in crosses]))
+    places = np.concatenate(
+        [*(each.places for each in crosses), *(table.frequency_hz for table in tables.values())]
+    )
+    places = np.unique(places)
     smallest = np.linalg.eigvalsh(coherences(crosses, tables, places))[:, 0]
     row = int(np.argmin(smallest))
     if smallest[row] >= -COHERENT:
         return ""
     return (
-        f"is more than the densities of these axes allow at {places[row]:g} Hz: the matrix of "
-        "densities must have no negative eigenvalue (for two axes |G_ab|^2 <= G_aa G_bb)"
+        f"is more than the densities allow at {places[row]:g} Hz: the matrix of densities must "
+        "have no negative eigenvalue (for two noises |G_ab|^2 <= G_aa G_bb)"
     )

@@ -588,47 +588,50 @@ class Scene(Checked):
         i, j = known.index(first), known.index(second)
         return any(matrix[i, j] for matrix in self.structure.matrices[1:])
 
-    def tables_by_axis(self) -> dict[str, Table]:
-        """The densities of the axes of the base that cross densities name.
+    def correlated(self) -> dict[str, DensityNoise]:
+        """The noises that cross densities name, by their names or axes.
 
         Raises
         ------
         SceneError
-            Where an axis has no density, or several, which a cross density could not tell apart.
+            Where a name has no noise with a density, or several, which could not be told apart.
         """
-        found = {}
-        for axis in AXES:
-            if not any(axis in cross.between for cross in self.cross_densities):
-                continue
-            along = [
+        named = dict.fromkeys(name for cross in self.cross_densities for name in cross.between)
+        found: dict[str, DensityNoise] = {}
+        for name in sorted(named, key=lambda name: (*AXES, name).index(name)):
+            called = [
                 each for each in self.excitations
-                if isinstance(each, DensityNoise) and each.axis == axis
+                if isinstance(each, DensityNoise) and name in (each.name, each.axis)
             ]  # fmt: skip
-            if len(along) != 1:
+            if len(called) != 1:
+                known = [each.name for each in self.excitations if each.name is not None]
+                have = f"; names of excitations are {', '.join(known)}" if known else ""
                 sentence = (
-                    "needs one excitation with a density along each of its axes, got "
-                    f"{len(along)} along {axis}"
+                    "needs one excitation with a density for each name in between, got "
+                    f"{len(called)} with the name or axis {name!r}{have}"
                 )
                 raise SceneError([("cross_density", sentence)])
-            found[axis] = self.table_of(along[0])
+            found[name] = called[0]
         return found
 
     def _wrong_cross_densities(self) -> list[tuple[str, str]]:
-        """Fault of the cross densities of the axes of a base."""
-        if not self.cross_densities:
-            return []
-        if not isinstance(self.structure, RigidBody):
-            sentence = (
-                "is between axes of the base of structure.kind = 'rigid-body', got "
-                f"{self.structure.kind!r}"
-            )
-            return [("cross_density", sentence)]
+        """Fault of names of excitations, and of cross densities between them."""
+        names = [each.name for each in self.excitations if each.name is not None]
+        for index, each in enumerate(self.excitations):
+            if each.name is not None and (names.count(each.name) > 1 or each.name in AXES):
+                sentence = f"needs a name of its own that is no axis, got {each.name!r}"
+                return [(f"excitation.{index}", sentence)]
         pairs = [frozenset(cross.between) for cross in self.cross_densities]
         for index, pair in enumerate(pairs):
             if pairs.index(pair) < index:
-                return [(f"cross_density.{index}", f"is given twice between {' and '.join(pair)}")]
+                words = " and ".join(sorted(pair))
+                return [(f"cross_density.{index}", f"is given twice between {words}")]
+        if not pairs:
+            return []
         try:
-            sentence = impossible(self.cross_densities, self.tables_by_axis())
+            noises = self.correlated()
+            tables = {name: self.table_of(each) for name, each in noises.items()}
+            sentence = impossible(self.cross_densities, tables)
         except SceneError as error:
             return error.problems
         return [("cross_density", sentence)] if sentence else []

@@ -1,13 +1,27 @@
-"""Cross densities between the axes of a base: their sign, their effect, and what is refused."""
+"""Correlated noises, of the axes of a base or forces: their sign, their effect, what is refused."""
 
+import cmath
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.signal import csd
 
-from stochvi import Isolator, Scene, SceneError, exact, history
+from stochvi import (
+    ImpactPair,
+    Isolator,
+    Matrices,
+    Restitution,
+    Scene,
+    SceneError,
+    TabulatedNoise,
+    exact,
+    history,
+    simulate,
+)
 from stochvi.scenes.cross_densities import CrossDensity
+from stochvi.testing import assert_agrees
 from support.boxes import box, direct_matrices, tables
 
 AXES = (0, 2)
@@ -86,13 +100,97 @@ def test_what_no_motion_has_is_refused() -> None:
     keys = {"structure": box(), "excitations": tables()}
     with pytest.raises(SceneError, match="given twice"):
         Scene(**keys, cross_density=[cross(0.1, 0.0), cross(0.2, 0.0)])
-    with pytest.raises(SceneError, match=r"cross_density needs one excitation .* 0 along z"):
+    with pytest.raises(SceneError, match=r"cross_density needs one excitation .* axis 'z'"):
         Scene(structure=box(), excitations=tables()[:2], cross_density=[cross(0.1, 0.0)])
-    with pytest.raises(SceneError, match=r"cross_density .*rigid-body"):
+    with pytest.raises(SceneError, match=r"cross_density needs one excitation .* axis 'x'"):
         Scene(
             structure=Isolator(frequency_hz=9.0, zeta=0.1),
             excitations=[tables()[0].model_copy(update={"axis": None})],
             cross_density=[cross(0.1, 0.0)],
         )
-    with pytest.raises(SceneError, match="between needs two different axes"):
+    with pytest.raises(SceneError, match="between needs two different excitations"):
         CrossDensity(**cross(0.1, 0.0).model_dump() | {"between": ["x", "x"]})
+
+
+def pushed(correlation: list[CrossDensity], **more: Any) -> Scene:
+    """Two masses on springs, each under a force of its own."""
+    keys = {"frequency_hz": [0.2, 3.0], "density": [0.3, 0.1], "unit": "N2/Hz"}
+    return Scene(
+        structure=Matrices(
+            coordinates=["left", "right"], mass=[[1.0, 0.0], [0.0, 2.0]],
+            damping=[[0.3, -0.1], [-0.1, 0.4]], stiffness=[[40.0, -10.0], [-10.0, 60.0]],
+        ),
+        excitations=[
+            TabulatedNoise(on="left", name="first", **keys),
+            TabulatedNoise(on="right", name="second", **keys),
+        ],
+        cross_density=correlation,
+        **more,
+    )  # fmt: skip
+
+
+def rms(scene: Scene) -> list[float]:
+    return [float(each.displacement_std) for each in exact(scene).coordinates.values()]
+
+
+def test_forces_of_coherence_one_are_one_force() -> None:
+    both = rms(pushed([CrossDensity(between=["first", "second"], coherence=1.0)]))
+    against = CrossDensity(between=["first", "second"], coherence=1.0, phase_deg=180.0)
+    keys = {"frequency_hz": [0.2, 3.0], "density": [0.3, 0.1], "unit": "N2/Hz"}
+    for found, sign in ((both, 1.0), (rms(pushed([against])), -1.0)):
+        one = TabulatedNoise(weights={"left": 1.0, "right": sign}, **keys)
+        scene = pushed([]).replace(excitations=(one,))
+        assert found == pytest.approx(rms(scene), rel=1e-9)
+    assert both != pytest.approx(rms(pushed([])), rel=1e-3)
+
+
+def test_a_coherence_with_a_phase_is_a_cross_density() -> None:
+    share, frequencies = cmath.rect(math.sqrt(0.4), math.radians(70.0)), [0.2, 3.0]
+    size = np.array([0.3, 0.1])
+    said = CrossDensity(
+        between=["first", "second"], frequency_hz=frequencies, real=share.real * size,
+        imaginary=share.imag * size, unit="N2/Hz",
+    )  # fmt: skip
+    one = CrossDensity(between=["first", "second"], coherence=0.4, phase_deg=70.0)
+    other = CrossDensity(between=["first", "second"], coherence=0.4, phase_deg=-70.0)
+    assert rms(pushed([one])) == pytest.approx(rms(pushed([said])), rel=1e-12)
+    assert rms(pushed([one])) != pytest.approx(rms(pushed([other])), rel=1e-3)
+    loud = pushed([said]).at_level(20.0)
+    assert rms(loud) == pytest.approx([10.0 * each for each in rms(pushed([one]))], rel=1e-12)
+
+
+def test_simulated_masses_have_the_covariance_of_their_forces() -> None:
+    """Without stops the covariance is known exactly; -70 degrees in place of 70 is noticed."""
+    one, other = (
+        pushed([CrossDensity(between=["first", "second"], coherence=0.9, phase_deg=phase)])
+        for phase in (70.0, -70.0)
+    )
+    wall = ImpactPair(on="left", upper=3.0, law=Restitution(coefficient=0.5))
+    found = simulate(one.replace(impact_pairs=(wall,)), rel_error=0.005, seed=2).coordinates
+    for name, true, wrong in zip(("left", "right"), rms(one), rms(other), strict=True):
+        assert_agrees(found[name].displacement_std, true)
+        if name == "left":
+            with pytest.raises(AssertionError):
+                assert_agrees(found[name].displacement_std, wrong)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"coherence": 1.5}, r"must be in \[0, 1\]"),
+        ({"coherence": [0.5, 0.6]}, "one number, or one for each of 1 values"),
+        ({"coherence": 0.5, "unit": "N2/Hz"}, "needs no unit"),
+        ({"phase_deg": 30.0}, "needs coherence"),
+        ({"coherence": 0.5, "between": ["first", "third"]}, "names of excitations are first, sec"),
+    ],
+)
+def test_what_is_no_correlation_is_refused(keys: dict[str, Any], words: str) -> None:
+    with pytest.raises(SceneError, match=words):
+        pushed([{"between": ["first", "second"]} | keys])
+
+
+def test_names_of_excitations_are_told_apart() -> None:
+    scene = pushed([])
+    twice = [each.model_copy(update={"name": "first"}) for each in scene.excitations]
+    with pytest.raises(SceneError, match="needs a name of its own"):
+        scene.replace(excitations=twice)

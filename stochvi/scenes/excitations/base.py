@@ -91,6 +91,8 @@ class BaseExcitation(Checked):
         force acts on each of them, times its weight.
     axis
         Axis along which it moves the base of a rigid body, "x", "y" or "z".
+    name
+        Name of its own, by which a cross density refers to it.
     """
 
     own: ClassVar[str] = "a density of your own is a TabulatedNoise"
@@ -98,6 +100,7 @@ class BaseExcitation(Checked):
     between: tuple[str, str] | None = None
     weights: Weights | None = None
     axis: Literal["x", "y", "z"] | None = None
+    name: str | None = None
 
     effect_word: ClassVar[str]
     """Name of the excitation in the effects of a scene."""
