@@ -77,6 +77,12 @@ level_db = 0.0
 # record: file = "run.csv" (time, acceleration) and unit = "g"; fs = 1000.0 (Hz) without times,
 # column = "Z" where there are several, gaps = "split" where samples are missing
 # constant: force (N) or acceleration (m/s^2, of the base; 9.80665 presses towards -x like gravity)
+
+# [[phase]]                  # of a mission, for `stochvi reliability`; FILE.toml#road is one
+# name = "road"
+# duration = "2 h"           # or seconds
+# level_db = 3.0             # raises what shakes; or profile = ".." or [[phase.excitation]]
+# stiffness_factor = 1.2     # and damping_factor: of mounts that are cold or warm
 """
 
 

@@ -140,7 +140,10 @@ def history(
 @main.command()
 @click.argument("scene")
 @click.option(
-    "--mission", type=TIME, required=True, metavar="TIME", help="Duration: 600 (s) or 10h."
+    "--mission",
+    type=TIME,
+    metavar="TIME",
+    help="Duration: 600 (s) or 10h; left out where the scene has phases.",
 )
 @click.option(
     "--barrier", metavar="B|LO,HI",
@@ -186,6 +189,7 @@ def reliability(
     from stochvi.views.statistics_tables import print_reliability
 
     loaded = load_scene(scene)
+    phases = [phase.of(loaded) for phase in loaded.phases] or [loaded]
     limit_in_g = peak_acceleration if (peak_acceleration or "").endswith("g") else None
 
     def found() -> Reliability:
@@ -200,7 +204,8 @@ def reliability(
                 **asked,
             )
 
-    record = record_verdict(loaded)
+    verdicts = [verdict for each in phases if (verdict := record_verdict(each)) is not None]
+    record = min(verdicts, key=lambda verdict: verdict.agrees, default=None)
 
     def tell(console: Console, answer: Reliability) -> None:
         print_record(console, record)
@@ -215,7 +220,7 @@ def reliability(
 
             origin = options.origin(scene, answer.provenance)
             write_reliability_report(
-                answer, loaded, scene_at_rest(loaded), record, options.out, origin
+                answer, phases[0], scene_at_rest(phases[0]), record, options.out, origin
             )
 
     shown(found, show, asked)

@@ -17,6 +17,7 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.frequency_response import Force, InputMatrix
 from stochvi.mathematics.spectra import Filter, Table
 from stochvi.model.modal import ModalForm, modal_form
+from stochvi.results.errors import SceneError
 from stochvi.scenes.cross_densities import independent_sources
 from stochvi.scenes.drift import without_drift
 from stochvi.scenes.excitations import (
@@ -549,6 +550,13 @@ def model_of(scene: Scene) -> Model:
     known = _LOWERED.get(id(scene))
     if known is not None and known[0]() is scene:
         return known[1]
+    if scene.phases:
+        names = [phase.name for phase in scene.phases]
+        sentence = (
+            f"has several conditions ({', '.join(names)}), of which this takes one; give "
+            f"FILE.toml#{names[0]}, or scene.in_phase({names[0]!r})"
+        )
+        raise SceneError([("phase", sentence)])
     model = _build_model(scene.expanded)
     key = id(scene)
     _LOWERED[key] = weakref.ref(scene, lambda _: _LOWERED.pop(key, None)), model

@@ -32,6 +32,7 @@ from stochvi.scenes.excitations.base import Density, StrengthNoise
 from stochvi.scenes.excitations.shaped import kind_of_filter
 from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelastic
 from stochvi.scenes.impact_laws.rubber_data import AS_WRITTEN
+from stochvi.scenes.phases import Phase
 from stochvi.scenes.structures import Matrices, NonlinearOscillator, Oscillator, Structure
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody, Triple
 from stochvi.scenes.text_tables import read_text
@@ -188,14 +189,16 @@ class Scene(Checked):
     impact_pairs
         Where it can hit; none for a structure without stops. `impact_pair` in a file.
     excitations
-        What shakes it, at least one; several add up. `excitation` in a file.
+        What shakes it; several add up. At least one, unless each phase has its own. `excitation`
+        in a file.
     absorber
         Loose masses in boxes that the structure carries: one, or a list.
     vehicle
         The vehicle that stands between a road and the base.
     cross_densities
-        How the accelerations of two axes of one base depend on each other. `cross_density` in a
-        file.
+        How two noises depend on each other. `cross_density` in a file.
+    phases
+        Phases of a mission. `phase` in a file. `in_phase` gives the scene of one of them.
 
     Raises
     ------
@@ -230,12 +233,21 @@ class Scene(Checked):
     cross_densities: tuple[CrossDensity, ...] = Field(default=(), alias="cross_density")
     absorber: Absorber | tuple[Absorber, ...] | None = None
     vehicle: QuarterCar | None = None
+    phases: tuple[Phase, ...] = Field(default=(), alias="phase")
 
     def __init_subclass__(cls, **_: Any) -> None:
         raise TypeError(
             "Scene cannot have subclasses, as methods make further scenes from its keys, which "
             f"would not be of the class {cls.__name__}; write a function that returns a Scene"
         )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _shaken_in_phases(cls, keys: Any) -> Any:
+        """A scene whose phases have excitations of their own needs no others."""
+        named = keys if isinstance(keys, dict) else {}
+        lacks = not {"excitation", "excitations"} & named.keys()
+        return named | {"excitation": []} if lacks and {"phase", "phases"} & named.keys() else keys
 
     @field_validator("absorber", mode="before")
     @classmethod
@@ -246,7 +258,7 @@ class Scene(Checked):
         found = absorbers_of(value)
         return tuple(found) if several else found[0]
 
-    @field_validator("impact_pairs", "excitations", "cross_densities", mode="before")
+    @field_validator("impact_pairs", "excitations", "cross_densities", "phases", mode="before")
     @classmethod
     def _several(cls, value: Any, info: ValidationInfo) -> Any:
         key = str(cls.model_fields[str(info.field_name)].alias)
@@ -268,7 +280,9 @@ class Scene(Checked):
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         problems: list[tuple[str, str]] = []
-        if not self.excitations:
+        if self.phases:
+            self._check_phases()
+        if not self.excitations and not self._shaken_by_phases:
             problems.append(("excitation", "needs at least one entry, got none"))
         elif problems := self._beside_the_vehicle():
             raise SceneError(problems)
@@ -296,6 +310,49 @@ class Scene(Checked):
         if problems := problems or self._out_of_range():
             raise SceneError(problems)
         return self
+
+    @property
+    def _shaken_by_phases(self) -> bool:
+        """Whether each phase of a mission has excitations of its own."""
+        return bool(self.phases) and all(phase.own_excitations for phase in self.phases)
+
+    def _check_phases(self) -> None:
+        """Raise the faults of the phases, each by its number."""
+        names, problems = [phase.name for phase in self.phases], []
+        for index, phase in enumerate(self.phases):
+            if names.index(phase.name) < index:
+                sentence = f"needs a name of its own, got {phase.name!r} again"
+                raise SceneError([(f"phase.{index}", sentence)])
+            try:
+                phase.of(self)
+            except SceneError as error:
+                problems += [(f"phase.{index}.{key}", text) for key, text in error.problems]
+        if problems:
+            raise SceneError(problems)
+
+    def in_phase(self, name: str) -> Scene:
+        """The scene as it is in one phase of its mission.
+
+        Parameters
+        ----------
+        name
+            Name of the phase.
+
+        Returns
+        -------
+        Scene
+            A scene without phases.
+
+        Raises
+        ------
+        ValueError
+            If no phase has this name.
+        """
+        for phase in self.phases:
+            if phase.name == name:
+                return phase.of(self)
+        known = ", ".join(phase.name for phase in self.phases) or "(none)"
+        raise ValueError(f"phase must be one of {known}, got {name!r}")
 
     def _beside_the_vehicle(self) -> list[tuple[str, str]]:
         """Problems of a scene with a vehicle: other excitations of the base, or no road."""
@@ -809,7 +866,8 @@ def load_scene(path: str | Path) -> Scene:
     Parameters
     ----------
     path
-        The scene file.
+        The scene file. After "#" the name of a phase of its mission may follow, as in
+        `truck.toml#road`: then it is the scene in that phase.
 
     Returns
     -------
@@ -832,6 +890,9 @@ def load_scene(path: str | Path) -> Scene:
     ('white noise on x', 'rigid stop lower', 'rigid stop upper')
     """
     path = Path(path)
+    file, mark, phase = str(path).rpartition("#")
+    if mark and file and not path.exists():
+        return load_scene(file).in_phase(phase)
     text = read_text(path)
     try:
         document = tomllib.loads(text)
@@ -849,7 +910,7 @@ def scene_from(document: Mapping[str, Any], folder: Path = Path()) -> Scene:
             raise SceneError([(name, f"is not a known key; did you mean {field.alias!r}?")])
     _refuse_functions(document)
     document = dict(document)
-    for key in ("excitation", "impact_pair"):
+    for key in ("excitation", "impact_pair", "phase"):
         if isinstance(entries := document.get(key), list):
             document[key] = [_files_from(folder, entry) for entry in entries]
     if "structure" in document:
@@ -867,6 +928,8 @@ def _files_from(folder: Path, entry: Any) -> Any:
     }
     if isinstance(entry.get("file"), str):
         found["file"] = str(folder / entry["file"])
+    if isinstance(own := entry.get("excitation"), list):  # of a phase
+        found["excitation"] = [_files_from(folder, each) for each in own]
     return found
 
 

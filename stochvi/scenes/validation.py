@@ -230,8 +230,11 @@ KINDS_AFTER = {
 
 def _without_kind(path: Sequence[Any]) -> list[Any]:
     """Pydantic puts the kind of a part into its path: ("structure", "oscillator", "mass")."""
-    place = KINDS_AFTER.get(path[0] if path else "", len(path))
-    return [*path[:place], *path[place + 1 :]]
+    for number, key in enumerate(path):
+        if key in KINDS_AFTER:
+            place = number + KINDS_AFTER[key]
+            return [*path[:place], *path[place + 1 :]]
+    return list(path)
 
 
 def _key(path: Sequence[Any]) -> str:

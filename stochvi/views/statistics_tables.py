@@ -120,6 +120,29 @@ def _chance(chance: Estimate) -> str:
     )
 
 
+def _print_phases(console: Console, found: Reliability) -> None:
+    """Print the probabilities and the expected impacts of each phase of a mission."""
+    from stochvi.isolators.sizing.answer import spoken_mission
+
+    events = [event.replace("_", " ") for event in found.chances]
+    table = new_table("phase by phase", ["phase", "duration", *events, "expected impacts"])
+    for name, phase in found.phases.items():
+        table.add_row(
+            name,
+            spoken_mission(phase.mission),
+            *(
+                f"at most {chance.upper:.3g}"
+                if chance.estimate.value == 0.0
+                else chance_in_words(
+                    chance.estimate.value, chance.estimate.standard_error, chance.lower
+                )
+                for chance in (phase.chances[event] for event in found.chances)
+            ),
+            _number(phase.hits),
+        )
+    print_table(console, table)
+
+
 def print_reliability(console: Console, found: Reliability, limit_in_g: str | None = None) -> None:
     """Print the probabilities with their intervals, how each was found, and the price.
 
@@ -155,6 +178,8 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
         if name != "expected_hits" and name not in found.chances:
             table.add_row(name.replace("_", " "), "not found", "", "", "", "", "")
     print_table(console, table)
+    if found.phases:
+        _print_phases(console, found)
     if found.pairs:
         _print_pairs(console, found)
     if "expected_hits" in found.missing and found.hits is None:

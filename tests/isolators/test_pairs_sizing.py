@@ -29,7 +29,7 @@ from stochvi import (
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing import pairs
 from stochvi.isolators.sizing import sensitivity as sensitivity_module
-from stochvi.isolators.sizing.changes import Change, Tolerances, changed_mount, changed_stops
+from stochvi.isolators.sizing.changes import Change, Tolerances, changed_stops
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.sensitivity import sensitivity, variations
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
@@ -37,6 +37,7 @@ from stochvi.model.model import model_of
 from stochvi.model.natural_modes import natural_modes
 from stochvi.results.estimates import Estimate
 from stochvi.sampling.run import Run as SampledRun
+from stochvi.scenes.changed_mounts import changed_mount
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import ImpactPair, scene_from
 from stochvi.statistics.bursts import bursts

@@ -14,13 +14,14 @@ from stochvi.isolators import size
 from stochvi.isolators.sizing import exceedances as hard
 from stochvi.isolators.sizing import sensitivity
 from stochvi.isolators.sizing.answer import RoundedClearance, Sizing, Target
-from stochvi.isolators.sizing.changes import WORST, Tolerances, changed_mount
+from stochvi.isolators.sizing.changes import WORST, Tolerances
 from stochvi.isolators.sizing.nominal import risk_curve
 from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.review import Balance
 from stochvi.isolators.sizing.worst_case import worst_case
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
+from stochvi.scenes.changed_mounts import changed_mount
 from support.runs import run_of
 
 NOISE = WhiteNoise(density=0.01, unit="g2/Hz")

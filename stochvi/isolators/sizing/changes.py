@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
-
+from stochvi.scenes.changed_mounts import changed_mount
 from stochvi.scenes.impact_laws import Law, Restitution
 from stochvi.scenes.scene import Scene
-from stochvi.scenes.structures import Structure
-from stochvi.scenes.structures.rigid_body import AXES, Mount, RigidBody
+from stochvi.scenes.structures.rigid_body import AXES, RigidBody
 
 WORST = "worst within all tolerances"
 """Name of the row with the largest clearance of the whole region of the tolerances."""
@@ -170,32 +168,6 @@ def ends_of_stops(scene: Scene, tolerances: Tolerances) -> list[Change]:
     if not tolerances.stiffness or not laws or any(law.rigid for law in laws):
         return []
     return [Change("stiffness", sign * tolerances.stiffness) for sign in (-1.0, 1.0)]
-
-
-def changed_mount(scene: Scene, frequency: float, damping: float) -> Scene:
-    """The scene with its natural frequencies and damping ratios multiplied by two factors; those of
-    a rigid body by those of all of its mounts."""
-    structure = scene.structure
-    if isinstance(structure, RigidBody):
-        mounts = tuple(type(each)(**_scaled(each, frequency, damping)) for each in structure.mounts)
-        changed: Structure = structure.model_copy(update={"mounts": mounts})
-    else:
-        changed = type(structure)(**_scaled(structure, frequency, damping))
-    return scene.model_copy(update={"structure": changed})
-
-
-def _scaled(part: Structure | Mount, frequency: float, damping: float) -> dict[str, Any]:
-    """The keys of a structure or a mount with springs and dampers for other natural frequencies and
-    damping ratios."""
-    factors = {
-        "frequency_hz": frequency, "stiffness": frequency**2, "damping": frequency * damping,
-        "zeta": damping, "loss_factor": damping, "Q": 1.0 / damping,
-    }  # fmt: skip
-    given: Mapping[str, Any] = part.model_dump(exclude_none=True)
-    return {
-        key: np.multiply(value, factors[key]).tolist() if key in factors else value
-        for key, value in given.items()
-    }
 
 
 def moved_centre(scene: Scene, shift: Sequence[float]) -> Scene:

@@ -106,7 +106,8 @@ class Reliability(Result):
     `hits` is None without stops; `hits_interval` is its confidence interval. `missing` says why
     something was not found, or not as accurately as asked for: then the answer comes with a
     `NotConverged`. `pairs` holds, by name, what each of several pairs risks, and `outputs` the
-    probability that each coordinate or point alone exceeds the limit of the acceleration.
+    probability that each coordinate or point alone exceeds the limit of the acceleration. `phases`
+    holds, by name, the answer for each phase of the mission, where the scene has phases.
 
     See Also
     --------
@@ -123,6 +124,7 @@ class Reliability(Result):
     missing: Mapping[str, str] = field(default_factory=dict)
     pairs: Mapping[str, PairRisk] = field(default_factory=dict)
     outputs: Mapping[str, Estimate] = field(default_factory=dict)
+    phases: Mapping[str, Reliability] = field(default_factory=dict)
     method: str = "reliability"
 
     @property
@@ -164,7 +166,7 @@ class Reliability(Result):
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()
-        for name in ("pairs", "outputs"):
+        for name in ("pairs", "outputs", "phases"):
             if not found[name]:
                 del found[name]
         expected = {

@@ -51,6 +51,7 @@ from stochvi.statistics.reliability.conditioning import (
     harder_hits_of_pairs,
     hits_of_pairs,
 )
+from stochvi.statistics.reliability.phases import of_phases
 from stochvi.statistics.structure_hits import Limit, check_forces, outputs_of, without_stops
 
 FIRST_HITS = 0.4
@@ -69,7 +70,7 @@ AT_ONCE = 0.05
 def reliability(
     scene: Scene,
     *,
-    mission: float,
+    mission: float | None = None,
     barrier: float | Ends | None = None,
     impact_speed: float | None = None,
     peak_acceleration: float | None = None,
@@ -87,9 +88,10 @@ def reliability(
     scene
         One oscillator: under white noise with any rigid stops, or compliant stops; under any
         Gaussian noise with stops, from a stationary start. Or a linear structure of several
-        coordinates or pairs under Gaussian noise, from that start.
+        coordinates or pairs under Gaussian noise, from that start. It may have phases, which are
+        then those of the mission.
     mission
-        Duration, s.
+        Duration, s; left out where the scene has phases.
     barrier
         For scenes without stops: B of abs(x) < B, or (lower, upper), one of which may be None, m
         from the position of the unloaded spring.
@@ -147,6 +149,24 @@ def reliability(
     ('splitting', True)
     """
     run = Run.of(options)
+    if scene.phases:
+        if mission is not None:
+            whole = sum(phase.duration for phase in scene.phases)
+            raise ValueError(
+                f"mission must be left out where the scene has phases, of {whole:g} s together, "
+                f"got {mission:g}"
+            )
+
+        def of_phase(phase: Scene, duration: float, part: Run) -> Reliability:
+            return reliability(
+                phase, mission=duration, barrier=barrier, impact_speed=impact_speed,
+                peak_acceleration=peak_acceleration, at=at, pair=pair, start=start, way=way,
+                confidence=confidence, **part.options(rel_error=run.rel_error),
+            )  # fmt: skip
+
+        return of_phases(scene, of_phase, run)
+    if mission is None:
+        raise ValueError("mission must be given where the scene has no phases, got none")
     _check(mission, impact_speed, peak_acceleration, start, way, run.accuracy, confidence)
     jobs = Jobs(run=run, confidence=confidence, deadline=run.deadline)
     model = model_of(scene)

@@ -36,6 +36,10 @@ EVENTS = {
 }
 """Events of a mission in words."""
 
+SMALLEST_DRAWN = 1e-9
+"""Share of the largest probability below which the probability of a phase is left out of the
+picture."""
+
 # Reliability ------------------------------------------------------------------------------
 
 
@@ -92,6 +96,7 @@ def reliability_page(
                 "alone; a probability that was never seen has an upper limit.",
                 grids=[
                     _chances_grid(found),
+                    *([_phases_grid(found)] if found.phases else []),
                     *([_pairs_grid(found)] if found.pairs else []),
                     *([_outputs_grid(found)] if found.outputs else []),
                 ],
@@ -178,6 +183,25 @@ def _chances_grid(found: Reliability) -> Grid:
     )
 
 
+def _phases_grid(found: Reliability) -> Grid:
+    """The phases of a mission, each with its probabilities and expected impacts."""
+    return Grid(
+        caption="Phase by phase",
+        headings=["phase", "duration", *(_event(each) for each in found.chances.values()),
+                  "expected impacts"],
+        rows=[
+            [
+                name,
+                spoken_mission(phase.mission),
+                *(_value(phase.chances[event]) for event in found.chances),
+                UNKNOWN if phase.hits is None else count_of(phase.hits.value),
+            ]
+            for name, phase in found.phases.items()
+        ],
+        words=1,
+    )  # fmt: skip
+
+
 def _pairs_grid(found: Reliability) -> Grid:
     return Grid(
         caption="Pair by pair: the probability of an impact if this pair alone had stops, and "
@@ -232,9 +256,18 @@ def _outputs_grid(found: Reliability) -> Grid:
 
 
 def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:
-    """Each probability with its interval on a logarithmic axis; an upper limit as an arrow."""
+    """Each probability with its interval on a logarithmic axis; an upper limit as an arrow. Those
+    of phases stand below those of the whole mission."""
     ax = axes_or_new(ax, PAGE)
-    for place, chance in enumerate(found.chances.values()):
+    drawn = [(_event(chance), chance) for chance in found.chances.values()]
+    least = SMALLEST_DRAWN * max((chance.upper for _, chance in drawn), default=0.0)
+    for name, phase in found.phases.items():
+        drawn += [
+            (f"{name}, {_event(chance)}", chance)
+            for chance in phase.chances.values()
+            if chance.upper > least
+        ]
+    for place, (words, chance) in enumerate(reversed(drawn)):
         value, low, high = chance.estimate.value, chance.lower, chance.upper
         if value > 0.0:
             bars = [[value - low], [max(high - value, 0.0)]]
@@ -242,12 +275,12 @@ def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:
         else:
             ax.plot([high], [place], marker="<", markersize=9, color=COLOURS["simulate"])
         ax.annotate(
-            f"{_event(chance)}: {_value(chance)}", (value or high, place), xytext=(0, 9),
+            f"{words}: {_value(chance)}", (value or high, place), xytext=(0, 9),
             textcoords="offset points", fontsize="small", ha="center",
         )  # fmt: skip
     ax.set_xscale("log")
     ax.margins(x=0.4)
-    ax.set_ylim(-0.6, len(found.chances) - 0.2)
+    ax.set_ylim(-0.6, len(drawn) - 0.2)
     ax.set_yticks([])
     label_for_page(ax, f"probability in {spoken_mission(found.mission)}", "", legend=False)
     return ax

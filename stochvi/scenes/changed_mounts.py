@@ -1,0 +1,40 @@
+"""A scene on mounts that are stiffer or softer, with more damping or less."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stochvi.scenes.structures import Structure
+from stochvi.scenes.structures.rigid_body import Mount, RigidBody
+
+if TYPE_CHECKING:
+    from stochvi.scenes.scene import Scene
+
+
+def changed_mount(scene: Scene, frequency: float, damping: float) -> Scene:
+    """The scene with its natural frequencies and damping ratios multiplied by two factors; those of
+    a rigid body by those of all of its mounts."""
+    structure = scene.structure
+    if isinstance(structure, RigidBody):
+        mounts = tuple(type(each)(**_scaled(each, frequency, damping)) for each in structure.mounts)
+        changed: Structure = structure.model_copy(update={"mounts": mounts})
+    else:
+        changed = type(structure)(**_scaled(structure, frequency, damping))
+    return scene.model_copy(update={"structure": changed})
+
+
+def _scaled(part: Structure | Mount, frequency: float, damping: float) -> dict[str, Any]:
+    """The keys of a structure or a mount with springs and dampers for other natural frequencies and
+    damping ratios."""
+    factors = {
+        "frequency_hz": frequency, "stiffness": frequency**2, "damping": frequency * damping,
+        "zeta": damping, "loss_factor": damping, "Q": 1.0 / damping,
+    }  # fmt: skip
+    given: Mapping[str, Any] = part.model_dump(exclude_none=True)
+    return {
+        key: np.multiply(value, factors[key]).tolist() if key in factors else value
+        for key, value in given.items()
+    }

@@ -1,0 +1,250 @@
+"""The risk of a mission of several phases, from the risks of its phases.
+
+Each phase starts in its own stationary motion, and the phases are independent, so that
+
+    P = 1 - (1 - P_1) (1 - P_2) ...
+
+The interval is made of the hazards -ln(1 - P_k), whose sum it is: their half widths are added as
+roots of sums of squares, each side for itself (G. Y. Zou and A. Donner, Construction of confidence
+limits about effect measures: a general approach, Statistics in Medicine 27, 2008, 1693).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.special import ndtr
+
+from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.impact_rates import rice_rate
+from stochvi.model.free_motion import free_motion
+from stochvi.model.model import model_of
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
+from stochvi.results.estimates import Cost, Estimate, provenance
+from stochvi.sampling.run import Run
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.reliability.answer import Chance, Reliability
+
+CERTAIN = 1.0 - 1e-15
+"""A larger probability counts as this one, so that its hazard is finite."""
+
+NEGLIGIBLE = 1e-8
+"""Share of the expected crossings of the busiest phase below which a phase is not simulated."""
+
+LEAST = 1e-300
+"""Smallest bound of a probability that is stated."""
+
+INDEPENDENT = "each phase starts in its own stationary motion, and phases are independent"
+
+
+def of_phases(
+    scene: Scene, ask: Callable[[Scene, float, Run], Reliability], run: Run
+) -> Reliability:
+    """The risk of all phases of a scene.
+
+    A phase in which an impact is far less probable than in another one, by Rice's formula, is not
+    simulated.
+
+    Parameters
+    ----------
+    ask
+        Finds the risk of the scene of a phase, in its duration, by a part of the run.
+
+    Raises
+    ------
+    NotConverged, Interrupted
+        If a phase was not found as accurately as asked for; with the answer so far, where every
+        phase that matters has one.
+    """
+    scenes = {phase.name: phase.of(scene) for phase in scene.phases}
+    durations = {phase.name: phase.duration for phase in scene.phases}
+    idle = _idle(scenes, durations)
+    busy = [name for name in scenes if name not in idle]
+    ends = np.cumsum([0.0, *(durations[name] for name in busy)])
+    found: dict[str, Reliability] = {}
+    missing: dict[str, str] = {}
+    for number, (name, (low, high)) in enumerate(zip(busy, pairwise(ends), strict=True)):
+        share = run.deadline.share(1.0 / (len(busy) - number))
+        part = run.part(low / ends[-1], high / ends[-1], f"phase {name}", share)
+        try:
+            found[name] = ask(scenes[name], durations[name], part)
+        except (NotConverged, Interrupted) as error:
+            if error.partial is None:
+                raise
+            found[name] = error.partial
+            reasons = error.partial.missing or {"accuracy": str(error)}
+            missing |= {f"{name}, {event}": why for event, why in reasons.items()}
+    like = found[busy[0]]
+    found |= {name: _never_hit(like, durations[name], most) for name, most in idle.items()}
+    answer = _together(scene, {name: found[name] for name in scenes}, missing, idle, run)
+    if run.deadline.interrupted:
+        raise run.deadline.fell_short("before the risk of every phase was found", "", answer)
+    if missing:
+        reasons = "; ".join(f"{name.replace('_', ' ')}: {why}" for name, why in missing.items())
+        raise NotConverged(f"in phase {reasons}", answer)
+    return answer
+
+
+def _idle(scenes: Mapping[str, Scene], durations: Mapping[str, float]) -> dict[str, float]:
+    """The phases whose impacts do not matter, each with the largest probability of an impact."""
+    most = {name: _most_hits(scenes[name], durations[name]) for name in scenes}
+    known = {name: bound for name, bound in most.items() if bound is not None}
+    largest = min(max(known.values(), default=0.0), 1.0)
+    return {name: bound for name, bound in known.items() if bound < NEGLIGIBLE * largest}
+
+
+def _most_hits(scene: Scene, duration: float) -> float | None:
+    """Rice's number of crossings of all stops in a duration, and the probability to start beyond
+    one, which bound that of a first impact of Gaussian motion; None where it is unknown."""
+    model = model_of(scene)
+    try:
+        motion = free_motion(model)
+    except NotApplicable:
+        return None
+    rows = np.array([pair.direction for pair in model.pairs]).reshape(len(model.pairs), -1)
+    means = rows @ motion.modes.shapes @ (motion.modes.rest + motion.law.mean)
+    total = 0.0
+    for pair, mean, sigma, speed in zip(model.pairs, means, *motion.deviations(rows), strict=True):
+        for stop, side in ((pair.lower, -1.0), (pair.upper, 1.0)):
+            if stop is None or not sigma > 0.0:
+                continue
+            away = side * (stop.position - mean)
+            crossings = rice_rate(max(away, 0.0), sigma, speed) * duration
+            total += crossings + float(ndtr(-away / sigma))
+    return max(total, LEAST) if model.pairs else None
+
+
+def _never_hit(like: Reliability, duration: float, most: float) -> Reliability:
+    """The answer for a phase whose impacts do not matter, with the events of another phase: none of
+    them is more probable than an impact."""
+    limit = Estimate(value=0.0, upper_95=most, how="at most Rice's number of crossings")
+    chances = {
+        event: replace(
+            chance, estimate=limit, lower=0.0, upper=most, rule=limit.how, way="Rice", wilson=None,
+            why="crossings are too rare", trials=0, levels=0, steps=0, seconds=0.0,
+            seconds_per_mission=None,
+        )
+        for event, chance in like.chances.items()
+    }  # fmt: skip
+    return replace(
+        like, mission=duration, chances=chances, hits=None, hits_interval=None, missing={},
+        warnings=(), pairs={}, outputs={}, cost=Cost(wall_time=0.0),
+    )  # fmt: skip
+
+
+def _together(
+    scene: Scene, found: Mapping[str, Reliability], missing: dict[str, str],
+    idle: Mapping[str, float], run: Run,
+) -> Reliability:  # fmt: skip
+    phases = list(found.values())
+    busy = [each for name, each in found.items() if name not in idle]
+    events = [event for event in busy[0].chances if all(event in each.chances for each in phases)]
+    hits = [each.hits for each in busy if each.hits is not None]
+    total = _sum(hits) if len(hits) == len(busy) else None
+    intervals = [each.hits_interval for each in busy if each.hits_interval is not None]
+    return Reliability(
+        mission=sum(each.mission for each in phases),
+        start=busy[0].start,
+        chances={
+            event: joint_chance({name: each.chances[event] for name, each in found.items()})
+            for event in events
+        },
+        hits=total,
+        hits_interval=_ends_of_sum(hits, intervals) if total is not None else None,
+        confidence=busy[0].confidence,
+        assumptions=[
+            INDEPENDENT,
+            *(
+                f"impacts of phase {name} are not counted: Rice's number of them is {most:.1g}"
+                for name, most in idle.items()
+            ),
+            *dict.fromkeys(sentence for each in phases for sentence in each.assumptions),
+        ],
+        warnings=[
+            f"in phase {name}: {warning}"
+            for name, each in found.items()
+            for warning in each.warnings
+        ],
+        missing=missing,
+        phases=found,
+        cost=run.cost(
+            steps=sum(each.cost.steps for each in phases),
+            paths=sum(each.cost.paths for each in phases),
+        ),
+        provenance=provenance(scene.document(), run.seed),
+    )
+
+
+def joint_chance(chances: Mapping[str, Chance]) -> Chance:
+    """The probability that an event comes in any of several independent phases."""
+    each = list(chances.values())
+    hazards = _hazards([one.estimate.value for one in each])
+    lower, upper = (_hazards([getattr(one, end) for one in each]) for end in ("lower", "upper"))
+    hazard = float(hazards.sum())
+    low, high = np.linalg.norm(hazards - lower), np.linalg.norm(upper - hazards)
+    kept = np.exp(hazards - hazard)  # the probability that no other phase brings the event
+    value = -math.expm1(-hazard)
+    above = -math.expm1(-(hazard + float(high)))
+    biases = [one.estimate.bias for one in each]
+    known = [bias for bias in biases if bias is not None]
+    worst, share = max(zip(chances, hazards, strict=True), key=lambda one: one[1])
+    return Chance(
+        event=each[0].event,
+        limit=each[0].limit,
+        estimate=Estimate(
+            value=value,
+            standard_error=float(
+                np.linalg.norm(kept * [one.estimate.standard_error or 0.0 for one in each])
+            ),
+            bias=float(kept @ np.abs(known)) if len(known) == len(biases) else None,
+            upper_95=above if value == 0.0 else None,
+            how="of independent phases",
+        ),
+        lower=-math.expm1(-max(hazard - float(low), 0.0)),
+        upper=above,
+        confidence=each[0].confidence,
+        rule="square roots of sums of squares of the half widths of the hazards of the phases",
+        way="phases",
+        why=f"phase {worst} has {100.0 * share / hazard:.3g} % of the hazard"
+        if hazard > 0.0
+        else "the event was seen in no phase",
+        trials=sum(one.trials for one in each),
+        steps=sum(one.steps for one in each),
+        seconds=sum(one.seconds for one in each),
+    )
+
+
+def _hazards(probabilities: Sequence[float]) -> Vector:
+    return np.asarray(-np.log1p(-np.minimum(probabilities, CERTAIN)))
+
+
+def _sum(estimates: Sequence[Estimate]) -> Estimate:
+    """The sum of independent estimates."""
+    biases = [each.bias for each in estimates if each.bias is not None]
+    value = sum(each.value for each in estimates)
+    limits = [each.upper_95 for each in estimates if each.upper_95 is not None]
+    return Estimate(
+        value=value,
+        standard_error=math.hypot(*(each.standard_error or 0.0 for each in estimates)),
+        bias=sum(abs(bias) for bias in biases) if len(biases) == len(estimates) else None,
+        upper_95=math.hypot(*limits) if value == 0.0 and limits else None,
+        how="of independent phases",
+    )
+
+
+def _ends_of_sum(
+    estimates: Sequence[Estimate], intervals: Sequence[tuple[float, float]]
+) -> tuple[float, float]:
+    """The interval of a sum: half widths added as roots of sums of squares, each side for
+    itself."""
+    values = np.array([each.value for each in estimates])
+    low, high = np.array(intervals).T
+    total = float(values.sum())
+    return (
+        max(total - float(np.linalg.norm(values - low)), 0.0),
+        total + float(np.linalg.norm(high - values)),
+    )
