@@ -98,8 +98,10 @@ def _idle(scenes: Mapping[str, Scene], durations: Mapping[str, float]) -> dict[s
 
 
 def _most_hits(scene: Scene, duration: float) -> float | None:
-    """Rice's number of crossings of all stops in a duration, and the probability to start beyond
-    one, which bound that of a first impact of Gaussian motion; None where it is unknown."""
+    """A bound of the probability of a first impact of Gaussian motion; None where it is unknown.
+
+    It is Rice's number of crossings of all stops in the duration, and the probability to start
+    beyond one."""
     model = model_of(scene)
     try:
         motion = free_motion(model)
