@@ -33,6 +33,13 @@ frequency_hz = 12.0          # with exactly one of zeta and Q
 zeta = 0.1
 # mass = 2.5                 # kg; needed if a force acts on the mass
 # or: mass (kg), damping (N s/m) and stiffness (N/m); mounts = 4 if these are those of one of four
+# springs and dampers that are functions add to these: spring = { kind = "duffing",
+# cubic_stiffness = 1e9 } (N/m^3), or { kind = "polynomial", coefficients = [1e4, 0.0, 1e9] }
+# (N/m, N/m^2, ...), or a measured force { kind = "table", file = "mount.csv", unit = "mm,N" }, or
+# wire rope { kind = "bouc-wen", stiffness = 2e4, yield_displacement = 1e-3 } (N/m, m);
+# damper = { kind = "coulomb", force = 2.0 } (N), or { kind = "polynomial", coefficients =
+# [5.0, 20.0] } (N s/m, N s^2/m^2), or { kind = "rayleigh", linear_damping = -5.0, cubic_damping =
+# 50.0 } (N s/m, N s^3/m^3), or { kind = "van-der-pol", damping = 5.0, amplitude = 1e-3 } (N s/m, m)
 # gravity = true             # towards -x; left out, stops are measured from where the mass hangs
 # frequency_tolerance = 0.1  # relative, and damping_tolerance: `size` keeps its target within
 # several masses: kind = "matrices", coordinates = ["box", "absorber"], mass = [[..], [..]],

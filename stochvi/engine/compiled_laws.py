@@ -64,11 +64,11 @@ def functions_of(laws: list[Any], *, lanes: bool = False, mass: bool = False) ->
             if config.DISABLE_JIT:
                 row[k] = function
             elif wanted[k]:
-                row[k] = _address(function, signature)
+                row[k] = address_of(function, signature)
     return table
 
 
-def _address(function: Any, signature: Any) -> int:
+def address_of(function: Any, signature: Any) -> int:
     function.compile(signature)
     compiled = function.overloads[signature.args]
     address: int = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_cfunc_wrapper_name)

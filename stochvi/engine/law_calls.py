@@ -51,7 +51,7 @@ def call_of_mass(function, arguments):
     return function(*arguments)
 
 
-def _call(context, builder, signature, address, arguments, given):
+def call_at(context, builder, signature, address, arguments, given):
     values = [
         context.cast(builder, builder.extract_value(arguments, k), given[k], wanted)
         for k, wanted in enumerate(signature.args)
@@ -64,7 +64,7 @@ def _call(context, builder, signature, address, arguments, given):
 @intrinsic
 def _call_of_stop(typing, address, arguments):
     def codegen(context, builder, signature, values):
-        return _call(context, builder, OF_STOP, values[0], values[1], arguments)
+        return call_at(context, builder, OF_STOP, values[0], values[1], arguments)
 
     return OF_STOP.return_type(types.intp, arguments), codegen
 
@@ -72,7 +72,7 @@ def _call_of_stop(typing, address, arguments):
 @intrinsic
 def _call_of_lanes(typing, address, arguments):
     def codegen(context, builder, signature, values):
-        return _call(context, builder, OF_LANES, values[0], values[1], arguments)
+        return call_at(context, builder, OF_LANES, values[0], values[1], arguments)
 
     return OF_LANES.return_type(types.intp, arguments), codegen
 
@@ -80,7 +80,7 @@ def _call_of_lanes(typing, address, arguments):
 @intrinsic
 def _call_of_mass(typing, address, arguments):
     def codegen(context, builder, signature, values):
-        return _call(context, builder, OF_MASS, values[0], values[1], arguments)
+        return call_at(context, builder, OF_MASS, values[0], values[1], arguments)
 
     return OF_MASS.return_type(types.intp, arguments), codegen
 

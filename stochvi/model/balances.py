@@ -11,8 +11,10 @@ reduced mass, R the restitution. Sums run over all stops; the impulse pushes y a
 with any fixed o, from the stationarity of E v'M v, E (q - o)'M v and E M v. For one oscillator
 they read S0 / 2 = b E v^2 + ..., E v^2 = omega^2 Var x + ... At a compliant stop the mean force
 replaces mu (1 + R) F1, and the mean power that the stop takes replaces mu (1 - R^2) F2 / 2; the
-virial balance would also need E y F, y the deflection, and is left out. Under coloured noise only
-the force balance holds as it stands; the energy balance gains E f v and the virial balance E f x.
+virial balance would also need E y F, y the deflection, and is left out. A spring or damper that is
+a function of y = d . q has the mean force, E y F and the mean power of what K and C leave out.
+Under coloured noise only the force balance holds as it stands; the energy balance gains E f v and
+the virial balance E f x.
 """
 
 from __future__ import annotations
@@ -42,7 +44,8 @@ def residuals(
     moments
         By (coordinate, name): `x`, `variance`, `vv`. By (impact pair, name): `f1_lower`,
         `f1_upper`, `f2_lower`, `f2_upper` for rigid stops, or `force_lower`, `force_upper`,
-        `loss_lower`, `loss_upper` for compliant ones, per unit of the reduced mass. By
+        `loss_lower`, `loss_upper` for compliant ones, per unit of the reduced mass. By (spring or
+        damper that is a function, name): `impulse`, `virial`, `work`, in the same unit. By
         ("", name): `ENERGIES`, which may be left out for a single coordinate. Values are numbers,
         or arrays of one value per independent path.
     origin
@@ -55,6 +58,10 @@ def residuals(
     for row, coordinate in enumerate(model.coordinates):
         terms = [model.stiffness[row, k] * mean[k] for k in range(len(mean))]
         terms += [-direction[row] * push for direction, _, push in pushes]
+        terms += [
+            part.direction[row] * part.mass * moments[part.name, "impulse"]
+            for part in model.functions
+        ]
         terms.append(-model.constant_force[row] + 0.0 * mean[row])
         # all terms may vanish by symmetry, but not the rms force of the coordinate's own spring
         deviation = _mean(moments[coordinate, "variance"]) ** 0.5
@@ -65,15 +72,23 @@ def residuals(
     energies = _energies(model, moments, o)
     supply = float(np.trace(np.linalg.solve(model.mass, model.white))) / 2.0
     balances = {
-        "energy": [supply, -energies["dissipation"], *_losses(model, moments)],
+        "energy": [
+            supply, -energies["dissipation"], *_losses(model, moments),
+            *(-part.mass * moments[part.name, "work"] for part in model.functions),
+        ],
         "virial": [
             energies["kinetic"],
             -energies["potential"],
             *((o[k] - mean[k]) * force for k, force in enumerate(model.stiffness @ o)),
             *((mean[k] - o[k]) * load for k, load in enumerate(model.constant_force)),
             *((stop - direction @ o) * push for direction, stop, push in pushes),
+            *(
+                part.mass * (part.direction @ o * moments[part.name, "impulse"]
+                             - moments[part.name, "virial"])
+                for part in model.functions
+            ),
         ],
-    }
+    }  # fmt: skip
     if model.not_rigid():
         del balances["virial"]
     return {name: sum(terms) / _scale(terms) for name, terms in balances.items()} | found

@@ -302,14 +302,14 @@ BETWEEN_IMPACTS = (
 def accelerates_between_impacts(model: Model) -> bool:
     """Whether springs and dampers alone give the absolute acceleration of one oscillator between
     impacts on rigid stops: if only the base is shaken, and no spring or damper is a function."""
-    smooth = model.restoring is None and model.drag is None
+    smooth = model.restoring is None and model.drag is None and not model.functions
     shaken = model.moving_base and not model.noise_on_mass
     return bool(model.stops) and all(stop.rigid for stop in model.stops) and smooth and shaken
 
 
 def linear_acceleration(model: Model) -> float | None:
     """Mean square absolute acceleration of the mass without stops, m^2/s^4."""
-    if model.stops or not model.moving_base or model.noise_on_mass:
+    if model.stops or not model.moving_base or model.noise_on_mass or model.functions:
         return None
     omega, b = model.omega, model.damping_rate
     theta = model.intensity / (2.0 * b)

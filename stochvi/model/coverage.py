@@ -12,7 +12,12 @@ from stochvi.scenes.impact_laws import CompliantLaw, SpeedRestitution, Viscoelas
 
 def functions(model: Model) -> list[str]:
     """A sentence for each function in a model, for methods that take numbers only."""
-    return nonlinear(model) + [
+    return nonlinear(model) + speed_restitutions(model)
+
+
+def speed_restitutions(model: Model) -> list[str]:
+    """A sentence for each restitution that is a function of speed."""
+    return [
         "law.coefficient must be a number, got a function of speed "
         f"at the {stop.name} stop of {pair.name}"
         for pair in model.pairs
@@ -22,10 +27,34 @@ def functions(model: Model) -> list[str]:
 
 
 def nonlinear(model: Model) -> list[str]:
-    """The sentence that a model must be linear between its stops, if it is not."""
-    if model.restoring is None:
+    """The sentences that a model must be linear between its stops, if it is not."""
+    if model.functions:
+        return [
+            f"structure.{'damper' if part.law.is_damper else 'spring'} must be linear, got kind "
+            f"{part.law.kind!r} ({part.name})"
+            for part in model.functions
+        ]
+    return functions_of_arrays(model)
+
+
+def functions_of_arrays(model: Model) -> list[str]:
+    """The sentence that spring and damper must not be those of a nonlinear oscillator, for methods
+    that compile functions: these are functions of arrays."""
+    if model.functions or (model.restoring is None and model.drag is None):
         return []
     return ["structure.kind must not be 'nonlinear' (a restoring force that is a function)"]
+
+
+def not_apart(model: Model) -> list[str]:
+    """A sentence for each spring or damper whose force depends on more than the displacement or
+    the velocity alone."""
+    return [
+        f"structure.{'damper' if part.law.is_damper else 'spring'} must be a function of "
+        "displacement alone or velocity alone, got "
+        f"{'hysteresis' if part.law.remembers else 'both'} of kind {part.law.kind!r} ({part.name})"
+        for part in model.functions
+        if part.law.needs == "both"
+    ]
 
 
 def not_compiled(model: Model) -> list[str]:
@@ -92,7 +121,7 @@ def beyond_one_oscillator(
     white_only
         Whether the method takes no noise but white noise (see `not_white`).
     """
-    found = [] if with_functions else functions(model)
+    found = not_apart(model) if with_functions else functions(model)
     if len(model.coordinates) > 1:
         found.append(
             "structure.kind must be 'oscillator' or 'isolator', got "

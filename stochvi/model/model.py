@@ -18,6 +18,7 @@ from stochvi.mathematics.frequency_response import Force, InputMatrix
 from stochvi.mathematics.spectra import Filter, Table
 from stochvi.model.modal import ModalForm, modal_form
 from stochvi.results.errors import SceneError
+from stochvi.scenes.characteristics import Characteristic
 from stochvi.scenes.cross_densities import independent_sources
 from stochvi.scenes.drift import without_drift
 from stochvi.scenes.excitations import (
@@ -39,6 +40,7 @@ from stochvi.scenes.impact_laws import (
 )
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import NonlinearOscillator
+from stochvi.scenes.structures.base import Placed
 from stochvi.scenes.structures.rigid_body import rows_at
 
 PerUnitMass = Callable[[ArrayLike], Vector]
@@ -163,6 +165,36 @@ class Pair:
         return total
 
 
+@dataclass(frozen=True, eq=False)
+class FunctionOfMotion:
+    """A spring or damper that is a function of the displacement y = direction . q (m) and its rate.
+
+    Its force, N, is `count` times that of the `law`. `mass` is the reduced mass
+    1 / (direction . M^-1 direction), kg. A part k y + c y' + f of the force may be in the matrices
+    and constant forces of the model; `affine` holds k, c and f per unit of the reduced mass.
+    """
+
+    name: str
+    direction: Vector
+    mass: float
+    law: Characteristic
+    count: int = 1
+    affine: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def force_left_out(self, displacement: ArrayLike, rate: ArrayLike) -> Vector:
+        """Force, N, less that which matrices and constants hold, of a law without a memory.
+
+        Parameters
+        ----------
+        displacement, rate
+            y, m, and its rate, m/s, of one shape.
+        """
+        y, v = np.asarray(displacement, float), np.asarray(rate, float)
+        stiffness, damping, force = self.affine
+        linear = self.mass * (stiffness * y + damping * v + force)
+        return np.asarray(self.count * self.law.force_at(y, v) - linear)
+
+
 ALIKE = 1e-9
 """Largest relative difference of the directions of two pairs whose gaps are one motion; the same
 for the distances of two stops that are hit at once."""
@@ -235,7 +267,7 @@ class Model:
     coordinates
         Names of the displacements, n of them.
     mass, damping, stiffness
-        Matrices (n, n), kg, N s/m, N/m. Where spring or damper is a function, its entry is 0.
+        Matrices (n, n), kg, N s/m, N/m, of what is linear.
     whites, constants, tables
         Pairs (strength, direction) of white noises (intensity S0), of constant loads (N, or m/s^2
         of the base) and of noises given by one-sided densities.
@@ -251,11 +283,15 @@ class Model:
     points
         Rows (n,) by name: displacements row . q that are reported besides the coordinates.
     rates
-        omega (rad/s) and b (1/s) of one oscillator; None for several coordinates.
+        omega (rad/s) and b (1/s) of one oscillator, 0 where `restoring` or `drag` holds the force;
+        None for several coordinates.
     cautions
         Warnings about excitations, in words, for example a record that is too short.
     restoring, potential, drag
-        Spring force, its energy, and damper force per unit mass, where they are functions.
+        Spring force, its energy, and damper force of one oscillator per unit mass, where they are
+        functions of the displacement alone or the velocity alone. They include the linear parts.
+    functions
+        Springs and dampers that are functions; `stiffness` and `damping` leave them out.
 
     Examples
     --------
@@ -288,6 +324,7 @@ class Model:
     restoring: PerUnitMass | None = None
     potential: PerUnitMass | None = None
     drag: PerUnitMass | None = None
+    functions: tuple[FunctionOfMotion, ...] = ()
 
     @cached_property
     def modal(self) -> ModalForm:
@@ -357,6 +394,11 @@ class Model:
         return all(stop.law.conservative for stop in self.stops)
 
     @property
+    def remembers(self) -> bool:
+        """Whether a spring has hysteresis, so that its force does not follow from the motion."""
+        return any(part.law.remembers for part in self.functions)
+
+    @property
     def sines(self) -> tuple[Signal, ...]:
         """The signals that are sines."""
         return tuple(signal for signal in self.signals if signal.amplitude)
@@ -407,11 +449,11 @@ class Model:
     def temperature(self) -> float | None:
         """theta (J) for which white = 2 theta damping; None if there is no such number.
 
-        There is one where the only excitation is white noise whose matrix is proportional to the
-        damping. With elastic stops the stationary distribution is then the Gibbs distribution
-        exp(-H / theta).
+        There is one for a linear structure whose only excitation is white noise with a matrix that
+        is proportional to the damping. With elastic stops the stationary distribution is then the
+        Gibbs distribution exp(-H / theta).
         """
-        if self.signals or self.tables or not np.any(self.damping):
+        if self.functions or self.signals or self.tables or not np.any(self.damping):
             return None
         theta = float(np.trace(self.white) / np.trace(self.damping) / 2.0)
         wanted = 2.0 * theta * self.damping
@@ -608,13 +650,60 @@ def _build_model(scene: Scene) -> Model:
         potential=potential,
         drag=drag,
     )
+    if structure.functions:
+        model = _with_functions(model, structure.functions)
     records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
-    if records and restoring is None and drag is None:
+    if records and structure.linear and not model.functions:
         model = replace(model, cautions=(*model.cautions, *_lost_motion(model, records)))
     references, motions = scene.drifts
     if references:
         return _seen_from(model, references, motions)
     return _at_its_gap(scene, model) if len(mass) == 1 and model.points else model
+
+
+def _with_functions(model: Model, placed: Sequence[Placed]) -> Model:
+    """A model with springs and dampers that are functions; for one oscillator also by their
+    sums, where displacement and velocity are apart."""
+    functions = tuple(
+        FunctionOfMotion(
+            name=part.name,
+            direction=part.row,
+            mass=float(1.0 / (part.row @ np.linalg.solve(model.mass, part.row))),
+            law=part.law,
+            count=part.count,
+        )
+        for part in placed
+    )
+    model = replace(model, functions=functions)
+    apart = all(part.law.needs != "both" for part in functions)
+    if len(model.coordinates) > 1 or not apart:
+        return model
+    mass, (omega, b) = model.unit_mass, model._rates
+    springs = [part for part in functions if part.law.needs == "displacement"]
+    dampers = [part for part in functions if part.law.needs == "velocity"]
+
+    def restoring(x: ArrayLike) -> Vector:
+        place = np.asarray(x, float)
+        forces = (part.count / mass * part.law.force_at(place) for part in springs)
+        return np.asarray(sum(forces, omega**2 * place))
+
+    def potential(x: ArrayLike) -> Vector:
+        place = np.asarray(x, float)
+        energies = (part.count / mass * part.law.potential_at(place) for part in springs)
+        return np.asarray(sum(energies, omega**2 / 2.0 * place**2))
+
+    def drag(v: ArrayLike) -> Vector:
+        speed = np.asarray(v, float)
+        forces = (part.count / mass * part.law.force_at(0.0, speed) for part in dampers)
+        return np.asarray(sum(forces, b * speed))
+
+    return replace(
+        model,
+        restoring=restoring if springs else None,
+        potential=potential if springs else None,
+        drag=drag if dampers else None,
+        rates=(0.0 if springs else omega, 0.0 if dampers else b),
+    )
 
 
 def _lost_motion(model: Model, records: Sequence[RecordedNoise]) -> list[str]:
@@ -657,6 +746,9 @@ def _at_its_gap(scene: Scene, model: Model) -> Model:
         signals=tuple(replace(each, direction=each.direction / share) for each in model.signals),
         tables=tuple((table, np.asarray(force) / share) for table, force in model.tables),
         pairs=tuple(replace(pair, direction=pair.direction / share) for pair in model.pairs),
+        functions=tuple(
+            replace(part, direction=part.direction / share) for part in model.functions
+        ),
         base={axis: share * moved for axis, moved in model.base.items()},
         points={},
     )
@@ -689,6 +781,7 @@ def _seen_from(model: Model, references: list[int], motions: Matrix) -> Model:
         signals=tuple(replace(each, direction=forces @ each.direction) for each in model.signals),
         tables=tuple((table, forces @ np.asarray(force)) for table, force in model.tables),
         pairs=tuple(replace(pair, direction=pair.direction[kept]) for pair in model.pairs),
+        functions=tuple(replace(part, direction=part.direction[kept]) for part in model.functions),
         base={axis: row[kept] for axis, row in model.base.items()},
         rates=rates,
     )

@@ -25,7 +25,8 @@ def not_stationary(model: Model) -> list[str]:
     'nothing brings a back'
     """
     found = []
-    if not np.any(model.damping) and model.drag is None and model.elastic:
+    lossless = not np.any(model.damping) and model.drag is None and not model.functions
+    if lossless and model.elastic:
         found.append(
             "nothing takes the energy that the excitation brings: give a spring its damper, or a "
             "stop a restitution below 1"
@@ -44,7 +45,7 @@ def _lost(model: Model) -> np.ndarray:
     """A motion (n,) that no spring, stop or constant load opposes; zeros if there is none."""
     modes = model.modal
     free = np.flatnonzero(modes.squares == 0.0)
-    if not len(free) or model.restoring is not None:
+    if not len(free) or model.restoring is not None or model.functions:
         return np.zeros(len(model.coordinates))
     sides = np.array([stop.side for pair in model.pairs for stop in pair.stops])
     rows = np.repeat(modes.gaps, [len(pair.stops) for pair in model.pairs], axis=0)[:, free]

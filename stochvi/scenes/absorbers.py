@@ -210,6 +210,12 @@ def on_oscillator(
               f"'isolator', got {carrier.kind!r}; for matrices give mass_on, the names of the "
               "coordinates that are its masses")]
         )  # fmt: skip
+    if carrier.spring or carrier.damper:
+        raise SceneError(
+            [("absorber", "given by mass, play and law needs a linear structure, got structure."
+              f"{'spring' if carrier.spring else 'damper'}; write the structure as matrices, with "
+              "the absorber as a coordinate")]
+        )  # fmt: skip
     units = [each.unit for each in absorbers for _ in range(each.units)]
     if len(units) > MOST_UNITS:
         raise SceneError([("absorber", f"takes at most {MOST_UNITS} units, got {len(units)}")])

@@ -48,6 +48,11 @@ KEY_UNITS = {
     "velocity": "m/s",
     "speed_kmh": "km/h",
     "roughness": "m3",
+    "yield_displacement": "m",
+    "linear_stiffness": "N/m",
+    "cubic_stiffness": "N/m3",
+    "linear_damping": "N s/m",
+    "cubic_damping": "N s3/m3",
 }
 """Units of the keys that have the same unit everywhere in a scene file."""
 
@@ -69,6 +74,8 @@ def key_unit(document: Mapping[str, Any], part: Mapping[str, Any], name: str) ->
             return str(part.get("unit", ""))
         case "hertz", "coefficient":
             return "N/m^1.5"
+        case "van-der-pol", "amplitude":
+            return "m"
         case "sine", "amplitude":
             on_mount = document["structure"]["kind"] == "isolator"
             return "m/s2" if part.get("on", "base" if on_mount else "") == "base" else "N"

@@ -306,6 +306,7 @@ class Scene(Checked):
                 problems.append((f"excitation.{index}", sentence))
         if not problems:
             problems += self._wrong_cross_densities()
+        problems += self.structure.misplaced_functions()
         problems += self._unknown_absorbers()
         if problems := problems or self._out_of_range():
             raise SceneError(problems)
@@ -446,7 +447,8 @@ class Scene(Checked):
         if any(self.place(excitation) == BASE for excitation in self.excitations):
             return none
         rows = [self.row_of(pair) for pair in self.impact_pairs]
-        return drifts(np.vstack(structure.matrices[1:]), np.array(rows))
+        held = [part.row for part in structure.functions]
+        return drifts(np.vstack([*structure.matrices[1:], *held]), np.array(rows))
 
     @property
     def moving(self) -> tuple[str, ...]:
@@ -527,6 +529,10 @@ class Scene(Checked):
             return [("structure", _range_sentence("the mass (kg)", mass))]
         else:
             numbers += self._numbers_per_unit_mass()
+        for part in self.structure.functions:
+            named = f"the force of the {part.name}, "
+            for strength in part.law.strengths:
+                numbers += [("structure", named, strength), ("structure", named, strength / mass)]
         for pair in self.impact_pairs:
             numbers += [
                 ("impact_pair", "the lower stop (m)", pair.lower),
@@ -727,6 +733,9 @@ class Scene(Checked):
         ]
         if getattr(self.structure, "gravity", False):
             found.append("constant load of gravity")
+        for part in self.structure.functions:
+            where = "" if part.name in ("spring", "damper") else f" ({part.name})"
+            found.append(f"{part.law.effect}{where}")
         for pair in self.impact_pairs:
             of = f" of {pair.name}" if len(self.impact_pairs) > 1 else ""
             found += [f"{law.word} stop {side}{of}" for side, law in pair.stops()]
@@ -918,12 +927,19 @@ def scene_from(document: Mapping[str, Any], folder: Path = Path()) -> Scene:
     return Scene(**document)
 
 
+HOLD_FILES = ("law", "spring", "damper", "mount")
+"""Ends of the keys of parts that may name files."""
+
+
 def _files_from(folder: Path, entry: Any) -> Any:
-    """The same entry with its file names, and those of its laws, relative to `folder`."""
+    """The same entry with its file names, and those of its laws and springs, relative to
+    `folder`."""
+    if isinstance(entry, list):
+        return [_files_from(folder, each) for each in entry]
     if not isinstance(entry, dict):
         return entry
     found = {
-        key: _files_from(folder, value) if key.endswith("law") else value
+        key: _files_from(folder, value) if key.endswith(HOLD_FILES) else value
         for key, value in entry.items()
     }
     if isinstance(entry.get("file"), str):
@@ -941,6 +957,11 @@ def _refuse_functions(document: Mapping[str, Any]) -> None:
         if isinstance(pair, dict):
             laws = ("law", "lower_law", "upper_law")
             parts |= {f"impact_pair.{index}.{law}": pair.get(law) for law in laws}
+    structure = document.get("structure")
+    for key in ("spring", "damper"):
+        given_ = structure.get(key) if isinstance(structure, dict) else None
+        for index, law in enumerate(given_ if isinstance(given_, list) else [given_]):
+            parts[f"structure.{key}" + (f".{index}" if index else "")] = law
     kinds = {key: part.get("kind") for key, part in parts.items() if isinstance(part, dict)}
     if problems := [
         (

@@ -14,6 +14,7 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
+from stochvi.scenes.characteristics import SpringTable
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Viscoelastic
 from stochvi.scenes.impact_laws.rubber_data import DAMPING, PAD
 from stochvi.scenes.scene import Scene
@@ -81,9 +82,10 @@ def scene_schema() -> dict[str, Any]:
             part["required"] = ["kind", *part["required"]]
     _take_rubber(described[Elastic.__name__], PAD)
     _take_rubber(described[Viscoelastic.__name__], (*PAD, *DAMPING[1:], "at_speed"))
-    table = described[ForceTable.__name__]
-    table["required"] = ["kind"]
-    table["anyOf"] = [{"required": ["file"]}, {"required": ["deflection", "force"]}]
+    for name in (ForceTable.__name__, SpringTable.__name__):
+        table = described[name]
+        table["required"] = ["kind"]
+        table["anyOf"] = [{"required": ["file"]}, {"required": ["deflection", "force"]}]
     modes = described[Modes.__name__]
     modes["required"] = ["kind"]
     modes["anyOf"] = [{"required": ["file"]}, {"required": ["frequency_hz", "shapes"]}]

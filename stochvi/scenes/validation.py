@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 import re
 from collections.abc import Callable, Sequence
 from typing import Annotated, Any, ClassVar, Self
@@ -103,6 +104,17 @@ def _name_of(function: Any) -> str:
 Function = Annotated[Callable[..., Any], PlainSerializer(_name_of, return_type=str)]
 """A function from an array to an array of the same shape, which only Python can give; in the
 document of a scene it is its name."""
+
+
+def arguments_fault(function: Any) -> str:
+    """Why a function does not take two numbers, as far as Python knows its arguments, or ""."""
+    try:
+        inspect.signature(getattr(function, "py_func", function)).bind(0.0, 0.0)
+    except TypeError as error:
+        return str(error)
+    except ValueError:  # a function of C
+        return ""
+    return ""
 
 
 def evaluated(function: Callable[..., Any], places: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -230,11 +242,18 @@ KINDS_AFTER = {
 
 def _without_kind(path: Sequence[Any]) -> list[Any]:
     """Pydantic puts the kind of a part into its path: ("structure", "oscillator", "mass")."""
+    found = list(path)
     for number, key in enumerate(path):
         if key in KINDS_AFTER:
             place = number + KINDS_AFTER[key]
-            return [*path[:place], *path[place + 1 :]]
-    return list(path)
+            found = [*path[:place], *path[place + 1 :]]
+            break
+    for key in ("spring", "damper"):  # lists, of which one part needs no number
+        if key in found[:-1]:
+            place = found.index(key) + 1
+            index = [found[place]] if found[place] else []
+            found = [*found[:place], *index, *found[place + 2 :]]
+    return found
 
 
 def _key(path: Sequence[Any]) -> str:

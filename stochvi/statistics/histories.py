@@ -319,7 +319,8 @@ def _columns(
         meanings["displacement_m"] = "from the position of the unloaded springs"
         meanings["velocity_m_s"] = "of the mass"
     acceleration = None
-    if not on_masses or (driven[0] is not None and not model.whites and not on_base):
+    known = not on_masses or (driven[0] is not None and not model.whites and not on_base)
+    if known and not model.remembers:
         forces = _carried(model, x, v, pushed)
         if on_masses and driven[0] is not None:
             forces = forces + driven[0]
@@ -390,10 +391,16 @@ def _carried(model: Model, x: Matrix, v: Matrix, pushed: Mapping[str, Vector]) -
     for pair in model.pairs:
         if pair.name in pushed:
             total -= np.outer(pair.direction, pushed[pair.name])
+    for part in model.functions:
+        total -= np.outer(
+            part.direction, part.force_left_out(part.direction @ x, part.direction @ v)
+        )
     return total
 
 
 def _why_no_acceleration(model: Model, on_base: bool) -> str:
+    if model.remembers:
+        return "the force of a spring with hysteresis is not kept by the simulation"
     if model.whites:
         return "white noise on a mass has no finite acceleration"
     if on_base:

@@ -29,10 +29,10 @@ RELATIVE_STEP = 1e-6
 
 def contents_of(functions: Iterable[Callable[..., Any]]) -> str:
     """Digest of the instructions of functions and of the values that they use."""
-    return _ingredients(functions).digest()
+    return ingredients_of(functions).digest()
 
 
-def _ingredients(functions: Iterable[Callable[..., Any]]) -> Ingredients:
+def ingredients_of(functions: Iterable[Callable[..., Any]]) -> Ingredients:
     made_of = Ingredients(running=True)
     for function in functions:
         if isinstance(function, Dispatcher):
@@ -100,7 +100,7 @@ def law_of(function: Callable[..., float], lossy: bool) -> type:
     A law has three numbers: the factor of the force, per unit mass, and the deflection and the rate
     in units of those of the function. `lossy` says whether the force depends on the rate.
     """
-    made_of = _ingredients([function])
+    made_of = ingredients_of([function])
     name = f"ForceFunction_{made_of.digest()[:16]}{'_lossy' * lossy}"
     if made_of.obstacles:  # the digest does not determine the function
         name += f"_{len(_KNOWN)}"

@@ -246,7 +246,7 @@ class Motion:
 
     def knots(self, left: float, right: float) -> list[float]:
         """Places at which the force has a kink, m."""
-        found = []
+        found = [float(each) for part in self.model.functions for each in part.law.knots()]
         for stop in self.stops:
             if isinstance(stop.law, CompliantLaw):
                 depths = stop.law.knots()

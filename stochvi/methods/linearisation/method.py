@@ -12,6 +12,7 @@ import numpy as np
 from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate
 from stochvi.methods.linearisation.clump_correction import clumped
 from stochvi.methods.linearisation.forms import form_of
+from stochvi.methods.linearisation.functions import linearised_functions
 from stochvi.methods.linearisation.outputs import answer_of
 from stochvi.methods.linearisation.scales import gibbs_law, linear_moments
 from stochvi.methods.linearisation.solver import solve
@@ -162,6 +163,8 @@ def linearise_all(
     started = time.perf_counter()
     _check_words(form, variant)
     model = model_of(scene)
+    if form == "closure" and variant == "consistent" and model.functions:
+        return linearised_functions(scene, Deadline.after(budget))
     if form == "closure" and variant == "consistent" and _is_structure(model):
         return closure(scene, Deadline.after(budget))
     model, candidates = linear_oscillators(scene, form, variant)

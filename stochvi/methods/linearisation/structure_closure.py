@@ -102,7 +102,13 @@ def closure(scene: Scene, deadline: Deadline = NEVER) -> tuple[Response, ...]:
         of its starts, or the deadline passes before it has.
     """
     started = time.perf_counter()
-    model = model_of(scene)
+    return closure_of(scene, model_of(scene), started, deadline)
+
+
+def closure_of(
+    scene: Scene, model: Model, started: float, deadline: Deadline, assumptions: Sequence[str] = ()
+) -> tuple[Response, ...]:
+    """`closure` for a model of the scene, which is approximate if that rests on assumptions."""
     if conditions := [
         *without_noise(model, with_sines=True), *unknown_dampers(model), *without_energy(model)
     ]:  # fmt: skip
@@ -113,7 +119,8 @@ def closure(scene: Scene, deadline: Deadline = NEVER) -> tuple[Response, ...]:
     found = solutions(model, deadline)
     elastic = len(model.pairs) == 1 and model.elastic
     exact = not model.pairs or (elastic and model.temperature is not None)
-    outline = _Outline(scene, model, 0.0 if exact else None, started)
+    exact &= not assumptions
+    outline = _Outline(scene, model, 0.0 if exact else None, started, tuple(assumptions))
     warned = _several(found)
     return tuple(_response(outline, one, warned) for one in found)
 
@@ -279,9 +286,12 @@ class _Outline(NamedTuple):
     model: Model
     bias: float | None
     started: float
+    rests_on: tuple[str, ...] = ()
 
     @property
     def how(self) -> str:
+        if self.rests_on and not self.model.pairs:
+            return "linearisation of functions, Gaussian motion"
         return "moment closure" if self.model.pairs else "exact: linear and Gaussian"
 
     def estimate(self, value: float) -> Estimate:
@@ -317,14 +327,19 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
                     math.sqrt(one.law.variances(row, modes.size))
                 ),
             )
-    balances = residuals(model, moments, mean.tolist())
+    # functions have their linear forms in the matrices
+    balances = residuals(replace(model, functions=()), moments, mean.tolist())
     unknown = scene.absorber is not None and outline.bias is None
     return build_response(
         scene,
         METHOD,
         coordinates=coordinates,
         impact_pairs=pairs,
-        assumptions=[*_assumptions(model), *_on_accelerations(model, accelerations)],
+        assumptions=[
+            *outline.rests_on,
+            *_assumptions(model),
+            *_on_accelerations(model, accelerations),
+        ],
         cost=Cost(wall_time=time.perf_counter() - outline.started),
         warnings=[
             *warned,

@@ -13,11 +13,13 @@ from stochvi.methods.monte_carlo.rigid_white import plan_white
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.coverage import (
     beyond_one_oscillator,
-    functions,
+    functions_of_arrays,
     not_compiled,
+    speed_restitutions,
     without_energy,
     without_noise,
 )
+from stochvi.model.linear_part import with_linear_part
 from stochvi.model.model import Model
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
@@ -25,7 +27,8 @@ from stochvi.results.errors import NotApplicable, NotConverged
 
 def unmet(model: Model) -> list[str]:
     """The conditions of `simulate` that a model does not meet, as far as the model alone shows."""
-    return [*functions(model), *not_compiled(model), *without_noise(model, with_sines=True)]
+    found = [*functions_of_arrays(model), *speed_restitutions(model), *not_compiled(model)]
+    return [*found, *without_noise(model, with_sines=True)]
 
 
 def make_plan(
@@ -58,6 +61,12 @@ def make_plan(
     """
     if conditions := unmet(model):
         raise NotApplicable("simulate", conditions)
+    if model.functions:
+        if slow_impacts:
+            raise NotApplicable(
+                "slow_impacts", ["steps near stops are refined for linear structures only"]
+            )
+        return plan_several(model, speed_threshold, duration)
     seconds = seconds_of_plan(model)
     if seconds > deadline.left + PATIENCE_SECONDS:
         lines = sum(len(table.frequency_hz) for table, _ in model.tables)
@@ -93,6 +102,8 @@ def make_plan(
 
 def plan_several(model: Model, speed_threshold: float | None, duration: float | None) -> ModalPlan:
     """The plan in modal coordinates, without tables or contacts where the model has none."""
+    if model.functions:
+        model = with_linear_part(model)
     if model.tables:
         return plan_modal_tables(model, speed_threshold, duration)
     if model.not_rigid():

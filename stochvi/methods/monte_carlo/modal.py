@@ -11,12 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.engine.alone import MOST_SWEEPS
+from stochvi.engine.characteristic import Affine
+from stochvi.engine.characteristic_calls import Characteristics
 from stochvi.engine.compiled_laws import Stops, functions_of, stops_of
 from stochvi.engine.impact_log import NO_RECORD, Log
 from stochvi.engine.pushes import MOMENTS, MOST_TERMS, Responses, responses_of
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.state_space import square_root, step_covariance, transition
 from stochvi.methods.monte_carlo.kernels.modes import (
+    Kicks,
     ModalPaths,
     ModalSteps,
     Outputs,
@@ -49,6 +52,7 @@ from stochvi.methods.monte_carlo.step_bias import (
     lossiest,
 )
 from stochvi.model.coverage import without_noise
+from stochvi.model.linear_part import fastest_rate, motions_of
 from stochvi.model.modal import LinearLaw, ModalForm
 from stochvi.model.model import UPPER, Model, Pair
 from stochvi.model.no_stationary_state import not_stationary
@@ -70,6 +74,11 @@ MOST_MODAL_STEPS = MOST_STEPS / 4.0
 CONTACT_PRICE = 4.0
 """Time of a step where a stop is compliant, in units of that where all are rigid."""
 
+KICK_ANGLE = 0.5
+"""Largest rate times step of a spring or damper that is a function, at displacements and velocities
+of four standard deviations. At 2 kicks are no longer stable, and paths at twice the step show what
+the step leaves as bias."""
+
 LYING = 16.0
 """Time of a step of a mass that lies on a stop, in units of the time of a step between the
 stops."""
@@ -79,8 +88,8 @@ INDEPENDENT = 1e-12
 largest."""
 
 NEGLIGIBLE = 1e-10
-"""Variance that the noise of signals adds to a state in a step below which it is left out, relative
-to the variance of that state."""
+"""Noise of signals is left out of a step where it adds less to the variance of a state, relative to
+that variance."""
 
 SERIES_ERROR = 1e-13
 """Relative error of the Taylor series of the response to an impact."""
@@ -92,6 +101,11 @@ as (modes squared) crossings are added up at every step; of more, each mode with
 SUMS_OF_PAIR = tuple(f"{what}_{side}" for side in ("lower", "upper") for what in ("n", "f1", "f2"))
 """Names of the sums over the impacts of a pair: their number n, the sum f1 of the impact speeds and
 the sum f2 of their squares, at either stop. There are ROWS_OF_PAIR of them."""
+
+
+SUMS_OF_PART = ("impulse", "virial", "work")
+"""Names of the sums of a spring or damper that is a function, by `kick_all` of its kernel: the
+force that the linear structure leaves out, that times the displacement, and its work."""
 
 
 NO_OUTPUTS = Outputs()
@@ -149,8 +163,13 @@ class ModalPlan(SteppedPlan):
 
     @property
     def states(self) -> int:
-        """Number of displacements, velocities and states of signals."""
-        return len(self.law.covariance)
+        """Number of displacements, velocities, states of signals, and memories of springs."""
+        return len(self.law.covariance) + self._memories
+
+    @property
+    def _memories(self) -> int:
+        """Number of springs with a memory, which is the last of the states of each."""
+        return sum(part.law.remembers for part in self.model.functions)
 
     @cached_property
     def layout(self) -> Layout:
@@ -164,6 +183,7 @@ class ModalPlan(SteppedPlan):
         for pair, scale in zip(self.model.pairs, self.pairs, strict=True):
             rows += [(pair.name, name) for name in self.sums_of_pair]
             thresholds[pair.name] = self._threshold(pair, scale)
+        rows += [(part.name, what) for part in self.model.functions for what in SUMS_OF_PART]
         if self._pulls is not None:
             rows += [(name, what) for name in self.model.outputs for what in ("a", "aa")]
         places = self.model.output_rows @ self._origin
@@ -299,7 +319,13 @@ class ModalPlan(SteppedPlan):
         """Number of rows of the sums of a kernel, without those from which controls are made."""
         n = self.modes.size
         more = 0 if self._pulls is None else n + n * (n + 1) // 2
-        return int(self._rows_of_pairs.stop) + more
+        return int(self._rows_of_pairs.stop) + more + len(SUMS_OF_PART) * len(self.model.functions)
+
+    @property
+    def _rows_of_parts(self) -> slice:
+        """Rows of the sums of a kernel that belong to springs and dampers that are functions."""
+        last = self._rows_of_sums
+        return slice(last - len(SUMS_OF_PART) * len(self.model.functions), last)
 
     @property
     def _rows_of_noise(self) -> slice:
@@ -322,6 +348,7 @@ class ModalPlan(SteppedPlan):
             shared = np.tensordot(self.model.sharing, self._of_pairs(sums), axes=1)
             of_pairs = shared.reshape(of_pairs.shape)
         found[self._rows_of_pairs] = of_pairs / (steps * self.step)
+        found[self._rows_of_parts] = sums[self._rows_of_parts] / (steps * self.step)
         found[self._rows_of_noise] = sums[self._rows_of_noise] / steps
         return found
 
@@ -369,7 +396,8 @@ class ModalPlan(SteppedPlan):
         """Simulate the paths on, and add the counted steps to their sums."""
         structure, fastest = self._kernel_constants, self._fastest_of_contacts
         laws = functions_of(self._stops[1], lanes=True)
-        run_modes(paths, structure, laws, tables, fastest, steps, outputs, stop_flag())
+        kicks = self._kicks
+        run_modes(paths, structure, laws, tables, fastest, kicks, steps, outputs, stop_flag())
         check_flag()
 
     @property
@@ -504,14 +532,16 @@ class ModalPlan(SteppedPlan):
         relative = [pair.relative for pair in self.model.pairs]
         rows[gaps] = _mean_squares(self.modes.gaps[relative], sums[:n], displacements, velocities)
         hits = sums[self._rows_of_pairs]
-        rows[gaps.stop : gaps.stop + len(hits)] = hits
+        parts = sums[self._rows_of_parts]
+        last = gaps.stop + len(hits) + len(parts)
+        rows[gaps.stop : last] = np.concatenate([hits, parts])
         if self._pulls is not None:
-            pulled = sums[self._rows_of_pairs.stop : self._rows_of_sums]
+            pulled = sums[self._rows_of_pairs.stop : self._rows_of_parts.start]
             squares = _symmetric(pulled[n:], n)
             noise = self.modes.damping @ brought
             squares += _product(noise, noise.T)[:, :, None]
             means, squares = _product(shapes, pulled[:n]), _squares(shapes, squares)
-            rows[gaps.stop + len(hits) :: 2], rows[gaps.stop + len(hits) + 1 :: 2] = means, squares
+            rows[last::2], rows[last + 1 :: 2] = means, squares
         return np.concatenate([rows, self._control_rows(sums)])
 
     @cached_property
@@ -549,19 +579,23 @@ class ModalPlan(SteppedPlan):
         if self.merged:
             drawn, speed_drawn = self._merged_noise(grown, flow)
             normals = drawn.shape[1] // 2
+        after = self._noise_after_kicks(flow) if self.model.functions else drawn
         displacement = np.hstack([modes.gaps, np.zeros((len(modes.gaps), len(flow) - n))])
         speed = np.roll(displacement, n, axis=1)
         curvature = speed @ flow
         # a grazing path may leave the hull of its cubic by its fourth derivative
         margins = (modes.fastest * h) ** 3 / 384.0 * h * np.array([s.speed for s in self.pairs])
         stops, _ = self._stops
+        quiet = 1.0
+        if self.model.functions:  # the passes start after all kicks
+            kicked, quiet = np.eye(len(flow)), 0.0
         passes = Passes(
-            states=_table(grown @ kicked),
-            states_drawn=_table(drawn),
+            states=_table(self._with_memories(grown @ kicked)),
+            states_drawn=_table(self._with_memories(after, drawn=True)),
             normals=normals,
             merged=self.merged,
             speeds_kicked=_table(speed @ kicked),
-            speeds_drawn=_table(modes.gaps @ speed_drawn),
+            speeds_drawn=_table(quiet * (modes.gaps @ speed_drawn)),
             bends_kicked=_table(curvature @ kicked),
             gaps=_table(displacement),
             speeds=_table(speed),
@@ -579,6 +613,65 @@ class ModalPlan(SteppedPlan):
             origins=self.law.mean,
             crossed=self._crossed,
         )
+
+    def _with_memories(self, matrix: Matrix, *, drawn: bool = False) -> Matrix:
+        """The matrix of a pass to all states from all states, or from normals if `drawn`: neither
+        changes the memories of springs."""
+        if not self._memories:
+            return matrix
+        rows, columns = matrix.shape
+        kept = 0 if drawn else self._memories
+        found = np.zeros((rows + self._memories, columns + kept))
+        found[:rows, :columns] = matrix
+        found[rows:, columns:] = np.eye(self._memories, kept)
+        return found
+
+    def _noise_after_kicks(self, flow: Matrix) -> Matrix:
+        """Matrix from normals to what noise adds to the states after the kicks of a step."""
+        halves = [self.step / 2.0] * 2 if self.merged else [self.step]
+        parts = []
+        for number, h in enumerate(halves):
+            _, brought = self._kick(h)
+            signals = self._signal_noise(flow, h)
+            if self.merged and number == 0:
+                size = self._size
+                signals = (
+                    size[:, None] * transition(flow * size / size[:, None], h) / size @ signals
+                )
+            parts += [np.zeros((len(flow), brought.shape[1])), signals]
+        return np.hstack(parts)
+
+    @cached_property
+    def _kicks(self) -> Kicks | None:
+        """Springs and dampers that are functions, for the kernel; None without any."""
+        parts, modes = self.model.functions, self.modes
+        if not parts:
+            return None
+        flow = modes.flow
+        n, motion = modes.size, slice(modes.size, 2 * modes.size)
+        decay, brought = self._whole_kick
+        kicked = np.eye(len(flow))
+        kicked[motion, motion] = decay
+        speeds = np.hstack([brought, np.zeros((n, self._signal_noise(flow, self.step).shape[1]))])
+        if self.merged:
+            _, speeds = self._merged_noise(np.eye(len(flow)), flow)
+        drawn = np.zeros((len(flow), speeds.shape[1]))
+        drawn[motion] = speeds
+        rows = np.array([part.direction for part in parts]) @ modes.shapes
+        masses = np.array([[part.mass] for part in parts])
+        free, memories = len(flow), []
+        for part in parts:
+            memories.append(free if part.law.remembers else -1)
+            free += part.law.remembers
+        known = Characteristics.of(
+            [part.law.compiled(part.mass / part.count) for part in parts],
+            [Affine(*part.affine) for part in parts],
+            rows, rows * masses, rows @ modes.rest, memories,
+        )  # fmt: skip
+        return Kicks(
+            known, _table(self._with_memories(kicked)),
+            _table(self._with_memories(drawn, drawn=True)),
+        )  # fmt: skip
 
     def _merged_noise(self, grown: Matrix, flow: Matrix) -> tuple[Matrix, Matrix]:
         """Matrices from the normals of two steps of half the length, those of the first step first,
@@ -699,7 +792,7 @@ class ModalPlan(SteppedPlan):
         if len(modes.signals) % 2:
             state[-1] = 1.0
         state[: modes.size] += law.mean[:, None]
-        return self.between_stops(state)
+        return self.between_stops(np.concatenate([state, np.zeros((self._memories, paths))]))
 
     def between_stops(self, state: Matrix) -> Matrix:
         """States (states, paths) whose gaps are moved onto the stops that they lie beyond."""
@@ -802,6 +895,9 @@ def _step(model: Model, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale
             limits.append(GAP_PER_STEP * pair.play / scale.speed)
         if scale.pressing > 0.0:
             limits.append(BOUNCE_PER_STEP * scale.speed / scale.pressing)
+    for part, motion in zip(model.functions, motions_of(model, law), strict=True):
+        rate = fastest_rate(part, motion)
+        limits += [KICK_ANGLE / rate] if rate > 0.0 else []
     return min(limits)
 
 

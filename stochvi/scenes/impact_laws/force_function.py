@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from functools import cached_property
 from typing import Any, ClassVar, Literal, NamedTuple, Self
 
@@ -14,7 +13,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.kelvin_voigt import ContactSolution
 from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws.base import CompliantLaw, inside
-from stochvi.scenes.validation import Function, Positive, _name_of
+from stochvi.scenes.validation import Function, Positive, _name_of, arguments_fault
 
 SAMPLES = np.geomspace(1e-9, 1e-3, 25), np.array([-1.0, -0.1, 0.0, 0.1, 1.0])
 """Deflections (m) and speeds (m/s) at which a force is checked."""
@@ -75,7 +74,10 @@ class ForceFunction(CompliantLaw):
     def _pushes(self) -> Self:
         from stochvi.engine.laws.force_function import contents_of
 
-        _check_arguments(self.force)
+        if fault := arguments_fault(self.force):
+            raise ValueError(
+                f"needs force that takes a deflection (m) and a speed (m/s), got {fault}"
+            )
         deflections, speeds = (axis.ravel() for axis in np.meshgrid(*SAMPLES))
         try:
             values = np.array(
@@ -187,15 +189,3 @@ class ForceFunction(CompliantLaw):
             ) from None
         found: NamedTuple = kind(*self._units)
         return found
-
-
-def _check_arguments(function: Any) -> None:
-    """ValueError unless a function takes two numbers, as far as Python knows its arguments."""
-    try:
-        inspect.signature(getattr(function, "py_func", function)).bind(0.0, 0.0)
-    except TypeError as error:
-        raise ValueError(
-            f"needs force that takes a deflection (m) and a speed (m/s), got {error}"
-        ) from None
-    except ValueError:  # a function of C
-        return

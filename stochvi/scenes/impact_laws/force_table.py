@@ -78,34 +78,7 @@ class ForceTable(CompliantLaw):
     @model_validator(mode="before")
     @classmethod
     def _from_file(cls, keys: Any) -> Any:
-        """The keys with the numbers of the file instead of its name, if a file is given."""
-        if not isinstance(keys, dict) or not isinstance(keys.get("file"), str):
-            return keys
-        given = [name for name in ("deflection", "force") if keys.get(name) is not None]
-        if given:
-            raise ValueError(f"takes file, or deflection and force, got file and {given[0]}")
-        given_unit = keys.get("unit")
-        if given_unit is not None and given_unit not in tuple(COLUMN_UNITS):
-            raise SceneError([("unit", f"must be {CHOICES}, got {given_unit!r}")])
-        names = ("deflection", "force")
-        try:
-            table = read_text_table(Path(keys["file"]), names)
-            columns = all_columns(table, names)
-        except SceneError as error:
-            raise SceneError([("file", str(error))]) from None
-        factors = _factors(table, given_unit)
-        deflection, force = (
-            values * factor for values, factor in zip(columns, factors, strict=True)
-        )
-        kept = {name: value for name, value in keys.items() if name not in ("file", "unit")}
-        return (
-            {"source": Path(keys["file"]).name}
-            | kept
-            | {
-                "deflection": deflection.tolist(),
-                "force": force.tolist(),
-            }
-        )
+        return with_columns(keys)
 
     @model_validator(mode="after")
     def _grows(self) -> Self:
@@ -245,6 +218,35 @@ class ForceTable(CompliantLaw):
     @property
     def largest_force(self) -> float:
         return self.force[-1] if self.pieces[2, -1] == 0.0 else math.inf
+
+
+def with_columns(keys: Any) -> Any:
+    """The keys with the numbers of the file instead of its name, if a file is given."""
+    if not isinstance(keys, dict) or not isinstance(keys.get("file"), str):
+        return keys
+    given = [name for name in ("deflection", "force") if keys.get(name) is not None]
+    if given:
+        raise ValueError(f"takes file, or deflection and force, got file and {given[0]}")
+    given_unit = keys.get("unit")
+    if given_unit is not None and given_unit not in tuple(COLUMN_UNITS):
+        raise SceneError([("unit", f"must be {CHOICES}, got {given_unit!r}")])
+    names = ("deflection", "force")
+    try:
+        table = read_text_table(Path(keys["file"]), names)
+        columns = all_columns(table, names)
+    except SceneError as error:
+        raise SceneError([("file", str(error))]) from None
+    factors = _factors(table, given_unit)
+    deflection, force = (values * factor for values, factor in zip(columns, factors, strict=True))
+    kept = {name: value for name, value in keys.items() if name not in ("file", "unit")}
+    return (
+        {"source": Path(keys["file"]).name}
+        | kept
+        | {
+            "deflection": deflection.tolist(),
+            "force": force.tolist(),
+        }
+    )
 
 
 COLUMN_UNITS = {"m,N": ("m", "N"), "mm,N": ("mm", "N")}

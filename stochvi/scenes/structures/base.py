@@ -9,16 +9,50 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
 from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.scenes.characteristics import Characteristic, Damper, Spring
 from stochvi.scenes.validation import Checked
 
 
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A spring or damper that is a function, where it acts.
+
+    Parameters
+    ----------
+    name
+        Its name in answers.
+    row
+        Its displacement row . q (n,).
+    law
+        Its force.
+    count
+        Number of equal ones side by side.
+    """
+
+    name: str
+    row: Vector
+    law: Characteristic
+    count: int = 1
+
+
 class AnyStructure(Checked):
-    """Base class of every structure, M q'' + C q' + K q = force."""
+    """Base class of every structure, M q'' + C q' + K q = force.
+
+    Parameters
+    ----------
+    spring, damper
+        Springs and dampers that are functions, one or a list; see `stochvi.scenes.characteristics`.
+        Their forces add to those of stiffness and damping.
+    """
+
+    spring: Spring | None = None
+    damper: Damper | None = None
 
     linear: ClassVar[bool] = True
     """Whether springs and dampers are linear, so that `matrices` hold all of them."""
@@ -46,6 +80,57 @@ class AnyStructure(Checked):
     def reported(self) -> Mapping[str, Vector]:
         """Rows (n,) of the displacements that are reported besides the coordinates, by name."""
         return {}
+
+    @property
+    def functions(self) -> tuple[Placed, ...]:
+        """Springs and dampers that are functions, with their places."""
+        found = []
+        for key, laws in (("spring", self.spring), ("damper", self.damper)):
+            for number, law in enumerate(laws or (), 1):
+                name = key if len(laws or ()) == 1 else f"{key} {number}"
+                found.append(Placed(name, self.row_of_function(law), law, self.in_parallel))
+        return tuple(found)
+
+    @property
+    def in_parallel(self) -> int:
+        """Number of equal springs and dampers, each with the stated values, that carry the mass."""
+        return 1
+
+    def row_of_function(self, law: Characteristic) -> Vector:
+        """Displacement row . q (n,) of a spring or damper that is a function."""
+        known = self.places
+        if law.between is not None:
+            one, other = law.between
+            return np.asarray(known[one] - known[other])
+        return np.asarray(known[law.on or next(iter(known))])
+
+    def misplaced_functions(self) -> list[tuple[str, str]]:
+        """Key and fault of each spring or damper that is a function and does not say where it
+        acts."""
+        found = []
+        for key, laws in (("spring", self.spring), ("damper", self.damper)):
+            for law in laws or ():
+                if fault := self._misplaced(law):
+                    found.append((f"structure.{key}", fault))
+        return found
+
+    def _misplaced(self, law: Characteristic) -> str:
+        names = [*(law.between or ()), *((law.on,) if law.on is not None else ())]
+        known = list(self.places)
+        listed = " or ".join(repr(name) for name in known)
+        if law.axis is not None:
+            return "takes axis in a [[structure.mount]] only, got one of the structure"
+        if law.on is not None and law.between is not None:
+            return "takes on or between, got both"
+        if not names and len(known) > 1:
+            return f"needs on or between, with names of {listed}, got none"
+        if unknown := [name for name in names if name not in known]:
+            return f"must be on {listed}, got {unknown[0]!r}"
+        if len(set(names)) < len(names):
+            return f"needs two different places in between, got {names[0]!r} twice"
+        if not self.knows_mass:
+            return "is a force, which needs structure.mass, got none"
+        return ""
 
     @property
     def carried(self) -> Mapping[str, Vector]:

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, model_validator
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.scenes.integrals import integral_of
 from stochvi.scenes.structures.base import AnyStructure
 from stochvi.scenes.validation import (
     Count,
@@ -92,11 +92,6 @@ class Oscillator(AnyStructure):
                 f"needs frequency_hz with exactly one of zeta and Q, got {', '.join(modal)}"
             )
         return self
-
-    @property
-    def in_parallel(self) -> int:
-        """Number of equal springs and dampers, each with the stated values, that carry the mass."""
-        return 1
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -195,7 +190,7 @@ class Isolator(Oscillator):
                 "takes mounts with the mass, and the stiffness and damping of one mount, got "
                 "frequency_hz, which belongs to all mounts together"
             )
-        if self.gravity and self.omega == 0.0:
+        if self.gravity and self.omega == 0.0 and not self.spring:
             raise ValueError("needs a stiffness that carries the mass under gravity, got 0")
         return self
 
@@ -213,7 +208,7 @@ class Isolator(Oscillator):
 
         It is that of the dynamic stiffness; an elastomer is softer at rest, and creeps.
         """
-        return STANDARD_GRAVITY / self.omega**2
+        return STANDARD_GRAVITY / self.omega**2 if self.omega else math.inf
 
 
 class NonlinearOscillator(AnyStructure):
@@ -261,6 +256,11 @@ class NonlinearOscillator(AnyStructure):
 
     @model_validator(mode="after")
     def _functions(self) -> Self:
+        if self.spring or self.damper:
+            raise ValueError(
+                "takes restoring_force and damping_force, got "
+                f"{given(self, 'spring', 'damper')}; add the forces, or take an Oscillator"
+            )
         if (self.damping is None) == (self.damping_force is None):
             raise ValueError(
                 "needs exactly one of damping and damping_force, "
@@ -311,7 +311,7 @@ class NonlinearOscillator(AnyStructure):
         """Energy of the spring at displacements x (m), less that at 0, J."""
         place = np.asarray(x, dtype=float)
         if self.potential is None:
-            return _integral(self.restoring_force, place)
+            return integral_of(self.restoring_force, place)
         energy: Vector = evaluated(self.potential, np.append(place.ravel(), 0.0))
         return np.asarray(energy[:-1] - energy[-1]).reshape(place.shape)
 
@@ -321,49 +321,3 @@ ABOUT_ZERO = np.array([-1e-9, 0.0, 1e-9])
 
 They are close to 0, because the scale of the motion is not known yet.
 """
-
-NODES, WEIGHTS = gauss_legendre(16)
-"""Nodes and weights of the Gauss-Legendre rule on each interval of an integral of a force."""
-
-MOST_HALVINGS = 60
-"""Largest number of times that an interval about a kink or a jump is halved."""
-
-QUADRATURE_ERROR = 1e-14
-"""Relative change of an integral, when an interval is halved, below which it counts as rounding."""
-
-
-def _integral(function: Function, ends: Vector) -> Vector:
-    """Integral from 0 to each end: from one end to the next, halved where that changes anything."""
-    places = np.unique(np.append(ends.ravel(), 0.0))
-    starts, stops = places[:-1], places[1:]
-    owner = np.arange(len(starts))
-    parts = np.zeros(len(starts))
-    for _ in range(MOST_HALVINGS):
-        middle = (starts + stops) / 2.0
-        whole, size = _panel(function, starts, stops)
-        halves = _panel(function, starts, middle)[0] + _panel(function, middle, stops)[0]
-        scale = np.maximum(np.abs(starts), np.abs(stops)) * size
-        with np.errstate(invalid="ignore"):  # forces that are infinite are integrated as such
-            open_ = np.abs(halves - whole) > QUADRATURE_ERROR * scale
-        np.add.at(parts, owner[~open_], halves[~open_])
-        if not np.any(open_):
-            break
-        starts, middle, stops, owner = starts[open_], middle[open_], stops[open_], owner[open_]
-        last = halves[open_]
-        starts, stops = np.concatenate([starts, middle]), np.concatenate([middle, stops])
-        owner = np.concatenate([owner, owner])
-    else:
-        np.add.at(parts, owner[: len(last)], last)
-    # added up outwards from 0: large energies far out take no digits from small ones
-    zero = int(np.searchsorted(places, 0.0))
-    left, right = -np.cumsum(parts[:zero][::-1])[::-1], np.cumsum(parts[zero:])
-    energy = np.concatenate([left, [0.0], right])
-    return np.asarray(energy[np.searchsorted(places, ends)])
-
-
-def _panel(function: Function, starts: Vector, stops: Vector) -> tuple[Vector, Vector]:
-    """Integral over each interval, and the largest value in it."""
-    half = (stops - starts) / 2.0
-    nodes = ((starts + stops) / 2.0)[:, None] + half[:, None] * NODES
-    values = evaluated(function, nodes)
-    return np.asarray(half * (values @ WEIGHTS)), np.abs(values).max(axis=1)

@@ -19,7 +19,8 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.errors import SceneError
-from stochvi.scenes.structures.base import AnyStructure
+from stochvi.scenes.characteristics import Damper, Spring
+from stochvi.scenes.structures.base import AnyStructure, Placed
 from stochvi.scenes.validation import (
     Checked,
     NonNegative,
@@ -82,6 +83,8 @@ class Mount(Checked):
     zeta, loss_factor
         Instead of the damping: the damping ratio that the mount gives to a mode whose whole energy
         it stores, or its loss factor, which is twice that.
+    spring, damper
+        Springs and dampers that are functions, each along its `axis`; they add to the others.
 
     See Also
     --------
@@ -100,6 +103,19 @@ class Mount(Checked):
     damping: NonNegativeTriple | None = None
     zeta: NonNegative | None = None
     loss_factor: NonNegative | None = None
+    spring: Spring | None = None
+    damper: Damper | None = None
+
+    @model_validator(mode="after")
+    def _along_an_axis(self) -> Self:
+        for key in ("spring", "damper"):
+            for law in getattr(self, key) or ():
+                if law.axis is None or law.on is not None or law.between is not None:
+                    got = given(law, "on", "between")
+                    raise ValueError(
+                        f"needs axis = 'x', 'y' or 'z' in {key}, and no other place, got {got}"
+                    )
+        return self
 
     @model_validator(mode="after")
     def _one_description(self) -> Self:
@@ -265,6 +281,16 @@ class RigidBody(AnyStructure):
             for name, place in (self.points or {}).items()
             for axis, row in zip(AXES, rows_at(place), strict=True)
         }
+
+    @property
+    def functions(self) -> tuple[Placed, ...]:
+        found = list(super().functions)
+        for number, mount in enumerate(self.mounts, 1):
+            for key, laws in (("spring", mount.spring), ("damper", mount.damper)):
+                for law in laws or ():
+                    row = mount.rows[AXES.index(law.axis or "x")]
+                    found.append(Placed(f"{key} of mount {number} along {law.axis}", row, law))
+        return tuple(found)
 
     def constant_forces(self) -> Iterator[tuple[float, Vector]]:
         if self.gravity:

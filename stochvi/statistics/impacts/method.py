@@ -25,7 +25,6 @@ from stochvi.methods.monte_carlo.quantities import collapses
 from stochvi.methods.monte_carlo.simulate import check_threshold
 from stochvi.methods.monte_carlo.step_bias import lossiest
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import functions
 from stochvi.model.model import LOWER, UPPER, Model, Pair, model_of
 from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import NotApplicable, NotConverged
@@ -182,8 +181,6 @@ def impacts(
     run = Run.of(options)
     asked = REL_ERROR if run.rel_error is None else run.rel_error
     deadline, paths, model = run.deadline, run.paths, model_of(scene)
-    if conditions := functions(model):
-        raise NotApplicable("simulate", conditions)
     shares = {"corner_share": CORNER_SHARE} if lossiest(model) < RESOLVED_EXPONENT else {}
     plan = plan_impacts(
         scene, speed_threshold, run.duration, slow_impacts, deadline=deadline, **shares

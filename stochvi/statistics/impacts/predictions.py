@@ -34,8 +34,8 @@ class LinearGap(NamedTuple):
 
 def linear_gap(model: Model, pair: Pair) -> LinearGap | None:
     """None where noise and structure have no Gaussian stationary distribution, or a sine is in
-    it."""
-    if model.sines:
+    it, or a spring or damper is a function."""
+    if model.sines or model.functions:
         return None
     if not model.tables:
         modes = replace(model, pairs=(pair,)).modal

@@ -12,7 +12,7 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan
 from stochvi.methods.monte_carlo.plan import Histories
 from stochvi.methods.monte_carlo.quantities import gap_of
-from stochvi.model.model import Model, Pair
+from stochvi.model.model import FunctionOfMotion, Model, Pair
 from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.spectra.segments import Quantity
@@ -22,8 +22,8 @@ Weights = NDArray[np.complex128]
 
 
 def channels_of(plan: HistoryPlan, histories: Histories) -> NDArray[np.float64]:
-    """(channels, paths, samples): displacements, the force of each pair with compliant stops, N,
-    and the excitation if it is known."""
+    """(channels, paths, samples): displacements, forces of pairs with compliant stops, of springs
+    and dampers that are functions, N, and the excitation if it is known."""
     found = [*histories.displacement]
     for pair in _soft_pairs(plan.model):
         gap, rate = (
@@ -31,6 +31,12 @@ def channels_of(plan: HistoryPlan, histories: Histories) -> NDArray[np.float64]:
             for motion in (histories.displacement, histories.velocity)
         )
         found.append(pair.force(gap, rate))
+    for part in _functions(plan.model):
+        y, rate = (
+            np.tensordot(part.direction, motion, axes=1)
+            for motion in (histories.displacement, histories.velocity)
+        )
+        found.append(part.force_left_out(y, rate))
     if histories.excitation is not None:
         found.append(histories.excitation)
     return np.stack(found)
@@ -41,6 +47,11 @@ def _soft_pairs(model: Model) -> list[Pair]:
     return [pair for pair in model.pairs if not pair.rigid]
 
 
+def _functions(model: Model) -> tuple[FunctionOfMotion, ...]:
+    """The springs and dampers that are functions, unless the force of one follows from its past."""
+    return () if model.remembers else model.functions
+
+
 def quantities_of(
     scene: Scene, plan: HistoryPlan, omega: Vector
 ) -> tuple[dict[tuple[str, str], Quantity], dict[str, str]]:
@@ -49,7 +60,8 @@ def quantities_of(
     model = plan.model
     n, soft = len(model.coordinates), _soft_pairs(model)
     known = plan.plan.excitation_known
-    channels = n + len(soft) + known
+    functions = _functions(model)
+    channels = n + len(soft) + len(functions) + known
     found: dict[tuple[str, str], Quantity] = {}
     owners = dict(zip(model.outputs, model.output_rows, strict=True))
     owners |= {gap_of(pair): pair.direction for pair in model.pairs if pair.relative}
@@ -64,10 +76,11 @@ def quantities_of(
     )
     carried = np.zeros((n, channels, len(omega)), complex)
     carried[:, :n] = -np.moveaxis(pulled, 0, -1)
-    for channel, pair in enumerate(soft, start=n):
-        carried[:, channel] = -np.linalg.solve(model.mass, pair.direction)[:, None]
+    directions = [each.direction for each in soft] + [each.direction for each in functions]
+    for channel, direction in enumerate(directions, start=n):
+        carried[:, channel] = -np.linalg.solve(model.mass, direction)[:, None]
     meanings = _meanings(scene, plan)
-    if "acceleration" in _present(scene):
+    if "acceleration" in _present(scene) and not model.remembers:
         for owner, row in zip(model.outputs, model.output_rows, strict=True):
             found[owner, "acceleration"] = _density(np.tensordot(row, carried, axes=1))
     if known:
@@ -97,7 +110,9 @@ def _present(scene: Scene) -> list[str]:
 
 def _meanings(scene: Scene, plan: HistoryPlan) -> dict[str, str]:
     rigid = any(stop.rigid for stop in plan.model.stops)
-    if not _present(scene):
+    if plan.model.remembers:
+        acceleration = "left out: the force of a spring with hysteresis is not kept"
+    elif not _present(scene):
         acceleration = "left out: a force acts on a mass, and is part of its acceleration"
     elif rigid:
         acceleration = "absolute, between impacts: by springs and dampers, without the impulses"

@@ -15,6 +15,9 @@ compiled code unless the scene has them:
     tables     total motion = state + Y, Y(t) the response to the tables without stops, smooth
                and given by its samples; the state holds the response to impacts, kicks and signals
     contacts   compliant stops
+    parts      springs and dampers that are functions. They kick the velocities for half a step
+               before the kick of noise, and for half a step after it; the flow then has a pass of
+               its own, from where all kicks have led
 
 Between two samples Y is the cubic through values and slopes. Kicks do not change Y.
 
@@ -30,6 +33,14 @@ from numpy.typing import NDArray
 
 from stochvi.engine.alone import Workspace, make_workspace
 from stochvi.engine.borrowed import borrowed, hold
+from stochvi.engine.characteristic_calls import (
+    Characteristics,
+    add_pulls_of_parts,
+    all_rates,
+    kick_all,
+    move_all,
+    remembering,
+)
 from stochvi.engine.compiled_laws import Stops
 from stochvi.engine.compiling import kernel
 from stochvi.engine.contacts import END_ROWS, Following
@@ -79,6 +90,22 @@ class Passes(NamedTuple):
     bends: Table
     kicks: Table
     pulls: Table
+
+
+class Kicks(NamedTuple):
+    """Springs and dampers that are functions, and the kick of noise beside theirs.
+
+    Parameters
+    ----------
+    parts : `Characteristics`.
+    states, states_drawn : tables of matrix passes to the states after the kick of noise, from
+        states and from normals. Where there are kicks of parts, the tables of `Passes` start after
+        all kicks.
+    """
+
+    parts: Characteristics
+    states: Table
+    states_drawn: Table
 
 
 class ModalSteps(NamedTuple):
@@ -135,7 +162,8 @@ class ModalPaths(NamedTuple):
         the lower and the upper stops.
     sums : (rows, paths), added to: q; q q' and p p' by rows of the upper triangle; then the rows of
         each pair, ROWS_OF_CONTACT_PAIR where stops give way, else ROWS_OF_PAIR; with `Passes.pulls`
-        alpha and the upper triangle of alpha alpha', contact forces included. Where there are more
+        alpha and the upper triangle of alpha alpha', contact forces included; then three rows of
+        each spring or damper that is a function (`kick_all`). Where there are more
         rows, they are added to from: `add_noise`, if there are kicks; moments of Y, and its
         passages (`add_passages`), if there are tables.
     """
@@ -409,6 +437,8 @@ class Room(NamedTuple):
     smooth, total, rest : Y, the total motion, and zeros (modes,).
     pulled, pushing, pull_0, pull_1 : modal forces, rates of gaps, modal forces at the ends of a
         step.
+    mid, parts_x, parts_v, parts_w, parts_0, parts_1, parts_2 : states after all kicks, and rows of
+        springs and dampers that are functions.
     spare, forces : as in `Following`, for steps that are not counted, and its ends.
     work, waiting : `Workspace` and `Waiting`.
     """
@@ -443,6 +473,13 @@ class Room(NamedTuple):
     pushing: NDArray[np.float64]
     pull_0: NDArray[np.float64]
     pull_1: NDArray[np.float64]
+    mid: NDArray[np.float64]
+    parts_x: NDArray[np.float64]
+    parts_v: NDArray[np.float64]
+    parts_w: NDArray[np.float64]
+    parts_0: NDArray[np.float64]
+    parts_1: NDArray[np.float64]
+    parts_2: NDArray[np.float64]
     spare: NDArray[np.float64]
     forces: NDArray[np.float64]
     work: Workspace
@@ -450,12 +487,21 @@ class Room(NamedTuple):
 
 
 @kernel
-def make_room(states, rows_of_sums, width, structure, rows, waiting, accelerations):
+def count_of(kicks):
+    """Number of springs and dampers that are functions."""
+    if kicks is None:
+        return 0
+    return kicks.parts.rows.shape[0]
+
+
+@kernel
+def make_room(states, rows_of_sums, width, structure, rows, waiting, accelerations, parts):
     """`Room` for `width` lanes, of which at most `waiting` wait for a contact."""
     passes, modes, pairs = structure.passes, structure.modes, structure.stops.places.shape[0]
     first, last = modes + modes * (modes + 1), modes + modes * (modes + 1) + rows * pairs
     local, of_step = np.zeros((rows_of_sums, width)), np.zeros((rows_of_sums, width))
     work = make_workspace(pairs, 2 * modes, structure.responses.states.shape[2])
+    between = states * min(parts, 1)
     return Room(
         np.zeros((states, width)), np.zeros((states, width)), np.zeros((2 * passes.normals, width)),
         np.zeros((passes.kicks[0].shape[0] - 1, width)),
@@ -469,13 +515,16 @@ def make_room(states, rows_of_sums, width, structure, rows, waiting, acceleratio
         np.zeros((width, pairs, 2)), np.zeros(width, np.uint64), np.zeros(width, np.uint64),
         np.zeros((2 * modes, width)), np.zeros((2 * modes, width)), np.zeros(modes),
         np.zeros((modes, width)), np.zeros((pairs, width)), np.zeros((modes, width)),
-        np.zeros((modes, width)), np.zeros((width, accelerations)),
+        np.zeros((modes, width)), np.zeros((between, width)),
+        np.zeros((parts, width)), np.zeros((parts, width)), np.zeros((parts, width)),
+        np.zeros((parts, width)), np.zeros((parts, width)), np.zeros((parts, width)),
+        np.zeros((width, accelerations)),
         np.zeros((END_ROWS, accelerations)), work, make_waiting(work.numbers.shape[0], waiting),
     )  # fmt: skip
 
 
 @kernel
-def run_modes(paths, structure, laws, tables, fastest, steps, outputs, flag):
+def run_modes(paths, structure, laws, tables, fastest, kicks, steps, outputs, flag):
     """Advance every path, and add up the counted steps.
 
     Parameters
@@ -485,6 +534,7 @@ def run_modes(paths, structure, laws, tables, fastest, steps, outputs, flag):
     laws : `functions_of` the laws of the stops.
     tables : None, or `SmoothResponse`.
     fastest : None where all stops are rigid, else the fastest rate of the structure, rad/s.
+    kicks : None, or `Kicks`.
     steps : `Steps`.
     outputs : `Outputs`.
     flag : (1,), looked at before every step: where it is not 0, the paths are given up, without a
@@ -494,17 +544,17 @@ def run_modes(paths, structure, laws, tables, fastest, steps, outputs, flag):
     states, count_of_paths = paths.state.shape
     room = make_room(
         states, paths.sums.shape[0], min(LANES, count_of_paths), structure, rows,
-        0 if fastest is None else LANES_TOGETHER, outputs_of(outputs.largest),
+        0 if fastest is None else LANES_TOGETHER, outputs_of(outputs.largest), count_of(kicks),
     )  # fmt: skip
     advance(
-        borrowed(paths), borrowed(structure), borrowed(laws), borrowed(tables), fastest, steps,
-        borrowed(outputs), borrowed(room), rows, borrowed(flag),
+        borrowed(paths), borrowed(structure), borrowed(laws), borrowed(tables), fastest,
+        borrowed(kicks), steps, borrowed(outputs), borrowed(room), rows, borrowed(flag),
     )  # fmt: skip
     hold(room)
 
 
 @kernel
-def advance(paths, structure, laws, tables, fastest, steps, outputs, room, rows, flag):
+def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room, rows, flag):
     """`run_modes` with `Room`, and ROWS_OF_PAIR or ROWS_OF_CONTACT_PAIR."""
     state, streams, known, lasting, sums = paths
     first, last, stride = steps
@@ -520,7 +570,8 @@ def advance(paths, structure, laws, tables, fastest, steps, outputs, room, rows,
     recording = record.shape[0] > 0
     first_pull = moments + rows * pairs
     pulling = passes.pulls[0].shape[0] > 1
-    first_noise = first_pull + (modes + modes * (modes + 1) // 2 if pulling else 0)
+    first_part = first_pull + (modes + modes * (modes + 1) // 2 if pulling else 0)
+    first_noise = first_part + 3 * count_of(kicks)
     controlled = sums.shape[0] > first_noise
     crossings = structure.crossed.shape[0] if room.kicked.shape[0] > 0 else 0
     first_free = first_noise + 3 * crossings
@@ -532,6 +583,8 @@ def advance(paths, structure, laws, tables, fastest, steps, outputs, room, rows,
     hits, hits_of_step, peaks = room.hits, room.hits_of_step, room.peaks
     words0, words1, smooth, total = room.words0, room.words1, room.smooth, room.total
     pulled, pushing, pull_0, pull_1 = room.pulled, room.pushing, room.pull_0, room.pull_1
+    mid, of_parts = room.mid, (room.parts_x, room.parts_v, room.parts_w)
+    of_ends = room.parts_0, room.parts_1, room.parts_2
     for start in range(0, count_of_paths, LANES):
         lanes = min(LANES, count_of_paths - start)
         for i in range(lanes):
@@ -571,13 +624,25 @@ def advance(paths, structure, laws, tables, fastest, steps, outputs, room, rows,
             if counted & controlled & (crossings > 0):
                 matrix_pass(kicked, 0.0, z, passes.kicks, width)
                 add_noise(local, first_noise, modes, old, kicked, structure.crossed)
-            matrix_pass(new, 0.0, old, passes.states, width)
+            before = old
+            if kicks is not None:
+                matrix_pass(mid, 0.0, old, kicks.states, width)
+                matrix_pass(mid, 1.0, z, kicks.states_drawn, width)
+                at = first_part if counted else -1
+                kick_all(kicks.parts, False, mid, smooth, of_parts, 0.5 * step, width, local, at)
+                if remembering(kicks.parts):
+                    all_rates(kicks.parts, mid, smooth, of_ends[0], width)
+                before = mid
+            matrix_pass(new, 0.0, before, passes.states, width)
             matrix_pass(new, 1.0, z, passes.states_drawn, width)
             if tables is not None:
                 sample = tables.samples[number % samples]
                 read_sample(sample, tables.scale, start, lanes, smooth)
+            if kicks is not None:  # noqa: SIM102 - left out when compiled
+                if remembering(kicks.parts):
+                    all_rates(kicks.parts, new, smooth, of_ends[1], width)
             if pairs > 0:
-                matrix_pass(v0, 0.0, old, passes.speeds_kicked, width)
+                matrix_pass(v0, 0.0, before, passes.speeds_kicked, width)
                 matrix_pass(v0, 1.0, z, passes.speeds_drawn, width)
                 matrix_pass(y1, 0.0, new, passes.gaps, width)
                 matrix_pass(v1, 0.0, new, passes.speeds, width)
@@ -596,7 +661,7 @@ def advance(paths, structure, laws, tables, fastest, steps, outputs, room, rows,
                     add_up(total, new, smooth)
                     matrix_pass(pull_1, 0.0, total, passes.pulls, width)
                 if count > 0:
-                    matrix_pass(a0, 0.0, old, passes.bends_kicked, width)
+                    matrix_pass(a0, 0.0, before, passes.bends_kicked, width)
                     matrix_pass(a1, 0.0, new, passes.bends, width)
                     if tables is not None:
                         add_curvatures(a0, a1, s0, r0, s1, r1, step)
@@ -624,6 +689,11 @@ def advance(paths, structure, laws, tables, fastest, steps, outputs, room, rows,
                 y0, y1 = y1, y0
                 s0, s1 = s1, s0
                 r0, r1 = r1, r0
+            if kicks is not None:
+                if remembering(kicks.parts):
+                    move_all(kicks.parts, new, smooth, of_parts, of_ends, step, width)
+                at = first_part if counted else -1
+                kick_all(kicks.parts, True, new, smooth, of_parts, 0.5 * step, width, local, at)
             old, new = new, old
             if following:
                 add_up(total, old, smooth)
@@ -646,6 +716,8 @@ def advance(paths, structure, laws, tables, fastest, steps, outputs, room, rows,
                             matrix_pass(pulled, 0.0, old, passes.pulls, width)
                         else:
                             matrix_pass(pulled, 0.0, total, passes.pulls, width)
+                        if kicks is not None:
+                            add_pulls_of_parts(pulled, kicks.parts, old, smooth, of_parts, width)
                         if fastest is not None:  # noqa: SIM102 - left out when compiled
                             if pairs > 0:
                                 matrix_pass(pushing, 0.0, old, passes.speeds, width)

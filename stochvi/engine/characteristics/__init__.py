@@ -1,0 +1,1 @@
+"""Springs and dampers as kernels know them: one class in each file."""

@@ -1,0 +1,387 @@
+"""Springs and dampers that are functions, in simulations: densities and plain twins judge them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stochvi import (
+    Elastic,
+    Estimate,
+    ImpactPair,
+    Isolator,
+    Matrices,
+    NotApplicable,
+    Oscillator,
+    Restitution,
+    Scene,
+    SceneError,
+    TabulatedNoise,
+    WhiteNoise,
+    average,
+    exact,
+    explain,
+    first_passage,
+    fokker_planck,
+    harmonic_response,
+    history,
+    impacts,
+    reliability,
+    replay,
+    screen,
+    simulate,
+    size,
+    spectrum,
+    transient,
+)
+from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
+from stochvi.model.linear_part import form_of, with_linear_part
+from stochvi.model.model import model_of
+from stochvi.scenes import FilteredNoise, Sine
+from stochvi.scenes.structures.rigid_body import Mount, RigidBody
+from stochvi.testing import assert_agrees
+from support.accuracies import quick_cases
+
+DUFFING = {"kind": "duffing", "cubic_stiffness": 2.0}
+ROPE = {"kind": "bouc-wen", "stiffness": 2.0, "yield_displacement": 0.3}
+RIGID = [ImpactPair(lower=-0.8, upper=1.0, law=Restitution(coefficient=0.8))]
+ELASTIC = [ImpactPair(lower=-0.8, upper=1.0, law=Restitution(coefficient=1.0))]
+SOFT = [ImpactPair(upper=0.5, law=Elastic(stiffness=50.0))]
+QUANTITIES = ("displacement_mean", "displacement_std", "velocity_std")
+RATES = ("collision_rate", "impact_speed_rate", "impact_speed_square_rate")
+
+
+def scene_of(pairs: Any = (), excitation: Any = None, **keys: Any) -> Scene:
+    """A mass of 2 kg with a spring of 1 N/m and a damper of 0.2 N s/m in noise of 0.4 N^2 s."""
+    return Scene(
+        structure=Oscillator(**{"mass": 2.0, "damping": 0.2, "stiffness": 1.0} | keys),
+        impact_pairs=list(pairs),
+        excitations=excitation or [WhiteNoise(intensity=0.4)],
+    )
+
+
+def measured(value: float, error: float, bias: float = 0.0) -> Estimate:
+    """A number of a calculation of the test's own."""
+    return Estimate(value=value, standard_error=error, bias=bias, how="test")
+
+
+def agree(one: Estimate, other: Estimate) -> None:
+    """The difference of two estimates is 0 within their errors."""
+    error = math.hypot(one.standard_error, other.standard_error)
+    bias = abs(one.bias or 0.0) + abs(other.bias or 0.0)
+    assert_agrees(measured(one.value - other.value, error, bias), 0.0)
+
+
+CASES = {
+    "duffing": scene_of(spring=DUFFING),
+    "elastic stops": scene_of(ELASTIC, spring=DUFFING),
+    "lossy stops": scene_of(RIGID, spring=DUFFING),
+    "compliant stop": scene_of(SOFT, spring=DUFFING),
+    "two wells": scene_of(
+        stiffness=0.0, spring=DUFFING | {"linear_stiffness": -1.0}
+    ),
+    "polynomial": scene_of(
+        stiffness=0.0, spring={"kind": "polynomial", "coefficients": [1.0, -0.4, 0.5]}
+    ),
+    "table": scene_of(
+        stiffness=0.0,
+        spring={"kind": "table", "deflection": [0.0, 0.5, 1.0], "force": [0.0, 0.2, 1.5]},
+    ),
+    "function": scene_of(stiffness=0.0, spring=lambda x, v: math.sinh(x)),
+    "drag": scene_of(damping=0.0, damper={"kind": "polynomial", "coefficients": [0.05, 0.3]}),
+    "rayleigh": scene_of(
+        RIGID, damping=0.0,
+        damper={"kind": "rayleigh", "linear_damping": -0.1, "cubic_damping": 0.4},
+    ),
+    "coulomb": scene_of(damping=0.0, damper={"kind": "coulomb", "force": 0.2}),
+    "coulomb between stops": scene_of(
+        RIGID, damping=0.05, damper={"kind": "coulomb", "force": 0.2}
+    ),
+}  # fmt: skip
+"""Scenes whose density is known: of Gibbs, or by the Fokker-Planck equation."""
+
+
+@quick_cases("name", list(CASES), keep={2, 6, 11})
+def test_densities_are_those_of_other_methods(name: str) -> None:
+    scene = CASES[name]
+    known = fokker_planck(scene)
+    found = simulate(scene, paths=512, duration=300.0, seed=5)
+    for quantity in QUANTITIES:
+        assert_agrees(found.coordinates["x"][quantity], known.coordinates["x"][quantity].value)
+    for pair in found.impact_pairs:
+        for quantity in RATES:
+            value = known.impact_pairs[pair][quantity].value
+            assert_agrees(found.impact_pairs[pair][quantity], value)
+    for balance in found.identities.values():
+        assert_agrees(balance, 0.0)
+
+
+def test_without_the_kicks_the_density_is_wrong() -> None:
+    """The negative control: the linear part alone is not the spring."""
+    scene = CASES["two wells"]
+    linear = with_linear_part(model_of(scene))
+    plan = plan_several(replace(linear, functions=()), None, 300.0)
+    averages = plan.averages(5, 0, 256)[1]
+    wrong = measured(float(averages.mean()), float(averages.std() / 16.0))
+    with pytest.raises(AssertionError):
+        assert_agrees(wrong, exact(scene).coordinates["x"]["displacement_mean_square"].value)
+
+
+def paths_of(scene: Scene, step: float, steps: int = 100) -> np.ndarray:
+    """Displacement and velocity of one path, by the plan in modal coordinates."""
+    plan = plan_several(model_of(scene), None, steps * step).with_step(step)
+    record = np.zeros((steps, 1, plan.record_width))
+    replace(plan, duration=steps * step).averages(3, 0, 1, record)
+    columns = plan.columns(record)
+    return np.array([columns["displacement of x"], columns["velocity of x"]])
+
+
+@pytest.mark.parametrize("excitation", ["white", "filtered"])
+def test_a_linear_function_moves_as_the_linear_structure(excitation: str) -> None:
+    noise = {
+        "white": [WhiteNoise(intensity=0.4)],
+        "filtered": [FilteredNoise(intensity=0.4, frequency_hz=0.15, zeta=0.3)],
+    }[excitation]
+    line = {"kind": "table", "deflection": [-1.0, 1.0], "force": [-0.6, 0.6]}
+    linear = paths_of(scene_of(RIGID, noise), 0.1)
+    for keys in (
+        {"stiffness": 0.4, "spring": line},
+        {"stiffness": 0.4, "spring": lambda x, v: 0.6 * x},
+        {"spring": lambda x, v: 0.0},
+    ):
+        found = paths_of(scene_of(RIGID, noise, **keys), 0.1)
+        assert found == pytest.approx(linear, abs=1e-12)
+
+
+def test_a_spring_of_matrices_acts_between_its_coordinates() -> None:
+    """Two coordinates that are one oscillator and a frame that hardly moves."""
+    spring = DUFFING | {"between": ["x", "frame"]}
+    heavy = Scene(
+        structure=Matrices(
+            coordinates=["x", "frame"],
+            mass=[[2.0, 0.0], [0.0, 1e7]],
+            damping=[[0.2, -0.2], [-0.2, 1e6]],
+            stiffness=[[1.0, -1.0], [-1.0, 1e6]],
+            spring=spring,
+        ),
+        excitations=[WhiteNoise(intensity=0.4, on="x")],
+    )
+    found = simulate(heavy, paths=256, duration=200.0, seed=2)
+    known = exact(CASES["duffing"]).coordinates["x"]
+    for quantity in ("displacement_std", "velocity_std"):
+        assert_agrees(found.coordinates["x"][quantity], known[quantity].value)
+
+
+def test_springs_of_the_mounts_of_a_box_are_one_spring_along_its_axis() -> None:
+    spring = {"kind": "duffing", "cubic_stiffness": 0.5, "axis": "z"}
+    places = [(0.3, 0.3, 0.0), (-0.3, 0.3, 0.0), (0.3, -0.3, 0.0), (-0.3, -0.3, 0.0)]
+    mounts = [
+        Mount(at=at, stiffness=[9.0, 9.0, 0.25], damping=[1.0, 1.0, 0.05], spring=spring)
+        for at in places
+    ]
+    box = Scene(
+        structure=RigidBody(mass=2.0, inertia=[0.2, 0.2, 0.2], mounts=mounts),
+        excitations=[WhiteNoise(intensity=0.4, on="z")],
+    )
+    found = simulate(box, paths=256, duration=200.0, seed=2)
+    known = exact(CASES["duffing"]).coordinates["x"]
+    for quantity in ("displacement_std", "velocity_std"):
+        assert_agrees(found.coordinates["z"][quantity], known[quantity].value)
+
+
+def test_wire_rope_loses_what_noise_brings() -> None:
+    """The work of the loop and of the damper is the power of the noise, with stops as well."""
+    for pairs in ((), RIGID):
+        scene = scene_of(pairs, spring=ROPE)
+        found = simulate(scene, paths=256, duration=200.0, seed=4)
+        for balance in found.identities.values():
+            assert_agrees(balance, 0.0)
+        plan = make_plan(model_of(scene))
+        assert plan.states == 3 and plan.layout.rows.count(("spring", "work")) == 1
+
+
+def plain_rope(paths: int, duration: float, h: float, restitution: float | None) -> np.ndarray:
+    """Mean squares of displacement and velocity of each path of wire rope, by Euler and Maruyama
+    with the memory as a third equation: an integrator that shares nothing with the engine."""
+    generator = np.random.default_rng(8)
+    x, v, z = np.zeros((3, paths))
+    sums, counted = np.zeros((2, paths)), 0
+    for k in range(round(duration / h)):
+        x1 = x + h * v
+        dz = (v - 0.5 * np.abs(v) * np.abs(z) * np.sign(z) - 0.5 * v * np.abs(z)) / 0.3
+        pull = (0.2 * v + x + 0.6 * z) / 2.0
+        v = v - h * pull + math.sqrt(0.1 * h) * generator.standard_normal(paths)
+        x, z = x1, z + h * dz
+        if restitution is not None:
+            for side, place in ((1.0, 1.0), (-1.0, 0.8)):
+                hit = (side * x > place) & (side * v > 0.0)
+                x = np.where(hit, side * (place - restitution * (side * x - place)), x)
+                v = np.where(hit, -restitution * v, v)
+        if k * h > 30.0:
+            sums += x**2, v**2
+            counted += 1
+    return sums / counted
+
+
+@pytest.mark.parametrize("restitution", [None, 0.8])
+def test_wire_rope_moves_as_in_a_plain_integration(restitution: float | None) -> None:
+    scene = scene_of([] if restitution is None else RIGID, spring=ROPE)
+    found = simulate(scene, paths=512, duration=100.0, seed=4).coordinates["x"]
+    h = 0.004
+    fine, coarse = (plain_rope(256, 130.0, step, restitution) for step in (h, 2.0 * h))
+    for quantity, row, double in zip(
+        ("displacement_mean_square", "velocity_mean_square"), fine, coarse, strict=True
+    ):
+        error = row.std() / 16.0
+        # Euler's method is of order 1; both runs have errors of their own
+        bias = abs(double.mean() - row.mean()) + error
+        agree(found[quantity], measured(float(row.mean()), error, bias))
+
+
+def test_the_order_of_the_step_is_two() -> None:
+    """The bias of a Duffing spring falls by four where the step is halved."""
+    scene = CASES["two wells"]
+    plan = make_plan(model_of(scene), None, 600.0)
+    known = exact(scene).coordinates["x"]["displacement_mean_square"].value
+    errors = []
+    for factor in (2.0, 4.0):
+        rows = plan.with_step(factor * plan.step).averages(1, 0, 4096)[1]
+        errors.append((rows.mean() - known, rows.std() / 64.0))
+    (fine, fine_error), (coarse, coarse_error) = errors
+    assert abs(fine - coarse / 4.0) <= 4.5 * math.hypot(fine_error, coarse_error / 4.0) + abs(
+        coarse / 16.0
+    )
+    assert abs(coarse) > 4.5 * coarse_error  # the bias is seen at all
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        [TabulatedNoise(frequency_hz=[0.05, 0.4], density=[0.8, 0.8], unit="N2/Hz", on="x")],
+        [FilteredNoise(intensity=0.4, frequency_hz=0.15, zeta=0.3)],
+        [Sine(amplitude=0.5, frequency_hz=0.2), WhiteNoise(intensity=0.05)],
+    ],
+    ids=["table", "filtered", "sine"],
+)
+def test_other_excitations_shake_functions_as_well(noise: list[Any]) -> None:
+    """The mean forces balance, and half the step gives the same answer."""
+    scene = scene_of(RIGID, noise, spring=DUFFING)
+    found = simulate(scene, paths=128, duration=200.0, seed=1)
+    assert_agrees(found.identities["force"], 0.0)
+    plan = make_plan(model_of(scene), None, 200.0)
+    rows = plan.finer().averages(2, 0, 128)[1]
+    origin = plan.layout.origins["x"]
+    mean = found.coordinates["x"]["displacement_mean"].value
+    square = found.coordinates["x"]["displacement_std"]
+    finer = math.sqrt(rows.mean() - (mean - origin) ** 2)
+    error = rows.std() / math.sqrt(128.0) / (2.0 * finer)
+    agree(square, measured(finer, error))
+
+
+def test_a_mount_that_is_a_function_has_its_force_in_the_acceleration() -> None:
+    """a = -(c v + k x + F) / m; of an isolator without stops, from the Gibbs density."""
+    mount = Isolator(mass=2.0, damping=0.2, stiffness=1.0, spring=DUFFING)
+    scene = Scene(structure=mount, excitations=[WhiteNoise(intensity=0.1)])
+    found = simulate(scene, paths=256, duration=200.0, seed=7).coordinates["x"]
+    theta = 0.1 / (2.0 * 0.1)
+    x = np.linspace(-4.0, 4.0, 4001)
+    density = np.exp(-(x**2 / 4.0 + x**4 / 4.0) / theta)
+    pull = (x + 2.0 * x**3) / 2.0
+    square = float((density * pull**2).sum() / density.sum()) + 0.01 * theta
+    assert_agrees(found["acceleration_std"], math.sqrt(square))
+
+
+def test_the_linear_part_is_its_own_linearisation() -> None:
+    model = with_linear_part(model_of(CASES["duffing"]))
+    (part,) = model.functions
+    variance = model.intensity / (2.0 * model.damping_rate * model.omega**2)
+    assert part.affine[0] * 2.0 == pytest.approx(3.0 * 2.0 * variance, rel=1e-3)
+    form = form_of(part, (0.0, math.sqrt(variance), 0.7))
+    assert form.force == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_motion_that_nothing_holds_or_brakes_is_refused() -> None:
+    with pytest.raises(NotApplicable, match="must hold and brake the structure"):
+        simulate(scene_of(damping=0.0, spring=DUFFING), paths=2, duration=1.0)
+
+
+def test_a_function_that_numba_does_not_know_is_named() -> None:
+    scene = scene_of(spring=lambda x, v: float(Fraction(x)))
+    with pytest.raises(SceneError, match="must be a function that numba compiles"):
+        simulate(scene, paths=2, duration=1.0)
+
+
+def test_explain_says_what_is_simulated() -> None:
+    found = explain(
+        scene_of(RIGID, spring=[DUFFING, ROPE], damper={"kind": "coulomb", "force": 1.0})
+    )
+    assert found.effects[1:4] == ("Duffing spring (spring 1)", "Bouc-Wen spring (spring 2)",
+                                  "Coulomb damper")  # fmt: skip
+    assert found.methods["simulate"] == "applies"
+    assert "impact_pair must be left out" in found.methods["linearise"]
+    for method in ("exact", "average"):
+        assert (
+            "structure.spring must be linear, got kind 'duffing' (spring 1)"
+            in (found.methods[method])
+        )
+    assert "hysteresis of kind 'bouc-wen'" in found.methods["fokker-planck"]
+
+
+def test_statistics_follow_functions() -> None:
+    """Records, spectra and counts of impacts fly the plan of `simulate`."""
+    mount = Isolator(mass=2.0, damping=0.2, stiffness=1.0, spring=DUFFING)
+    scene = Scene(structure=mount, impact_pairs=RIGID, excitations=[WhiteNoise(intensity=0.1)])
+    known = simulate(scene, paths=256, duration=200.0, seed=7)
+    record = history(scene, duration=20.0, seed=1).to_frame()
+    pull = record["displacement_m"] + 2.0 * record["displacement_m"] ** 3
+    wanted = -(pull + 0.2 * record["velocity_m_s"]) / 2.0
+    assert record["acceleration_m_s2"].to_numpy() == pytest.approx(wanted.to_numpy(), abs=1e-9)
+    curve = spectrum(scene, rel_error=0.1, seed=1).curves["x"]["acceleration"]
+    width = np.gradient(curve.frequency_hz)
+    whole = math.sqrt(float(np.sum(curve.value * width)))
+    assert whole == pytest.approx(known.coordinates["x"]["acceleration_std"].value, rel=0.05)
+    counted = impacts(scene, paths=256, duration=200.0, seed=3)
+    agree(
+        counted.pairs["stops"].rates["both"].estimate, known.impact_pairs["stops"]["collision_rate"]
+    )
+
+
+def test_hysteresis_leaves_out_what_follows_from_the_past() -> None:
+    mount = Isolator(mass=2.0, damping=0.2, stiffness=1.0, spring=ROPE)
+    scene = Scene(structure=mount, excitations=[WhiteNoise(intensity=0.1)])
+    record = history(scene, duration=5.0, seed=1).to_frame()
+    assert "acceleration_m_s2" not in record
+    assert simulate(scene, paths=8, duration=5.0).coordinates["x"]["acceleration_std"].value > 0.0
+
+
+@pytest.mark.parametrize(
+    "calculation",
+    [
+        exact, average, screen, replay,
+        lambda scene: transient(scene, [1.0, 2.0]),
+        lambda scene: first_passage(scene, 10.0),
+        lambda scene: reliability(scene, mission=10.0),
+        lambda scene: size(scene, probability=0.01, mission=10.0),
+        lambda scene: harmonic_response(scene, [0.1, 0.2]),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("several", [False, True])
+def test_methods_for_linear_structures_refuse_functions(calculation: Any, several: bool) -> None:
+    unit, zero = [[1.0, 0.0], [0.0, 1.0]], [[0.1, 0.0], [0.0, 0.1]]
+    two = Matrices(
+        coordinates=["a", "b"], mass=unit, damping=zero, stiffness=unit,
+        spring=ROPE | {"between": ["a", "b"]},
+    )  # fmt: skip
+    one = Isolator(mass=1.0, damping=0.1, stiffness=1.0, spring=ROPE)
+    scene = Scene(
+        structure=two if several else one,
+        impact_pairs=[ImpactPair(on="a" if several else "x", upper=1.0, law=ELASTIC[0].law)],
+        excitations=[WhiteNoise(intensity=0.1, on="a" if several else "base")],
+    )
+    with pytest.raises(NotApplicable, match=r"structure\.spring must be"):
+        calculation(scene)
