@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stochvi.results.errors import SceneError
 from stochvi.scenes.structures import Structure
 from stochvi.scenes.structures.rigid_body import Mount, RigidBody
 
@@ -16,8 +17,19 @@ if TYPE_CHECKING:
 
 def changed_mount(scene: Scene, frequency: float, damping: float) -> Scene:
     """The scene with its natural frequencies and damping ratios multiplied by two factors; those of
-    a rigid body by those of all of its mounts."""
+    a rigid body by those of all of its mounts.
+
+    Raises
+    ------
+    SceneError
+        If a spring or damper is a function, as a factor of a frequency does not say how it changes.
+    """
     structure = scene.structure
+    if structure.functions:
+        raise SceneError(
+            [("structure", "must have linear springs and dampers where its stiffness or damping "
+              f"changes, got a {structure.functions[0].law.effect}; write a scene for each state")]
+        )  # fmt: skip
     if isinstance(structure, RigidBody):
         mounts = tuple(type(each)(**_scaled(each, frequency, damping)) for each in structure.mounts)
         changed: Structure = structure.model_copy(update={"mounts": mounts})

@@ -159,6 +159,19 @@ def test_what_is_no_phase_is_refused(phases: list[dict[str, Any]], words: str) -
         mission(phases)
 
 
+def test_a_spring_that_is_a_function_has_no_factor_of_stiffness() -> None:
+    mount = {"kind": "isolator", "mass": 1.0, "frequency_hz": 12.0, "zeta": 0.1}
+    duffing = mount | {"spring": {"kind": "duffing", "cubic_stiffness": 1e6}}
+    for structure in (mount, duffing):
+        keys = {"structure": structure, "phase": [ROAD | {"stiffness_factor": 1.2}],
+                "excitation": [{"kind": "psd", "profile": PROFILE}]}  # fmt: skip
+        if structure is mount:
+            assert Scene(**keys).in_phase("road").structure != Scene(**keys).structure
+            continue
+        with pytest.raises(SceneError, match=r"phase.0.structure must have linear springs"):
+            Scene(**keys)
+
+
 def test_a_mission_is_given_once() -> None:
     with pytest.raises(ValueError, match=r"mission must be left out .* of 7200 s together"):
         reliability(mission([ROAD]), mission=60.0)
