@@ -45,6 +45,7 @@ from .scenes.impact_laws import (
 )
 from .scenes.scene import ImpactPair, Scene, load_scene
 from .scenes.structures import Isolator, Matrices, Oscillator
+from .statistics.damage import damage
 from .statistics.histories import history
 from .statistics.impacts import impacts
 from .statistics.reliability import reliability
@@ -89,6 +90,7 @@ __all__ = [
     "average",
     "check",
     "cost",
+    "damage",
     "exact",
     "explain",
     "first_passage",

@@ -74,6 +74,30 @@ class Change(NamedTuple):
     renamed: Mapping[str, str | None] = {}
 
 
+LIST: Schema = {"type": "array", "items": NUMBER}
+LIST_OR_NONE: Schema = {"anyOf": [LIST, {"type": "null"}]}
+
+
+def lists_with_errors(*names: str) -> dict[str, Schema]:
+    """Lists of values, each with those of its standard errors and biases beside it."""
+    return {name + end: LIST for name in names for end in ("", "_standard_error", "_bias")}
+
+
+LISTS = {"equipment_frequency_hz": LIST}
+SPECTRA = {"extreme_lower": LIST, "extreme_upper": LIST} | lists_with_errors(
+    "response_rms", "extreme_response", "fatigue_damage", "cumulative_rms"
+)
+EITHER: Schema = {
+    "anyOf": [
+        {
+            "type": "object", "properties": SPECTRA, "required": list(SPECTRA),
+            "additionalProperties": False,
+        },
+        {"type": "null"},
+    ]
+}  # fmt: skip
+"""Schemas of the spectra of `damage`, with stops and without."""
+
 METHOD = {"method": str}
 JUDGED = {"method": str, "passed": bool, "family_alarm_rate": float}
 WARNINGS_ALONE = dict.fromkeys(name for name in COMMON if name != "warnings")
@@ -90,6 +114,12 @@ CHANGES = {
         renamed=WARNINGS_ALONE | dict.fromkeys(("checks", "seeds")),
     ),
     "Chance": Change({"crude_seconds": float | None}),
+    "Damage": Change(
+        METHOD | SPECTRA | LISTS | lists_with_errors("equivalent_density")
+        | {"damage_ratio": LIST_OR_NONE, "without_stops": EITHER},
+        {f"damage_ratio_{error}": LIST for error in ("standard_error", "bias")},
+        {"with_stops": None},
+    ),
     "Design": Change(METHOD),
     "Environment": Change({"spectra": COLUMNS, "breakpoints": COLUMNS}),
     "Explanation": Change(METHOD),

@@ -522,6 +522,29 @@ def numbers(option: str, text: str, unit: str = "") -> list[float]:
         raise ValueError(f"{option} must be numbers with commas, got {text!r}{own}") from None
 
 
+def band(option: str, text: str) -> list[float]:
+    """Two ends of a band of frequencies, Hz, from "20:2000"; or with a number of frequencies, as
+    "20:2000:60", all of them, evenly spaced in logarithms."""
+    import numpy as np
+
+    from stochvi.mathematics.units import measured
+    from stochvi.results.sizes import MOST_SPACED, check_size
+
+    words = text.split(":")
+    try:
+        ends = [measured(word, "frequency") for word in words[:2]]
+        number = int(words[2]) if len(words) == 3 else 2
+        if len(words) not in (2, 3) or number < 2 or not 0.0 < ends[0] < ends[1]:
+            raise ValueError
+    except ValueError:
+        raise ValueError(
+            f"{option} must be LOW:HIGH or LOW:HIGH:NUMBER with rising frequencies (Hz), as "
+            f"20:2000, got {text!r}"
+        ) from None
+    check_size(option, number, MOST_SPACED, "ask for fewer")
+    return [float(f) for f in np.geomspace(ends[0], ends[1], number)]
+
+
 def acceleration(text: str | None) -> float | None:
     """An acceleration in m/s^2, from "150" (m/s^2), "15.3g" or another unit."""
     return None if text is None else _measured("--peak-acceleration", text, "acceleration")

@@ -1,4 +1,4 @@
-"""Commands of the statistics: spectra, impacts one by one, and the reliability of missions."""
+"""Commands of the statistics: spectra, impacts one by one, damage and reliability of missions."""
 
 from __future__ import annotations
 
@@ -6,13 +6,25 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from stochvi.cli.options import SPEED, TIME, Common, acceleration, barriers, common, keeping, shown
+from stochvi.cli.options import (
+    SPEED,
+    TIME,
+    Common,
+    acceleration,
+    band,
+    barriers,
+    common,
+    keeping,
+    numbers,
+    shown,
+)
 from stochvi.cli.program import main
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from rich.console import Console
 
+    from stochvi.statistics.damage import Damage
     from stochvi.statistics.impacts import ImpactStatistics
     from stochvi.statistics.spectra import ResponseSpectrum
 
@@ -93,6 +105,65 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
             write_table(answer.histograms(), options.out / "histograms.csv")
         if any(pair.speeds is not None for pair in answer.pairs.values()):
             options.draw("impacts", picture)
+
+    shown(found, show, asked)
+
+
+@main.command()
+@click.argument("scene")
+@click.option(
+    "--mission", type=TIME, required=True, metavar="TIME", help="Duration: 600 (s) or 10h."
+)
+@click.option(
+    "--equipment", default="20:2000", show_default=True, metavar="LOW:HIGH[:NUMBER]",
+    help="Natural frequencies of the equipment, Hz; without a number six in each octave.",
+)  # fmt: skip
+@click.option("--q", type=float, default=10.0, show_default=True, help="Q of the equipment.")
+@click.option(
+    "--exponent", type=float, default=6.0, show_default=True, help="Exponent of its fatigue."
+)
+@click.option(
+    "--at", metavar="NAME",
+    help="Coordinate or named point on which it stands; default: the first coordinate.",
+)  # fmt: skip
+@click.option(
+    "--way", type=click.Choice(["simulation", "clusters"]),
+    help="Simulate everything, or clusters of impacts alone; by default where they are rare.",
+)  # fmt: skip
+@click.option(
+    "--levels", metavar="A,A,...",
+    help="Count contacts above these accelerations, m/s^2 or as 10g,20g.",
+)  # fmt: skip
+@click.option(
+    "--rel-error", type=float, default=0.2, show_default=True,
+    help="Median relative standard error of the damage.",
+)  # fmt: skip
+@keeping
+@common("kept budget", "seed", "threads", "json", "out", "quiet")
+def damage(
+    options: Common, scene: str, equipment: str, levels: str | None, **asked: Any
+) -> None:  # fmt: skip
+    """Find shock and fatigue spectra of equipment that a scene shakes.
+
+    Example: stochvi damage bumper.toml --mission 1h --equipment 20:2000 --q 10 --exponent 6
+    """
+    from stochvi.scenes.scene import load_scene
+    from stochvi.statistics.damage import damage as solve
+    from stochvi.views.damage import draw_damage, print_damage
+
+    loaded = load_scene(scene)
+    counted = () if levels is None else numbers("--levels", levels, "m/s^2")
+
+    def found() -> Damage:
+        with options.progress("damage") as report:
+            return solve(
+                loaded, equipment=band("--equipment", equipment), levels=counted,
+                progress=report, **options.sampling, **asked,
+            )  # fmt: skip
+
+    def show(answer: Damage) -> None:
+        options.show(answer, print_damage, "damage")
+        options.draw("damage", lambda: draw_damage(answer, loaded.title))
 
     shown(found, show, asked)
 

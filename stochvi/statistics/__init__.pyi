@@ -1,5 +1,6 @@
 from .bursts import Bursts
 from .crossing_ages import FirstCrossings
+from .damage import Damage, EquipmentSpectra, Shocks, SpectrumValues
 from .histories import History
 from .impacts import Exponent, Histogram, ImpactStatistics, PairStatistics, Rate
 from .lifetimes import Destination, LifeTime, LifeTimes, lifetimes
@@ -9,7 +10,9 @@ from .spectra import ResponseSpectrum
 __all__ = [
     "Bursts",
     "Chance",
+    "Damage",
     "Destination",
+    "EquipmentSpectra",
     "Exponent",
     "FirstCrossings",
     "Histogram",
@@ -21,5 +24,7 @@ __all__ = [
     "Rate",
     "Reliability",
     "ResponseSpectrum",
+    "Shocks",
+    "SpectrumValues",
     "lifetimes",
 ]

@@ -116,14 +116,50 @@ class ModalMotion(PairMotion):
 
         They begin the longest of STRIDES before it and end with the window.
         """
-        row = self.rows[gap]
+        return self.shapes(gap, max(STRIDES), self.window + 1)
+
+    def shapes(self, gap: int, before: int, after: int) -> Records:
+        """The same from so many samples before the crossing to as many from it on."""
+        row, lagged = self.rows[gap], self.lagged
+        if max(before, after) > lagged.shape[1]:
+            lagged = self.modes.correlations(max(before, after))
         # E[q_m(t) y(0)] at t > 0 is E[y(-t) q_m(0)]; every derivative changes sign
-        after = np.einsum("m,olmn->oln", row, self.lagged[:, : self.window + 1])
-        after *= np.array([1.0, -1.0, 1.0])[:, None, None]
-        before = np.einsum("olmn,n->olm", self.lagged[:, max(STRIDES) : 0 : -1], row)
-        r, rate, bend = np.concatenate([before, after], axis=1)
+        later = np.einsum("m,olmn->oln", row, lagged[:, :after])
+        later *= np.array([1.0, -1.0, 1.0])[:, None, None]
+        earlier = np.einsum("olmn,n->olm", lagged[:, before:0:-1], row)
+        r, rate, bend = np.concatenate([earlier, later], axis=1)
         own, own_bend = self.correlations[0, 0, gap, gap], self.correlations[2, 0, gap, gap]
         return np.stack([r / own, rate / own, rate / own_bend, bend / own_bend], axis=-1)
+
+
+class FirstImpacts(NamedTuple):
+    """First impacts on the stop of one side of the records, each (impacts,).
+
+    Parameters
+    ----------
+    side
+        Number of the side in `GapRecords.sides`.
+    path, start
+        Path within the block, and number of the start of its crossing.
+    unit, sign, weight
+        Slope in rms speeds of the gap; -1 where the motion is turned over; weight as in `Bursts`.
+    """
+
+    side: int
+    path: NDArray[np.int64]
+    start: NDArray[np.int64]
+    unit: Vector
+    sign: Vector
+    weight: Vector
+
+    def parts(self, size: int) -> Iterator[FirstImpacts]:
+        """The impacts, so many at a time."""
+        for first in range(0, len(self.path), size):
+            part = slice(first, first + size)
+            yield FirstImpacts(
+                self.side, self.path[part], self.start[part], self.unit[part], self.sign[part],
+                self.weight[part],
+            )  # fmt: skip
 
 
 class Followed(NamedTuple):
@@ -143,14 +179,16 @@ class ClusterPaths:
     `NotApplicable` as `pair_crossings` does, or where a law cannot be simulated.
     """
 
-    def __init__(self, model: Model, seed: int, memories: float = WINDOWS) -> None:
+    def __init__(
+        self, model: Model, seed: int, memories: float = WINDOWS, longest_step: float = math.inf
+    ) -> None:
         if conditions := unmet(model):
             raise NotApplicable("bursts", conditions)
         self.model, self.seed = model, seed
         free_motion(model)  # raises what no stationary Gaussian motion covers
         tables = shaken_by_tables(model)
         plan = plan_modal_tables(tables, None, None, scales_of_free_motion)
-        self.motion = ModalMotion(model, plan.step, memories)
+        self.motion = ModalMotion(model, min(plan.step, longest_step), memories)
         self.plans: dict[int, ModalTablesPlan] = {
             stride: replace(plan, step=stride * self.motion.response.step) for stride in STRIDES
         }
@@ -184,8 +222,25 @@ class ClusterPaths:
 
     def part(self, widening: float, first_path: int) -> Part:
         """Crossings of one block of paths, and the clusters after first impacts."""
-        records, free = self.records, self.free(first_path)
-        gaps = self.gaps(free)
+        free = self.free(first_path)
+        ages, found = self.first_impacts(free, first_path, widening)
+        size = max(1, FLOWN_SAMPLES // (2 * self.motion.window * self.model.modal.size))
+        columns = [np.empty((3 + 3 * len(self.pairs) + len(self.outputs), 0))]
+        for each in found:
+            for one in each.parts(size):
+                starts = self.records.starts[one.start]
+                motion = self.around(free, one.side, one.path, starts, one.unit, one.sign)
+                columns.append(
+                    np.vstack([first_path + one.path, one.weight, self._cluster(motion)])
+                )
+        return Part(ages, np.concatenate(columns, axis=1))
+
+    def first_impacts(
+        self, free: Records, first_path: int, widening: float = 1.0
+    ) -> tuple[NDArray[np.float32], list[FirstImpacts]]:
+        """Ages of the crossings in one block of paths, and the first impacts that are simulated on,
+        by the stop that they meet."""
+        records, gaps = self.records, self.gaps(free)
         units = records.units(first_path, self.together)
         ages = records.ages_in(gaps, units, STRIDES)
         slopes, weights = widened(units, widening)
@@ -195,23 +250,56 @@ class ClusterPaths:
         random = np.random.default_rng([self.seed, CHOICE, first_path])
         chosen = random.random(wide[0, :, 0].shape) < kept[:, None, None]
         chosen &= wide[0, :, 0] > records.horizon - 0.5 * records.plan.step
-        columns = [np.empty((3 + 3 * len(self.pairs) + len(self.outputs), 0))]
+        found = []
         for side, (gap, _, _) in enumerate(records.sides):
-            path, start = np.nonzero(chosen[side])
-            for p, s in self._shared(path, start):
-                signs, units_of = self._signs(side, p + s), slopes[gap, p, s]
-                motion = self.around(free, side, p, records.starts[s], units_of, signs)
-                weight = rates[side] / kept[side] * weights[gap, p, s]
-                columns.append(np.vstack([first_path + p, weight, self._cluster(motion)]))
-        return Part(ages, np.concatenate(columns, axis=1))
+            p, s = np.nonzero(chosen[side])
+            weight = rates[side] / kept[side] * weights[gap, p, s]
+            sign = self._signs(side, p + s)
+            found.append(FirstImpacts(side, p, s, slopes[gap, p, s], sign, weight))
+        return ages, found
 
-    def _shared(
-        self, path: NDArray[np.int64], start: NDArray[np.int64]
-    ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
-        """First impacts, in parts that are simulated together."""
-        size = max(1, FLOWN_SAMPLES // (2 * self.motion.window * self.model.modal.size))
-        for first in range(0, len(path), size):
-            yield path[first : first + size], start[first : first + size]
+    def recorded(self, free: Records, some: FirstImpacts, before: int, after: int) -> Records:
+        """Modal motion without stops (before + after, modes, 2 impacts) around first impacts, as
+        `around`, in the order of time: so many samples before them, and from them on."""
+        gap, near, _ = self.records.sides[some.side]
+        row = self.motion.rows[self.records.chosen[gap]]
+        shape = self._recorded_shapes(int(self.records.chosen[gap]), before, after)
+        start = self.records.starts[some.start]
+        here = free[some.path, start]
+        away = (1.0 + TOUCH) * near[0, gap] - here[:, 0::2] @ row
+        change = self.records.speed(gap) * some.unit - here[:, 1::2] @ row
+        times = (start + np.arange(-before, after)[:, None]) % free.shape[1]
+        motion = free[some.path, times].transpose(0, 2, 1)  # (samples, 2 modes, impacts)
+        found = np.empty((before + after, len(row), 2 * len(start)))
+        for part, scale in ((0, 1.0), (1, self.plans[1].scale)):
+            moved = shape[:, :, part, None] * away + shape[:, :, 2 + part, None] * change
+            found[:, :, part::2] = some.sign * (motion[:, part::2] + moved) / scale
+        return found
+
+    def _recorded_shapes(self, gap: int, before: int, after: int) -> Records:
+        """rho, rho', eta and eta' of `around` over the samples of `recorded`."""
+        known = self._shapes_by_length
+        if (gap, before, after) not in known:
+            known[gap, before, after] = self.motion.shapes(gap, before, after)
+        return known[gap, before, after]
+
+    @cached_property
+    def _shapes_by_length(self) -> dict[tuple[int, int, int], Records]:
+        return {}
+
+    def recorded_with_stops(self, motion: Records) -> tuple[Records, Matrix]:
+        """What the stops make of a motion that begins one sample before it counts: the states of
+        all samples that count (samples, impacts, record_width), and the impacts as in
+        `Followed`."""
+        plan, rows = self.plans[1], LOGGED
+        turned = np.ascontiguousarray(np.roll(motion, -1, axis=0))
+        while True:
+            log = Log(np.zeros((rows, COLUMNS)), np.zeros(1, np.int64), 0.0)
+            record = np.zeros((len(motion) - 1, motion.shape[2] // 2, plan.record_width))
+            plan.follow(turned.copy(), log, None, record=record)
+            if log.count[0] <= rows:
+                return record, log.events[: log.count[0]].T
+            rows = int(log.count[0])
 
     def _signs(self, side: int, numbers: NDArray[np.int64]) -> Vector:
         """(clusters,): 1 where an upper stop is hit, -1 where the motion is turned over to hit a

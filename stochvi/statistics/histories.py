@@ -32,9 +32,14 @@ from stochvi.results.estimates import Cost, provenance
 from stochvi.results.response import ROTATIONS, Quantities
 from stochvi.results.sizes import MOST_NUMBERS
 from stochvi.sampling.options import check_options
-from stochvi.scenes.excitations import BASE, ConstantLoad
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
+from stochvi.statistics.accelerations import (
+    carried_forces,
+    pair_forces,
+    places_shaken,
+    why_no_acceleration,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -305,12 +310,8 @@ def _columns(
     x, v = found.displacement[:, 0, kept], found.velocity[:, 0, kept]
     count = found.displacement.shape[2]
     gaps = {pair.name: pair.direction @ x for pair in model.pairs}
-    pushed = {
-        pair.name: pair.force(gaps[pair.name], pair.direction @ v)
-        for pair in model.pairs
-        if not all(stop.rigid for stop in pair.stops)
-    }
-    on_base, on_masses = _places(scene)
+    pushed = pair_forces(model, x, v)
+    on_base, on_masses = places_shaken(scene)
     integrals = range(len(BASE_COLUMNS)) if on_base and not on_masses else range(1)
     drives = [plan.drive(seed, path, count, order) for order in integrals]
     driven = [None if drive is None else drive[:, kept] for drive in drives]
@@ -321,7 +322,7 @@ def _columns(
     acceleration = None
     known = not on_masses or (driven[0] is not None and not model.whites and not on_base)
     if known and not model.remembers:
-        forces = _carried(model, x, v, pushed)
+        forces = carried_forces(model, x, v, pushed)
         if on_masses and driven[0] is not None:
             forces = forces + driven[0]
         acceleration = np.linalg.solve(model.mass, forces)
@@ -330,7 +331,7 @@ def _columns(
                 ", between impacts: without the impulses of rigid stops"
             )
     else:
-        meanings["acceleration_m_s2"] = "left out: " + _why_no_acceleration(model, on_base)
+        meanings["acceleration_m_s2"] = "left out: " + why_no_acceleration(model, on_base)
     if turning := [name for name in model.outputs if name in ROTATIONS]:
         for name, unit in (("displacement_m", "rad"), ("velocity_m_s", "rad/s")):
             meanings[name] += f"; {', '.join(turning)} in {unit}"
@@ -376,36 +377,6 @@ MEANINGS = {
 def _before(name: str, names: Sequence[str]) -> str:
     """The prefix of the column names of one of several coordinates or pairs."""
     return f"{name}." if len(names) > 1 else ""
-
-
-def _places(scene: Scene) -> tuple[bool, bool]:
-    """Whether something that varies in time acts on the base, and whether on a mass."""
-    whole = scene.expanded
-    places = [whole.place(each) for each in whole.excitations if not isinstance(each, ConstantLoad)]
-    return BASE in places, any(place != BASE for place in places)
-
-
-def _carried(model: Model, x: Matrix, v: Matrix, pushed: Mapping[str, Vector]) -> Matrix:
-    """Forces (coordinates, samples) of springs, dampers, loads and compliant stops, N."""
-    total: Matrix = model.constant_force[:, None] - model.stiffness @ x - model.damping @ v
-    for pair in model.pairs:
-        if pair.name in pushed:
-            total -= np.outer(pair.direction, pushed[pair.name])
-    for part in model.functions:
-        total -= np.outer(
-            part.direction, part.force_left_out(part.direction @ x, part.direction @ v)
-        )
-    return total
-
-
-def _why_no_acceleration(model: Model, on_base: bool) -> str:
-    if model.remembers:
-        return "the force of a spring with hysteresis is not kept by the simulation"
-    if model.whites:
-        return "white noise on a mass has no finite acceleration"
-    if on_base:
-        return "forces on masses and the motion of the base cannot be told apart"
-    return "the force of filtered noise on a mass is not kept by the simulation"
 
 
 def _base(

@@ -22,6 +22,7 @@ from stochvi.views.axes import (
 )
 from stochvi.views.basins import draw_bifurcation, plot_basins, plot_lifetimes
 from stochvi.views.colours import COLOURS, GRID_COLOUR, OWNERS
+from stochvi.views.damage import plot_damage
 from stochvi.views.first_passage import plot_first_passage
 from stochvi.views.impacts import draw_impacts, plot_histogram
 from stochvi.views.pairs import plot_pairs_risk
@@ -322,6 +323,7 @@ PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "Bifurcation": draw_bifurcation,
     "Check": plot_check,
     "Checks": draw_scores,
+    "Damage": plot_damage,
     "Design": draw_design,
     "Explanation": plot_explanation,
     "FirstPassage": plot_first_passage,

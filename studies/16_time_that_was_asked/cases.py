@@ -17,6 +17,7 @@ QUESTIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "simulate": {"": TIGHT, "--paths": ("--paths", "100000", "--duration", "1000")},
     "spectrum": {"": TIGHT},
     "impacts": {"": TIGHT},
+    "damage": {"": ("--mission", "3600", *TIGHT)},
     "clearance": {"": TIGHT},
     "size": {
         "--probability": ("--probability", "0.01", *TIGHT),

@@ -219,3 +219,34 @@ def test_reliability_of_several_pairs_says_what_each_risks(stochvi: Run, tmp_pat
     assert "Pair by pair" in page
     wrong = stochvi("reliability", scene, "--mission", "10", "--pair", "roof")
     assert wrong.code == 2 and "pair must be one of wall, between" in wrong.err
+
+
+def test_damage_is_a_document_of_lists_and_files(stochvi: Run, tmp_path: Path) -> None:
+    scene = ISOLATOR
+    ask = ["damage", scene, "--mission", "1h", "--equipment", "20:200:5", "--q", "10"]
+    more = ["--exponent", "6", "--rel-error", "0.5", "--json", "-", "--out", tmp_path]
+    code, out, err = stochvi(*ask, *more)
+    assert code == 0 and "times the damage" in err
+    document = one_document(out)
+    assert document["method"] == "damage:simulation"
+    for part in (document, document["without_stops"]):
+        for name in ("response_rms", "extreme_response", "fatigue_damage"):
+            assert len(part[name]) == len(part[f"{name}_bias"]) == 5
+            assert all(value > 0.0 for value in part[name])
+    assert document["equipment_frequency_hz"][-1] == pytest.approx(200.0)
+    assert {path.name for path in tmp_path.iterdir()} == {"damage.csv", "damage.png"}
+    assert len(pd.read_csv(tmp_path / "damage.csv")) == 5
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--equipment", "200:20"], "--equipment must be LOW:HIGH or LOW:HIGH:NUMBER"),
+        (["--equipment", "20"], "--equipment must be LOW:HIGH or LOW:HIGH:NUMBER"),
+        (["--levels", "fast"], "--levels must be numbers with commas"),
+        (["--at", "roof"], "at must be a coordinate or point of the scene ('x'), got 'roof'"),
+    ],
+)
+def test_damage_refuses_what_makes_no_sense(stochvi: Run, words: list[str], sentence: str) -> None:
+    code, _, err = stochvi("damage", ISOLATOR, "--mission", "60", *words)
+    assert code == 2 and sentence in err

@@ -112,6 +112,7 @@ HANDED_ON = [
     ("simulate", "stochvi.methods.monte_carlo.simulate", ELASTIC),
     ("spectrum", "stochvi.statistics.spectra.spectrum", ELASTIC),
     ("impacts", "stochvi.statistics.impacts.impacts", ELASTIC),
+    ("damage --mission 60", "stochvi.statistics.damage.damage", ELASTIC),
     ("check", "stochvi.verification.check.check", ELASTIC),
     ("cost", "stochvi.verification.cost.cost", ELASTIC),
     ("reliability --mission 60", "stochvi.statistics.reliability.reliability", ELASTIC),

@@ -36,6 +36,7 @@ from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.statistics.bursts import BurstSampler, bursts
 from stochvi.statistics.cluster_paths import ClusterPaths
+from stochvi.statistics.damage import damage
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impacts import impacts
 from stochvi.statistics.lifetimes import lifetimes
@@ -219,6 +220,11 @@ def _clearance(**how: Any) -> object:
     return clearance_curve(BETWEEN, [1.0, 1.5], **asked).to_csv()
 
 
+def _damage(**how: Any) -> object:
+    asked = {"mission": 60.0, "equipment": [30.0, 60.0], "levels": [10.0]}
+    return _numbers(damage(TRUCK, **asked, **{"rel_error": 0.2, "seed": 3, "budget": None} | how))
+
+
 SAMPLERS = {
     "simulate": _simulate,
     "rare hits": _rare_hits,
@@ -230,6 +236,7 @@ SAMPLERS = {
     "clatter": _clatter,
     "first_crossings": _first_crossings,
     "spectrum": _spectrum,
+    "damage": _damage,
     "impacts": _impacts,
     "reliability": _reliability,
     "lifetimes": _lifetimes,

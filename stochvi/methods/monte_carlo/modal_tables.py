@@ -315,7 +315,7 @@ class ModalTablesPlan(ModalContactsPlan):
 
     def follow(
         self, free: NDArray[np.float64], log: Log, accelerations: NDArray[np.float64] | None,
-        burn_in: int = 0, counted: int | None = None,
+        burn_in: int = 0, counted: int | None = None, record: NDArray[np.float64] = NO_RECORD,
     ) -> NDArray[np.float64]:  # fmt: skip
         """What the stops make of paths whose motion without stops is given: the sums of all pairs,
         (pairs, sums_of_pair, paths).
@@ -333,12 +333,14 @@ class ModalTablesPlan(ModalContactsPlan):
             the model while a stop that gives way is touched, m/s^2; None for none.
         burn_in, counted
             Number of samples that do not count, and of those that do, by default all others.
+        record
+            Zeros (samples that count, paths, record_width), which get the states of each.
         """
         paths = free.shape[2] // 2
         state, streams = np.zeros((self.states, paths)), np.zeros((2, paths), np.uint64)
         sums = np.zeros((self._rows_of_sums, paths))
         steps = len(free) - 1 - burn_in if counted is None else counted
-        outputs = Outputs(log=log, largest=self._largest(accelerations))
+        outputs = Outputs(record, log, self._largest(accelerations))
         underway = self.paths_of(state, streams, sums)
         self._advance(underway, Steps(-burn_in, steps, steps), outputs, self._smooth(free))
         return self._of_pairs(sums)

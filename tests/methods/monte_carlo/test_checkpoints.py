@@ -322,6 +322,7 @@ def test_control_c_while_the_code_is_compiled(
         ("check", "stochvi.verification.check.check"),
         ("spectrum", "stochvi.statistics.spectra.spectrum"),
         ("impacts", "stochvi.statistics.impacts.impacts"),
+        ("damage --mission 10", "stochvi.statistics.damage.damage"),
         ("reliability --mission 10", "stochvi.statistics.reliability.reliability"),
     ],
 )

@@ -1,0 +1,654 @@
+"""Damage, extremes and shocks of equipment that a scene shakes, with its stops and without."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple, Unpack
+
+import numpy as np
+
+from stochvi.mathematics.arguments import shown
+from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.mathematics.spectra import Table
+from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
+from stochvi.methods.monte_carlo.prices import check_price
+from stochvi.model.calculations import calculation
+from stochvi.model.free_motion import free_motion
+from stochvi.model.model import Model, model_of
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import Estimate, of_events, provenance
+from stochvi.results.intervals import (
+    events_suffice,
+    mean_and_error,
+    student_factor,
+    upper_limit_unseen,
+)
+from stochvi.results.response import ROTATIONS
+from stochvi.results.sizes import check_size
+from stochvi.sampling.options import AccuracyOptions
+from stochvi.sampling.run import Run, Taken, sampled
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.accelerations import places_shaken, why_no_acceleration
+from stochvi.statistics.bursts import UNFINISHED
+from stochvi.statistics.cluster_paths import ClusterPaths
+from stochvi.statistics.damage.answer import Damage, EquipmentSpectra, Shocks, SpectrumValues
+from stochvi.statistics.damage.clusters import (
+    ClusterPart,
+    Clusters,
+    ClusterSampler,
+    joined_clusters,
+)
+from stochvi.statistics.damage.equipment import SAMPLES_PER_PERIOD, Equipment
+from stochvi.statistics.damage.extremes import largest_of_mission
+from stochvi.statistics.damage.gaussian import GaussianAcceleration, GaussianEquipment
+from stochvi.statistics.damage.records import (
+    CONTACT_SAMPLES,
+    DamageSampler,
+    RecordPiece,
+    contact_time,
+    joined,
+    sampled_for,
+)
+
+PER_OCTAVE = 6.0
+"""Number of frequencies of the equipment in an octave, where its ends alone are given."""
+
+MOST_FREQUENCIES = 1000
+"""Largest number of frequencies of the equipment."""
+
+Way = Literal["simulation", "clusters"]
+
+FEWEST_CLUSTER_PATHS = 16
+"""Smallest number of paths of clusters, each with some ten of them."""
+
+FEWEST_PATHS = 16
+"""Smallest number of paths from which a standard error is taken."""
+
+MOST_UNSEEN = 1024
+"""Number of paths after which a simulation ends that has seen too few impacts for an error."""
+
+FORMULA_ERROR = 0.08
+"""Relative bias of the formulas for damage by rainflow cycles: Dirlik's, which is taken, was seen
+to err by at most this on isolators on the profiles that ship."""
+
+HOLD_ERROR = 1.5e-3
+"""Relative error of the amplitude of equipment at `SAMPLES_PER_PERIOD` samples per period, by the
+polynomial between samples and by that of peaks; it falls with the fourth power of the step."""
+
+WHOLE = 0.95
+"""Share of missions whose largest response lies in the range that is stated."""
+
+ROUNDS, SAME = 60, 1e-3
+"""Largest number of corrections of the equivalent density, and the relative difference of its
+damage at which they end."""
+
+MARGIN, LEAST_DENSITY = math.sqrt(2.0), 1e-12
+"""The equivalent density is constant to this factor beyond its ends; it is no smaller than this
+share of its largest value."""
+
+RARE = 0.01
+"""Share of the windows with an impact that exceed the worst shock."""
+
+MOST_QUALITY, MOST_EXPONENT = 1e4, 30.0
+"""Largest quality and exponent of the equipment."""
+
+HOUR = 3600.0
+
+
+@calculation
+@sampled(rel_error=0.2)
+def damage(
+    scene: Scene,
+    *,
+    mission: float,
+    equipment: Sequence[float] = (20.0, 2000.0),
+    q: float = 10.0,
+    exponent: float = 6.0,
+    at: str | None = None,
+    levels: Sequence[float] = (),
+    way: Way | None = None,
+    **options: Unpack[AccuracyOptions],
+) -> Damage:
+    """Response, fatigue and shock spectra of equipment on a place, with stops and without.
+
+    Equipment stands on a coordinate or point with the absolute acceleration a, so that
+    z'' + (w / Q) z' + w^2 z = -a. Its natural frequency is f_n = w / (2 pi). Its response is the
+    absolute acceleration a + z''; its stress is proportional to the pseudo-velocity w z. The
+    damage of the mission is Miner's sum of S^b over the rainflow cycles of w z with the amplitudes
+    S. An impact on a rigid stop is a sudden change of velocity, to which equipment responds
+    exactly.
+
+    Parameters
+    ----------
+    scene
+        Any scene that `simulate` covers whose acceleration is known: shaken by its base, or by
+        tables of force.
+    mission
+        Duration, s.
+    equipment
+        Lowest and highest natural frequency, Hz, with six frequencies per octave between them; or
+        one frequency, or three and more in rising order.
+    q, exponent
+        Quality Q = 1 / (2 zeta) of the equipment, and exponent b of its fatigue.
+    at
+        The coordinate or point on which it stands; by default the first coordinate.
+    levels
+        Accelerations, m/s^2: contacts with compliant stops above each of them are counted.
+    way
+        "simulation" of everything, or "clusters" of impacts, simulated from their first one on and
+        added to the Gaussian motion. By default clusters, where impacts are rare.
+    **options
+        `AccuracyOptions`: `rel_error` is the median relative standard error of the damage, by
+        default 0.2, which is 3 % of the stress at b = 6; `seed`, `threads`, `executor`, `budget`,
+        `progress`, `checkpoint`, `resume`.
+
+    Returns
+    -------
+    Damage
+        Spectra with their errors, and the impacts.
+
+    Raises
+    ------
+    NotApplicable
+        If `simulate` does not cover the scene, or records hold no acceleration.
+    NotConverged
+        If time ends first; it carries the answer so far.
+    ValueError
+        If an argument is out of range.
+
+    See Also
+    --------
+    stochvi.spectrum : Densities of the motion.
+    stochvi.impacts : Statistics of the impacts.
+
+    Examples
+    --------
+    >>> from stochvi import Isolator, TabulatedNoise
+    >>> truck = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+    >>> mount = Scene(structure=Isolator(frequency_hz=12.0, zeta=0.1), excitations=[truck])
+    >>> found = damage(mount, mission=3600.0, equipment=[50.0, 100.0, 200.0])
+    >>> found.with_stops.response_rms.value.round(1).tolist()
+    [12.5, 11.7, 11.6]
+    """
+    asked = Equipment(_frequencies(equipment), float(q), float(exponent))
+    _check(mission, q, exponent, levels)
+    model = model_of(scene)
+    place = _place(model, at)
+    driven = _driven(scene, model)
+    run = Run.of(options)
+    question = _Question(scene, model, place, asked, float(mission), driven, tuple(levels), run)
+    gaussian = question.gaussian()
+    if gaussian is not None and not model.pairs:
+        spectra = question.by_density(gaussian)
+        return question.answer(spectra, spectra, ("density", "density"))
+    without, way_without = None, None
+    if gaussian is not None:
+        without, way_without = question.by_density(gaussian), "density"
+    elif model.pairs:
+        without = question.without_stops()
+        way_without = None if without is None else "simulation"
+    if (found := question.by_clusters(gaussian, without, way)) is not None:
+        return found
+    sampler, taken = question.simulated(scene, model)
+    records = _Records(sampler, joined(taken.sample))
+    spectra = question.of_records(*records)
+    if not model.pairs:
+        without, way_without = spectra, "simulation"
+    hits = records.hits(question.levels) if model.pairs else None
+    return question.told(
+        question.answer(spectra, without, ("simulation", way_without), hits, records.work), taken
+    )
+
+
+@dataclass(frozen=True)
+class _Question:
+    """The question, and the ways to its answer."""
+
+    scene: Scene
+    model: Model
+    place: str
+    equipment: Equipment
+    mission: float
+    driven: bool
+    levels: tuple[float, ...]
+    run: Run
+
+    @property
+    def row(self) -> Vector:
+        """The place as row . q."""
+        model = self.model
+        return np.asarray(model.output_rows[model.outputs.index(self.place)])
+
+    def gaussian(self) -> GaussianEquipment | None:
+        """Equipment on the Gaussian motion without stops; None where there is none."""
+        try:
+            density = GaussianAcceleration(self.model, tuple(self.row.tolist()))
+        except NotApplicable:
+            return None
+        return GaussianEquipment(density, density.edges, self.equipment)
+
+    def without_stops(self) -> EquipmentSpectra | None:
+        """Spectra by simulation of the scene without its stops; None where it does not stay."""
+        free = self.scene.replace(impact_pairs=())
+        try:
+            sampler, taken = self.simulated(free, model_of(free))
+        except NotApplicable:
+            return None
+        return self.of_records(sampler, joined(taken.sample))
+
+    def simulated(
+        self, scene: Scene, model: Model
+    ) -> tuple[DamageSampler, Taken[list[RecordPiece]]]:
+        """Records until the damage is accurate enough."""
+        plan = sampled_for(plan_histories(scene, self.run.deadline), self.equipment)
+        if self.driven and plan.plan.drive(self.run.seed, 0, 2, 0) is None:
+            raise _unknown(why_no_acceleration(model, False))
+        sampler = DamageSampler(
+            plan, self.equipment, tuple(self.row.tolist()), self.driven, self.levels, self.run.seed
+        )
+        plan.plan.shortest().histories(self.run.seed, 0, 2, samples=2)
+        check_price([plan.plan], self.run.seed, self.run.deadline)
+        error = _median_error if model.pairs else _error_of_damage
+        return sampler, self.run.to_accuracy(
+            sampler, FEWEST_PATHS, error, self.run.accuracy, MOST_UNSEEN, needed=2
+        )
+
+    def of_records(self, sampler: DamageSampler, sample: RecordPiece) -> EquipmentSpectra:
+        """Spectra by records."""
+        paths, resolved = len(sample.hits), self._amplitude_error(sampler.plan)
+        factor = student_factor(paths) / math.sqrt(paths)
+
+        def averaged(rows: Matrix) -> tuple[Vector, Vector]:
+            return rows.mean(axis=0), factor * rows.std(axis=0, ddof=1)
+
+        times = self.mission / sampler.seconds
+        wear, wear_error = averaged(times * sample.damage)
+        ends = np.abs(times * sample.halving.mean(axis=0))
+        squares, square_errors = averaged(sample.squares)
+        below, below_errors = averaged(sample.below)
+        rms, own = np.sqrt(squares), np.sqrt(below)
+        tail = (1.0 - WHOLE) / 2.0
+        windows = self.mission / (sampler.window * sampler.plan.step)
+        largest = largest_of_mission(sample.peaks, windows, (tail, 1.0 - tail))
+        return EquipmentSpectra(
+            response_rms=SpectrumValues(
+                value=rms, standard_error=square_errors / (2.0 * rms), bias=resolved * rms
+            ),
+            extreme_response=SpectrumValues(
+                value=largest.value, standard_error=largest.standard_error,
+                bias=largest.bias + resolved * largest.value,
+            ),
+            extreme_lower=largest.levels[0], extreme_upper=largest.levels[1],
+            fatigue_damage=SpectrumValues(
+                value=wear, standard_error=wear_error,
+                bias=ends + self.equipment.exponent * resolved * wear,
+            ),
+            cumulative_rms=SpectrumValues(
+                value=own,
+                standard_error=below_errors / (2.0 * np.maximum(own, np.finfo(float).tiny)),
+                bias=resolved * own,
+            ),
+        )  # fmt: skip
+
+    def _amplitude_error(self, plan: HistoryPlan) -> Vector:
+        """Relative error that the sampling leaves in amplitudes, by frequency."""
+        found = self._amplitude_error_at(plan.step)
+        if plan.plan.kicked:
+            found += (self.equipment.omega * plan.step) ** 2 / 12.0
+        return found
+
+    def _amplitude_error_at(self, step: float) -> Vector:
+        """The same of a sampling interval without kicks."""
+        f = np.array(self.equipment.frequency_hz)
+        return np.asarray(HOLD_ERROR * (SAMPLES_PER_PERIOD * f * step) ** 4)
+
+    def by_density(self, gaussian: GaussianEquipment) -> EquipmentSpectra:
+        """Spectra of the Gaussian motion without stops."""
+        nothing = np.zeros(len(self.equipment.frequency_hz))
+        other, wear = gaussian.damage_rates()
+        tail = (1.0 - WHOLE) / 2.0
+        largest, bias, levels = gaussian.extremes(self.mission, (tail, 1.0 - tail))
+
+        def exact(value: Vector) -> SpectrumValues:
+            return SpectrumValues(value=value, standard_error=nothing, bias=nothing)
+
+        return EquipmentSpectra(
+            response_rms=exact(gaussian.rms),
+            extreme_response=SpectrumValues(value=largest, standard_error=nothing, bias=bias),
+            extreme_lower=levels[0], extreme_upper=levels[1],
+            fatigue_damage=SpectrumValues(
+                value=self.mission * wear, standard_error=nothing,
+                bias=self.mission * np.maximum(np.abs(wear - other), FORMULA_ERROR * wear),
+            ),
+            cumulative_rms=exact(np.sqrt(gaussian.cumulative_square())),
+        )  # fmt: skip
+
+    def by_clusters(
+        self, gaussian: GaussianEquipment | None, without: EquipmentSpectra | None, way: Way | None
+    ) -> Damage | None:
+        """The answer by clusters of impacts; None where these are not rare, or not known."""
+        if gaussian is None or without is None or self.driven or way == "simulation":
+            if way == "clusters":
+                raise NotApplicable("damage", ["clusters need Gaussian noise of the base alone"])
+            return None
+        sampler = self._cluster_sampler(way)
+        if sampler is None:
+            return None
+
+        def error_of(parts: list[ClusterPart]) -> float:
+            extra, error = Clusters(sampler, joined_clusters(parts)).rates(
+                np.concatenate([part.damage for part in parts])
+            )
+            total = without.fatigue_damage.value / self.mission + extra
+            return float(np.median(error / np.abs(total)))
+
+        taken = self.run.to_accuracy(
+            sampler, FEWEST_CLUSTER_PATHS, error_of, self.run.accuracy, needed=sampler.block
+        )
+        found = Clusters(sampler, joined_clusters(taken.sample))
+        if not found.apart and way is None:
+            return None
+        work = {"paths": taken.paths, "impacts": int(found.part.hits.sum())}
+        work["steps"] = taken.paths * sampler.clusters.motion.response.samples
+        answer = self.answer(
+            self._of_clusters(found, gaussian, without), without, ("clusters", "density"),
+            _of_clusters(found, self.levels), work,
+        )  # fmt: skip
+        return self.told(answer, taken)
+
+    def _cluster_sampler(self, way: Way | None) -> ClusterSampler | None:
+        """Clusters of the scene; None where they cannot be apart."""
+        try:
+            speed = float(np.max(free_motion(self.model).deviations(
+                np.array([pair.direction for pair in self.model.pairs])
+            )[1]))  # fmt: skip
+            step = min(
+                self.equipment.longest_step, contact_time(self.model, speed) / CONTACT_SAMPLES
+            )
+            clusters = ClusterPaths(self.model, self.run.seed, longest_step=step)
+            sampler = ClusterSampler(
+                clusters, self.equipment, tuple(self.row.tolist()), self.levels
+            )
+            expected = sampler.seconds * float(clusters.records.rice_rates.sum())
+            if way is None and (expected > UNFINISHED or not sampler.fits):
+                return None
+        except NotApplicable:
+            if way is None:
+                return None
+            raise
+        return sampler
+
+    def _of_clusters(
+        self, found: Clusters, gaussian: GaussianEquipment, without: EquipmentSpectra
+    ) -> EquipmentSpectra:
+        """The spectra without stops, and what clusters add to them."""
+        part, resolved = found.part, self._amplitude_error_at(found.sampler.step)
+        tail = (1.0 - WHOLE) / 2.0
+        extra, error = found.rates(part.damage)
+        wear = without.fatigue_damage.value + self.mission * extra
+        largest, largest_error, largest_bias, levels = found.extremes(
+            gaussian, self.mission, (tail, 1.0 - tail)
+        )
+
+        def root(quantity: SpectrumValues, squares: Matrix) -> SpectrumValues:
+            more, its_error = found.rates(squares)
+            value = np.sqrt(np.maximum(quantity.value**2 + more, 0.0))
+            return SpectrumValues(
+                value=value, standard_error=its_error / (2.0 * value),
+                bias=found.overlap * np.abs(more) / (2.0 * value),
+            )  # fmt: skip
+
+        return EquipmentSpectra(
+            response_rms=root(without.response_rms, part.squares),
+            extreme_response=SpectrumValues(
+                value=largest, standard_error=largest_error, bias=largest_bias + resolved * largest
+            ),
+            extreme_lower=levels[0], extreme_upper=levels[1],
+            fatigue_damage=SpectrumValues(
+                value=wear, standard_error=self.mission * error,
+                bias=without.fatigue_damage.bias + self.mission * np.abs(extra) * (
+                    found.overlap + self.equipment.exponent * resolved
+                ),
+            ),
+            cumulative_rms=root(without.cumulative_rms, part.below),
+        )  # fmt: skip
+
+    def told(self, found: Damage, taken: Taken[Any]) -> Damage:
+        """The answer; `NotConverged` with it where it is not as accurate as asked for."""
+        if taken.enough:
+            return found
+        warnings = [*found.warnings, "the accuracy asked for was not reached"]
+        found = replace(found, warnings=warnings)
+        raise self.run.deadline.fell_short(
+            f"at a median relative standard error of {found.relative_error:.2g}, asked for "
+            f"{self.run.accuracy:g}", "raise budget or rel_error", found,
+        )  # fmt: skip
+
+    def answer(
+        self, spectra: EquipmentSpectra, without: EquipmentSpectra | None,
+        ways: tuple[str, str | None], hits: _Hits | None = None,
+        work: Mapping[str, int] = MappingProxyType({}),
+    ) -> Damage:  # fmt: skip
+        """The answer, with all that follows from the spectra."""
+        warnings = [*self.model.cautions]
+        if hits is not None and not hits.impacts_per_hour.value:
+            warnings.append(
+                "hardly an impact was seen: the damage of impacts is not in these numbers; raise "
+                "budget and lower rel_error"
+            )
+        return Damage(
+            equipment_frequency_hz=np.array(self.equipment.frequency_hz),
+            quality=self.equipment.quality, exponent=self.equipment.exponent,
+            mission=self.mission, at=self.place, with_stops=spectra, without_stops=without,
+            damage_ratio=None if without is None else ratio_of(
+                spectra.fatigue_damage, without.fatigue_damage
+            ),
+            equivalent_density=self._equivalent(spectra.fatigue_damage),
+            shocks=hits and hits.shocks,
+            impacts_per_hour=hits and hits.impacts_per_hour,
+            contacts_above={} if hits is None else hits.contacts_above,
+            impact_work_per_hour=hits and hits.work_per_hour,
+            impact_loss_per_hour=hits and hits.loss_per_hour,
+            way=ways[0], way_without=ways[1],
+            scene_without_mass=not self.scene.expanded.structure.knows_mass,
+            assumptions=self.scene.assumptions(), warnings=warnings,
+            cost=self.run.cost(**work),
+            provenance=provenance(self.scene.document(), self.run.seed),
+        )  # fmt: skip
+
+    def _equivalent(self, wear: SpectrumValues) -> SpectrumValues:
+        """The density that does this damage without stops."""
+        rate = wear.value / self.mission
+        density, left = equivalent_density(self.equipment, rate)
+        share = 2.0 / self.equipment.exponent
+        relative = share * wear.standard_error / wear.value
+        bias = share * (wear.bias / wear.value + FORMULA_ERROR) + share * left
+        return SpectrumValues(value=density, standard_error=density * relative, bias=density * bias)
+
+
+def equivalent_density(equipment: Equipment, rate: Vector) -> tuple[Vector, Vector]:
+    """One-sided density that does a damage per second without stops, at the frequencies of the
+    equipment; and the relative difference of the damage that is left.
+
+    It begins with that of white noise with this damage, and is corrected by (D / D_now)^(2 / b).
+    """
+    f, b = np.array(equipment.frequency_hz), equipment.exponent
+    narrow = f * 2.0 ** (0.5 * b) * math.gamma(1.0 + 0.5 * b)
+    density = (rate / narrow) ** (2.0 / b) * 8.0 * math.pi * f / equipment.quality
+    left = np.full(len(f), np.inf)
+    for _ in range(ROUNDS):
+        ends = np.concatenate([f[:1] / MARGIN, f, f[-1:] * MARGIN])
+        table = Table(frequency_hz=ends, density=np.pad(density, 1, mode="edge"))
+        now = GaussianEquipment(table, ends, equipment).damage_rates()[1]
+        left = np.abs(now / rate - 1.0)
+        if np.all(left < SAME):
+            break
+        density = np.maximum(density * (rate / now) ** (2.0 / b), LEAST_DENSITY * density.max())
+    return density, left
+
+
+def ratio_of(above: SpectrumValues, below: SpectrumValues) -> SpectrumValues:
+    """Ratio of two independent quantities."""
+    value = above.value / below.value
+    errors = np.hypot(above.standard_error / above.value, below.standard_error / below.value)
+    biases = above.bias / above.value + below.bias / below.value
+    return SpectrumValues(value=value, standard_error=value * errors, bias=value * biases)
+
+
+def _frequencies(equipment: Sequence[float]) -> tuple[float, ...]:
+    """The frequencies of the equipment, Hz."""
+    given = np.asarray(equipment, dtype=float).ravel()
+    rising = len(given) > 0 and bool(np.all(np.diff(given) > 0.0))
+    if not rising or given[0] <= 0.0 or not math.isfinite(given[-1]):
+        raise ValueError(
+            f"equipment must be rising frequencies (Hz), as (20, 2000), got {shown(equipment)}"
+        )
+    if len(given) == 2:
+        number = round(PER_OCTAVE * math.log2(given[1] / given[0]))
+        given = np.geomspace(given[0], given[1], min(max(number, 2), MOST_FREQUENCIES + 1))
+    check_size(
+        "the number of frequencies of equipment", len(given), MOST_FREQUENCIES, "ask for fewer"
+    )
+    return tuple(float(f) for f in given)
+
+
+def _check(mission: float, q: float, exponent: float, levels: Sequence[float]) -> None:
+    if not 0.0 < mission < math.inf:
+        raise ValueError(f"mission must be a positive number of seconds, got {mission}")
+    if not 0.5 < q <= MOST_QUALITY:
+        raise ValueError(f"q must be in (0.5, {MOST_QUALITY:g}], got {q}")
+    if not 1.0 <= exponent <= MOST_EXPONENT:
+        raise ValueError(f"exponent must be in [1, {MOST_EXPONENT:g}], got {exponent}")
+    for level in levels:
+        if not 0.0 < level < math.inf:
+            raise ValueError(f"levels must be positive accelerations (m/s^2), got {level}")
+
+
+def _place(model: Model, at: str | None) -> str:
+    """The name of the coordinate or point."""
+    lengths = [name for name in model.outputs if name not in ROTATIONS]
+    if at is None:
+        return lengths[0]
+    if at not in lengths:
+        known = ", ".join(repr(name) for name in lengths)
+        raise ValueError(f"at must be a coordinate or point of the scene ({known}), got {at!r}")
+    return at
+
+
+def _driven(scene: Scene, model: Model) -> bool:
+    """Whether tables shake masses, so that their force is a part of the acceleration."""
+    on_base, on_masses = places_shaken(scene)
+    if model.remembers or (on_masses and (on_base or model.whites)):
+        raise _unknown(why_no_acceleration(model, on_base))
+    return on_masses
+
+
+def _unknown(why: str) -> NotApplicable:
+    return NotApplicable("damage", [f"the acceleration must be known: {why}; shake the base"])
+
+
+def _median_error(pieces: list[RecordPiece]) -> float:
+    """Median relative standard error of the damage; infinite before enough impacts were seen."""
+    hits, error = mean_and_error(np.concatenate([piece.hits for piece in pieces]))
+    if not hits or not events_suffice(hits, error, sum(len(piece.hits) for piece in pieces)):
+        return math.inf
+    return _error_of_damage(pieces)
+
+
+def _error_of_damage(pieces: list[RecordPiece]) -> float:
+    """Median relative standard error of the damage."""
+    wear = np.concatenate([piece.damage for piece in pieces])
+    error = wear.std(axis=0, ddof=1) / math.sqrt(len(wear))
+    return float(np.median(error / wear.mean(axis=0)))
+
+
+class _Hits(NamedTuple):
+    """Impacts of a scene; fields as in `Damage`."""
+
+    shocks: Shocks | None
+    impacts_per_hour: Estimate
+    contacts_above: Mapping[str, Estimate]
+    work_per_hour: Estimate
+    loss_per_hour: Estimate
+
+
+def _all_rigid(model: Model) -> bool:
+    return all(stop.rigid for stop in model.stops)
+
+
+def _of_clusters(found: Clusters, levels: Sequence[float]) -> _Hits:
+    """Impacts of all clusters."""
+    part, soft = found.part, not _all_rigid(found.sampler.clusters.model)
+    return _Hits(
+        shocks=Shocks(
+            typical=found.shock(0.5), worst=found.shock(1.0 - RARE), window=found.sampler.seconds,
+            windows=len(part.path),
+        ),
+        impacts_per_hour=found.rate(part.hits, HOUR),
+        contacts_above={
+            f"{a:g}": found.rate(each, HOUR)
+            for a, each in zip(levels, part.above.T, strict=True) if soft
+        },
+        work_per_hour=found.rate(part.work, HOUR),
+        loss_per_hour=found.rate(part.loss, HOUR),
+    )  # fmt: skip
+
+
+class _Records(NamedTuple):
+    """Records of a scene, and the counts of their impacts."""
+
+    sampler: DamageSampler
+    sample: RecordPiece
+
+    @property
+    def paths(self) -> int:
+        """Number of independent records."""
+        return len(self.sample.hits)
+
+    @property
+    def seconds(self) -> float:
+        """Counted time of all records, s."""
+        return self.paths * self.sampler.seconds
+
+    @property
+    def work(self) -> dict[str, int]:
+        """What was simulated."""
+        plan = self.sampler.plan
+        steps = self.paths * (plan.samples + plan.plan.settling)
+        return {"steps": steps, "paths": self.paths, "impacts": int(self.sample.hits.sum())}
+
+    def per_hour(self, counts: Vector) -> Estimate:
+        """Events, or energy, per hour."""
+        value, error = mean_and_error(counts)
+        how = f"{self.paths} records, {self.seconds:.4g} s"
+        if not value:
+            most = HOUR * upper_limit_unseen(self.seconds)
+            return Estimate(value=0.0, bias=None, how=f"none in {how}", upper_95=most)
+        hourly = HOUR / self.sampler.seconds
+        found = Estimate(value=value * hourly, standard_error=error * hourly, how=how)
+        return of_events(found, self.paths)
+
+    def hits(self, levels: Sequence[float]) -> _Hits:
+        """Impacts of all records. Rigid stops have no contacts with an acceleration."""
+        above = {f"{a:g}": each for a, each in zip(levels, self.sample.above.T, strict=True)}
+        soft = not _all_rigid(self.sampler.plan.model)
+        return _Hits(
+            shocks=self.shocks(),
+            impacts_per_hour=self.per_hour(self.sample.hits),
+            contacts_above={a: self.per_hour(each) for a, each in above.items() if soft},
+            work_per_hour=self.per_hour(self.sample.work),
+            loss_per_hour=self.per_hour(self.sample.loss),
+        )
+
+    def shocks(self) -> Shocks | None:
+        """Shock spectra of the windows with an impact."""
+        struck = self.sample.peaks[self.sample.struck]
+        if not len(struck):
+            return None
+        return Shocks(
+            typical=np.median(struck, axis=0), worst=np.quantile(struck, 1.0 - RARE, axis=0),
+            window=self.sampler.window * self.sampler.plan.step, windows=len(struck),
+        )  # fmt: skip

@@ -1,0 +1,619 @@
+"""Equipment on simulated accelerations against plain twins, closed forms and other programs."""
+
+import importlib.util
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from stochvi import (
+    Elastic,
+    Estimate,
+    ImpactPair,
+    Isolator,
+    NotApplicable,
+    NotConverged,
+    Oscillator,
+    Restitution,
+    Scene,
+    Sine,
+    TabulatedNoise,
+    Viscoelastic,
+    WhiteNoise,
+    damage,
+    exact,
+    history,
+    impacts,
+)
+from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.spectra import Table
+from stochvi.methods.monte_carlo.history_plans import plan_histories
+from stochvi.methods.monte_carlo.kernels.equipment import STACK, count_turn, open_cycles
+from stochvi.model.model import model_of
+from stochvi.statistics.accelerations import accelerations
+from stochvi.statistics.damage.equipment import Equipment
+from stochvi.statistics.damage.extremes import largest_of_mission
+from stochvi.statistics.damage.gaussian import (
+    GaussianAcceleration,
+    GaussianEquipment,
+    SpectralMoments,
+    dirlik,
+    tovo_benasciutti,
+)
+from stochvi.statistics.damage.method import FORMULA_ERROR, HOLD_ERROR, equivalent_density
+from stochvi.statistics.damage.records import DamageSampler, sampled_for
+from stochvi.testing import assert_agrees
+
+TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+MOUNT = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
+FREE = Scene(structure=MOUNT, excitations=[TRUCK])
+BAND = (20.0, 60.0, 180.0, 500.0)
+
+
+def between(law: object, clearance: float = 4e-3, noise: object = TRUCK) -> Scene:
+    pair = ImpactPair(lower=-clearance, upper=clearance, law=law)
+    return Scene(structure=MOUNT, impact_pairs=[pair], excitations=[noise])
+
+
+BUMPERS = between(Viscoelastic(stiffness=2e5, damping_ratio=0.2))
+
+
+# Cycles ------------------------------------------------------------------------------------
+
+
+def ranges_of(turns: Sequence[float]) -> list[tuple[float, float]]:
+    """Ranges and counts by the three-point rule of ASTM E1049-85, as its text says it."""
+    found, waiting = [], []
+    for turn in turns:
+        waiting.append(turn)
+        while len(waiting) >= 3:
+            new, before = abs(waiting[-1] - waiting[-2]), abs(waiting[-2] - waiting[-3])
+            if new < before:
+                break
+            if len(waiting) == 3:  # the range holds the start
+                found.append((before, 0.5))
+                waiting.pop(0)
+            else:
+                found.append((before, 1.0))
+                del waiting[-3:-1]
+    found += [(abs(b - a), 0.5) for a, b in itertools.pairwise(waiting)]
+    return found
+
+
+def plain_damage(turns: Sequence[float], exponent: float) -> float:
+    return sum(count * (0.5 * span) ** exponent for span, count in ranges_of(turns))
+
+
+def turns_of(signal: Vector) -> Vector:
+    slopes = np.diff(signal)
+    inner = np.flatnonzero(slopes[1:] * slopes[:-1] < 0.0) + 1
+    return signal[inner]
+
+
+def counted(turns: Sequence[float], exponent: float) -> tuple[float, float]:
+    """Damage by the kernels: with half cycles at the end, and of a record that repeats itself."""
+    stack, total, depth = np.empty(STACK), 0.0, 0
+    for turn in turns:
+        depth, more = count_turn(float(turn), stack, depth, exponent)
+        total += more
+    halves, closed = open_cycles(stack, depth, np.empty(STACK), exponent)
+    return total + halves, total + closed
+
+
+STANDARD = [-2.0, 1.0, -3.0, 5.0, -1.0, 3.0, -4.0, 4.0, -2.0]
+"""Example of ASTM E1049-85, figure 6: ranges 3, 4, 6, 8, 9, counts 0.5, 1.5, 0.5, 1, 0.5."""
+
+
+def test_cycles_of_the_standard() -> None:
+    counts = {3.0: 0.5, 4.0: 1.5, 6.0: 0.5, 8.0: 1.0, 9.0: 0.5}
+    for exponent in (1.0, 6.0):
+        truth = sum(count * (0.5 * span) ** exponent for span, count in counts.items())
+        assert counted(STANDARD, exponent)[0] == pytest.approx(truth, rel=1e-12)
+        assert plain_damage(STANDARD, exponent) == pytest.approx(truth, rel=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_cycles_are_those_of_the_three_point_rule(seed: int) -> None:
+    turns = turns_of(np.random.default_rng(seed).standard_normal(2000))
+    assert counted(turns, 6.0)[0] == pytest.approx(plain_damage(turns, 6.0), rel=1e-10)
+
+
+def test_a_record_that_repeats_itself_closes_its_cycles() -> None:
+    """From its largest turning point to its next occurrence nothing is left open."""
+    turns = turns_of(np.random.default_rng(1).standard_normal(500))
+    turns = turns[: len(turns) - len(turns) % 2]
+    if (turns[0] - turns[-1]) * (turns[-1] - turns[-2]) > 0.0:
+        turns = turns[1:-1]
+    top = int(np.argmax(np.abs(turns)))
+    around = [*turns[top:], *turns[: top + 1]]
+    spans = [count * (0.5 * span) ** 3 for span, count in ranges_of(around)]
+    assert counted(turns, 3.0)[1] == pytest.approx(sum(spans), rel=1e-9)
+
+
+# Equipment on a record -----------------------------------------------------------------------
+
+RATE = 16_000.0
+
+
+def tones(
+    seed: int, number: int = 40, low: float = 10.0, high: float = 2000.0
+) -> tuple[Vector, ...]:
+    random = np.random.default_rng(seed)
+    f = np.sort(np.exp(random.uniform(np.log(low), np.log(high), number)))
+    return f, random.normal(size=number), random.uniform(0.0, 2.0 * np.pi, number)
+
+
+def of_tones(time: Vector, parts: tuple[Vector, ...], gain: object = None) -> Vector:
+    f, size, phase = parts
+    waves = size * np.exp(1j * phase)
+    waves = waves if gain is None else waves * gain(2.0 * np.pi * f)
+    return sum(
+        (wave * np.exp(2j * np.pi * each * time)).real for each, wave in zip(f, waves, strict=True)
+    )
+
+
+def gains_of(frequency: float, q: float) -> tuple[object, object]:
+    """Responses of the absolute acceleration and the pseudo-velocity to a tone."""
+    w = 2.0 * np.pi * frequency
+
+    def resonance(omega: Vector) -> Vector:
+        return 1.0 / (w**2 - omega**2 + 1j * omega * w / q)
+
+    return (
+        lambda omega: (w**2 + 1j * omega * w / q) * resonance(omega),
+        lambda omega: -w * resonance(omega),
+    )
+
+
+def test_equipment_on_tones_is_that_of_closed_form() -> None:
+    """Steady tones up to the fastest equipment: rms, peaks and damage of the exact response."""
+    parts, q, b, frequencies = tones(3), 10.0, 6.0, (40.0, 200.0, 700.0, 2000.0)
+    equipment = Equipment(frequencies, q, b)
+    first = math.ceil(2.5 * equipment.memory * RATE)
+    window, windows = 4000, 4
+    time = np.arange(first + window * windows + 8) / RATE
+    found = equipment.respond(of_tones(time, parts)[None], 1.0 / RATE, first, window, windows)
+    fine = (first + np.arange(40 * window * windows + 1) / 40.0) / RATE
+    for k, frequency in enumerate(frequencies):
+        absolute, pseudo = gains_of(frequency, q)
+        y, u = of_tones(fine, parts, absolute), of_tones(fine, parts, pseudo)
+        error = 2.0 * HOLD_ERROR * (frequency / 2000.0) ** 4 + 2e-4
+        rms = math.sqrt(np.mean(y[1::40] ** 2))
+        assert math.sqrt(found.squares[0, k]) == pytest.approx(rms, rel=error)
+        assert found.peaks[0, :, k].max() == pytest.approx(np.abs(y).max(), rel=error)
+        truth = plain_damage(turns_of(u), b)
+        assert found.damage[0, k] == pytest.approx(truth, rel=b * error)
+
+
+def test_a_step_that_is_too_long_is_seen() -> None:
+    """Five samples per period in place of eight, on a tone at the natural frequency."""
+    frequency = 2000.0
+    equipment, rate = Equipment((frequency,), 10.0, 6.0), 1e4
+    parts = np.array([frequency]), np.ones(1), np.zeros(1)
+    first, window = 4000, 10_000
+    time = np.arange(first + window + 8) / rate
+    found = equipment.respond(of_tones(time, parts)[None], 1.0 / rate, first, window)
+    y = of_tones(time[first + 1 : first + window + 1], parts, gains_of(frequency, 10.0)[0])
+    assert abs(math.sqrt(found.squares[0, 0] / np.mean(y**2)) - 1.0) > 4.0 * HOLD_ERROR
+
+
+@pytest.mark.parametrize("frequency", [30.0, 400.0])
+def test_a_sudden_change_of_velocity_rings_as_an_impulse(frequency: float) -> None:
+    """z = -J sin(w_d t) exp(-c t) / w_d after a change J: peak, and all half cycles after it."""
+    q, b, change = 10.0, 4.0, 0.7
+    equipment = Equipment((frequency,), q, b)
+    window = math.ceil(3.0 * equipment.memory * RATE)
+    records = np.zeros((1, window + 120))
+    jumps = np.zeros_like(records)
+    jumps[0, 50] = change
+    found = equipment.respond(records, 1.0 / RATE, 10, window, jumps=jumps)
+    w = 2.0 * np.pi * frequency
+    c, ringing = w / (2.0 * q), w * math.sqrt(1.0 - 0.25 / q**2)
+    time = np.arange(20 * window) / (20.0 * RATE)
+    z = -change * np.sin(ringing * time) / ringing * np.exp(-c * time)
+    rate = (
+        -change
+        * np.exp(-c * time)
+        * (np.cos(ringing * time) - c * np.sin(ringing * time) / ringing)
+    )
+    y = -w / q * rate - w**2 * z
+    assert found.peaks[0, 0, 0] == pytest.approx(np.abs(y).max(), rel=1e-3)
+    turns = [0.0, *turns_of(w * z)]
+    # before the change the equipment is at rest: its first rise has no turning point there
+    truth = plain_damage(turns[1:], b)
+    assert found.damage[0, 0] == pytest.approx(truth, rel=5e-3)
+    silent = equipment.respond(records, 1.0 / RATE, 10, window)
+    assert silent.peaks.max() == 0.0 and silent.damage.max() == 0.0
+
+
+def test_pyyeti_finds_the_same_spectra_of_a_record() -> None:
+    """SRS, rms and FDS of the same record, resampled there to 128 samples per period."""
+    if importlib.util.find_spec("pyyeti") is None:
+        pytest.skip("pyYeti is not installed")
+    with np.printoptions():  # which pyYeti changes for all of the process
+        from pyyeti import cyclecount, srs
+
+    fine = 16
+    number = 24_000
+    parts = tones(5, 60, 10.0, 2000.0)
+    time = np.arange(fine * number) / (fine * RATE)
+    fade = 0.5 - 0.5 * np.cos(np.pi * np.minimum(time / 0.05, 1.0))
+    record = of_tones(time, parts) * fade
+    frequencies = (50.0, 300.0, 2000.0)
+    equipment = Equipment(frequencies, 10.0, 6.0)
+    found = equipment.respond(record[None, ::fine], 1.0 / RATE, 2, number - 8)
+    for k, frequency in enumerate(frequencies):
+        ask = {"ic": "zero", "ppc": 1, "rolloff": "none", "getresp": True, "parallel": "no"}
+        one = np.array([frequency])
+        _, response = srs.srs(record, fine * RATE, one, 10.0, stype="absacce", **ask)
+        y = response["hist"][: fine * (number - 6), 0, 0]
+        _, response = srs.srs(record, fine * RATE, one, 10.0, stype="pvelo", **ask)
+        u = response["hist"][: fine * (number - 6), 0, 0]
+        # the record has turning points where it is nearly 0 at first: they do no damage
+        cycles = cyclecount.rainflow(u[cyclecount.findap(u)])
+        truth = float(np.sum(cycles["count"] * cycles["amp"] ** 6.0))
+        near = 1e-3
+        assert found.peaks[0, 0, k] == pytest.approx(np.abs(y).max(), rel=near)
+        assert math.sqrt(found.squares[0, k]) == pytest.approx(np.sqrt(np.mean(y**2)), rel=near)
+        assert (found.damage[0, k] / truth) ** (1.0 / 6.0) == pytest.approx(1.0, rel=near)
+
+
+# Gaussian motion -------------------------------------------------------------------------------
+
+
+def test_equipment_on_white_noise_is_that_of_miles() -> None:
+    """Rms absolute acceleration (pi f Q G / 2 (1 + 1 / Q^2))^(1/2)."""
+    equipment = Equipment((50.0, 400.0), 10.0, 6.0)
+    found = GaussianEquipment(lambda f: np.full(len(f), 0.04), np.array([50.0]), equipment)
+    f = np.array(equipment.frequency_hz)
+    truth = np.sqrt(0.5 * np.pi * f * 10.0 * 0.04 * (1.0 + 0.01))
+    np.testing.assert_allclose(found.rms, truth, rtol=2e-4)
+    square = 10.0 * 0.04 / (8.0 * np.pi * f)  # of the pseudo-velocity
+    np.testing.assert_allclose(found.stress.order0, square, rtol=2e-4)
+
+
+def test_acceleration_of_a_mount_is_that_of_the_closed_form() -> None:
+    for noise in (TRUCK, WhiteNoise(intensity=0.2)):
+        scene = Scene(structure=MOUNT, excitations=[noise])
+        density = GaussianAcceleration(model_of(scene), (1.0,))
+        equipment = Equipment((5e4,), 10.0, 6.0)
+        square = GaussianEquipment(density, density.edges, equipment).cumulative_square()
+        truth = exact(scene).coordinates["x"].acceleration_std
+        assert math.sqrt(square[0]) == pytest.approx(float(truth), rel=2e-3)
+
+
+def test_a_narrow_band_has_the_damage_of_rayleigh_amplitudes() -> None:
+    one = np.ones(1)
+    width = 1e-3
+    moments = SpectralMoments(
+        order0=one,
+        order1=one * (1.0 - 0.5 * width**2),
+        order2=one,
+        order4=one * (1.0 + 4.0 * width**2),
+    )
+    truth = 2.0**3 * math.gamma(4.0) / (2.0 * math.pi)
+    assert tovo_benasciutti(moments, 6.0)[0] == pytest.approx(truth, rel=1e-2)
+
+
+def test_flife_finds_the_same_damage_of_a_density() -> None:
+    if importlib.util.find_spec("FLife") is None:
+        pytest.skip("FLife is not installed")
+    with np.printoptions():
+        import FLife
+
+    f = np.linspace(1.0, 400.0, 40_000)
+    density = 1.0 / ((50.0**2 - f**2) ** 2 + (10.0 * f) ** 2) + 2e-9 * (f < 200.0)
+    weight = np.full(len(f), f[1] - f[0])
+    omega = 2.0 * np.pi * f
+    moments = SpectralMoments(
+        *(), order0=np.array([np.sum(density * weight)]),
+        order1=np.array([np.sum(density * weight * omega)]),
+        order2=np.array([np.sum(density * weight * omega**2)]),
+        order4=np.array([np.sum(density * weight * omega**4)]),
+    )  # fmt: skip
+    data = FLife.SpectralData(input={"PSD": density, "f": f})
+    for ours, theirs in ((dirlik, FLife.Dirlik), (tovo_benasciutti, FLife.TovoBenasciutti)):
+        kind = {"method": "method 2"} if theirs is FLife.TovoBenasciutti else {}
+        life = theirs(data).get_life(C=1.0, k=6.0, **kind)
+        assert ours(moments, 6.0)[0] * life == pytest.approx(1.0, rel=5e-3)
+
+
+def sampled(
+    scene: Scene, equipment: Equipment, paths: int, seed: int = 1
+) -> tuple[DamageSampler, object]:
+    sampler = DamageSampler(
+        sampled_for(plan_histories(scene), equipment), equipment, (1.0,), False, (), seed
+    )
+    return sampler, sampler.simulate(0, paths)
+
+
+def estimate(rows: Vector, bias: float) -> Estimate:
+    return Estimate(
+        value=float(rows.mean()), standard_error=float(rows.std(ddof=1)) / math.sqrt(len(rows)),
+        bias=bias,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("noise", "paths"),
+    [(TRUCK, 24), pytest.param(TRUCK, 200, marks=pytest.mark.verify),
+     pytest.param(WhiteNoise(intensity=0.2), 200, marks=pytest.mark.verify)],
+)  # fmt: skip
+def test_records_of_a_linear_mount_have_the_spectra_of_its_density(
+    noise: object, paths: int
+) -> None:
+    scene = Scene(structure=MOUNT, excitations=[noise])
+    equipment = Equipment(BAND, 10.0, 6.0)
+    sampler, found = sampled(scene, equipment, paths)
+    density = GaussianAcceleration(model_of(scene), (1.0,))
+    theory = GaussianEquipment(density, density.edges, equipment)
+    wear = theory.damage_rates()[1] * sampler.seconds
+    kicked = (2.0 * np.pi * np.array(BAND) * sampler.plan.step) ** 2 / 12.0
+    bias = 2.0 * HOLD_ERROR + (kicked if sampler.plan.plan.kicked else 0.0 * kicked)
+    clumps, independent, _ = theory.extremes(
+        sampler.windows * sampler.window * sampler.plan.step, (0.5,)
+    )
+    for k in range(len(BAND)):
+        square = theory.response.order0[k]
+        assert_agrees(estimate(found.squares[:, k], 2.0 * bias[k] * square), square)
+        allowed = (FORMULA_ERROR + 6.0 * bias[k]) * wear[k]
+        assert_agrees(estimate(found.damage[:, k], allowed), wear[k])
+        largest = found.peaks[:, :, k].max(axis=1)
+        assert_agrees(estimate(largest, independent[k] + 0.02 * clumps[k]), clumps[k])
+    below = theory.cumulative_square()
+    assert_agrees(estimate(found.below[:, 1], 0.01 * below[1]), below[1])
+    # a faulty Q is noticed
+    other = GaussianEquipment(density, density.edges, Equipment(BAND, 13.0, 6.0))
+    square = other.response.order0[0]
+    with pytest.raises(AssertionError):
+        assert_agrees(estimate(found.squares[:, 0], 2.0 * bias[0] * square), square)
+
+
+def test_the_equivalent_density_does_the_same_damage() -> None:
+    frequencies = tuple(np.geomspace(20.0, 500.0, 12))
+    equipment = Equipment(frequencies, 10.0, 6.0)
+    rate = 1e-3 * np.geomspace(1.0, 1e-4, 12)
+    density, left = equivalent_density(equipment, rate)
+    f = np.array(frequencies)
+    assert left.max() < 1e-2
+    ends = np.array([f[0] / math.sqrt(2.0), *f, f[-1] * math.sqrt(2.0)])
+    table = Table(frequency_hz=ends, density=np.array([density[0], *density, density[-1]]))
+    found = GaussianEquipment(table, ends, equipment).damage_rates()[1]
+    np.testing.assert_allclose(found, rate, rtol=1e-2)
+
+
+def test_largest_of_rayleigh_windows_is_known() -> None:
+    """Largest responses of windows are Rayleigh; missions are as long as all of them, and a
+    thousand times as long."""
+    random = np.random.default_rng(2)
+    peaks = np.sqrt(-2.0 * np.log(random.random((64, 50, 1))))
+    for windows in (3200.0, 3.2e6):
+        r = np.linspace(0.0, 12.0, 200_001)
+        truth = float(np.sum(-np.expm1(windows * np.log1p(-np.exp(-0.5 * r[1:] ** 2)))) * r[1])
+        found = largest_of_mission(peaks, windows, (0.025, 0.975))
+        answer = Estimate(
+            value=float(found.value[0]), standard_error=float(found.standard_error[0]),
+            bias=float(found.bias[0]),
+        )  # fmt: skip
+        assert_agrees(answer, truth)
+        low, high = found.levels[:, 0]
+        assert low < found.value[0] < high
+        if windows == 3200.0:
+            with pytest.raises(AssertionError):
+                assert_agrees(answer, 1.5 * truth)
+
+
+# Stops -----------------------------------------------------------------------------------------
+
+
+def test_records_have_the_accelerations_of_a_history() -> None:
+    scene = between(Viscoelastic(stiffness=2e5, damping_ratio=0.2), noise=WhiteNoise(intensity=1.0))
+    step = 2e-4
+    plan = plan_histories(scene).sampled(step, 1.0)
+    found = accelerations(plan, np.ones(1), 5, 2, 1, False)
+    one = history(scene, duration=1.0, seed=5, path=2, rate=1.0 / plan.step)
+    truth = one.samples["acceleration_m_s2"].to_numpy()
+    assert np.abs(found.forces["stops"]).max() > 10.0
+    np.testing.assert_allclose(found.smooth[0, : len(truth)], truth, rtol=1e-6, atol=1e-5)
+
+
+def test_smooth_accelerations_and_jumps_make_up_the_change_of_velocity() -> None:
+    """A mass under a tabulated force between rigid stops, where nothing else moves."""
+    noise = TabulatedNoise(frequency_hz=[2.0, 60.0], density=[1.0, 1.0], unit="N2/Hz")
+    scene = Scene(
+        structure=Oscillator(mass=2.0, damping=4.0, stiffness=2e4),
+        impact_pairs=[ImpactPair(lower=-2e-4, upper=3e-4, law=Restitution(coefficient=0.6))],
+        excitations=[noise],
+    )
+    plan = plan_histories(scene).sampled(1e-4, 2.0)
+    found = accelerations(plan, np.ones(1), 1, 0, 1, True)
+    v = plan.histories(1, 0, 1).velocity[0, 0]
+    a, jumps = found.smooth[0], found.jumps[0]
+    assert np.count_nonzero(jumps) > 20
+    # trapezoids between samples; a jump at a sample is rounded to it
+    gained = np.cumsum(0.5 * plan.step * (a[1:] + a[:-1])) + np.cumsum(jumps[1:])
+    away = gained - (v[1:] - v[0])
+    assert np.median(np.abs(away)) < 0.002 * np.abs(jumps).max()
+    # a restitution that is wrong by a tenth
+    wrong = away + 0.0625 * np.cumsum(jumps[1:])
+    assert np.median(np.abs(wrong)) > 0.002 * np.abs(jumps).max()
+
+
+def test_hits_and_their_work_are_those_of_impacts() -> None:
+    found = damage(
+        BUMPERS, mission=3600.0, equipment=BAND, rel_error=0.4, seed=2, levels=[1.0, 1e5]
+    )
+    same = impacts(BUMPERS, paths=64, seed=3).pairs["stops"]
+    rate, energy = same.rates["both"].estimate, same.striking_energy
+    hits = found.impacts_per_hour
+    difference = hits.value / 3600.0 - rate.value
+    error = math.hypot(hits.standard_error / 3600.0, rate.standard_error)
+    assert_agrees(Estimate(value=difference, standard_error=error, bias=0.02 * rate.value), 0.0)
+    work = found.impact_work_per_hour
+    truth = 3600.0 * rate.value * energy.value
+    error = math.hypot(work.standard_error, truth * energy.standard_error / energy.value)
+    assert_agrees(Estimate(value=work.value, standard_error=error, bias=0.05 * truth), truth)
+    lost = 1.0 - BUMPERS.impact_pairs[0].law.restitution ** 2
+    assert found.impact_loss_per_hour.value == pytest.approx(lost * work.value, rel=1e-9)
+    assert found.contacts_above["1"].value == pytest.approx(hits.value, rel=0.02)
+    assert found.contacts_above["100000"].upper_95 is not None
+    assert found.shocks is not None and np.all(found.shocks.worst > found.shocks.typical)
+    assert np.all(found.with_stops.extreme_response.value > found.shocks.typical)
+
+
+def plain_records(scene: Scene, equipment: Equipment, sampler: DamageSampler, paths: int) -> Vector:
+    """Damage per second by a plain integration of the equipment, with steps of velocity."""
+    plan = sampler.plan
+    found = accelerations(plan, np.ones(1), 77, 0, paths, False)
+    total = np.ones((paths, len(equipment.frequency_hz)))
+    h = plan.step
+    for path in range(paths):
+        a = found.smooth[path]
+        jump = np.zeros_like(a) if found.jumps is None else found.jumps[path]
+        for k, frequency in enumerate(equipment.frequency_hz[:2]):
+            w, q = 2.0 * math.pi * frequency, equipment.quality
+            z = v = 0.0
+            signal = []
+            for n in range(len(a) - 1):
+                for part in range(4):
+                    base = a[n] + (a[n + 1] - a[n]) * (part + 0.5) / 4.0
+                    v += 0.5 * 0.25 * h * (-base - w / q * v - w * w * z)
+                    z += 0.25 * h * v
+                    v += 0.5 * 0.25 * h * (-base - w / q * v - w * w * z)
+                    signal.append(w * z)
+                v -= jump[n + 1]
+            last = sampler.first + sampler.windows * sampler.window
+            turns = turns_of(np.array(signal[4 * sampler.first : 4 * last]))
+            total[path, k] = counted(turns, equipment.exponent)[1]
+    return total
+
+
+@pytest.mark.parametrize("law", [Restitution(coefficient=0.7), Elastic(stiffness=2e5)], ids=str)
+def test_equipment_between_stops_is_that_of_a_plain_integration(law: object) -> None:
+    scene, equipment = between(law, 3e-3), Equipment((40.0, 150.0, 1200.0), 10.0, 6.0)
+    sampler = DamageSampler(
+        sampled_for(plan_histories(scene), equipment), equipment, (1.0,), False, (), 77
+    )
+    ours = sampler.simulate(0, 1).damage
+    plain = plain_records(scene, equipment, sampler, 1)
+    ratio = (ours[:, :2] / plain[:, :2]) ** (1.0 / 6.0)
+    np.testing.assert_allclose(ratio, 1.0, atol=0.01)
+
+
+FIVE = [
+    between(Viscoelastic(stiffness=5.7e5, damping_ratio=0.2), 7e-3),
+    between(Restitution(coefficient=0.6), 7.5e-3),
+    between(Elastic(stiffness=5e4), 7e-3),
+    BUMPERS.replace(
+        impact_pairs=(ImpactPair(upper=6e-3, law=Viscoelastic(stiffness=1e5, damping_ratio=0.3)),)
+    ),
+    between(Restitution(coefficient=0.8), 0.05, WhiteNoise(intensity=30.0)),
+]
+"""Scenes whose impacts are rare: compliant and rigid stops on both sides and on one, a table and
+white noise."""
+
+
+@pytest.mark.parametrize(
+    "scene", [FIVE[1], *(pytest.param(each, marks=pytest.mark.verify) for each in FIVE)]
+)
+def test_clusters_and_plain_simulation_agree(scene: Scene, request: pytest.FixtureRequest) -> None:
+    """Every number of both, within their errors."""
+    fine = request.node.get_closest_marker("verify") is not None
+    ask = {"mission": 3600.0, "equipment": [60.0, 180.0, 500.0][: 3 if fine else 1]}
+    ask |= {"budget": None, "rel_error": 0.15 if fine else 0.4}
+    clusters, plain = (damage(scene, way=way, seed=3, **ask) for way in ("clusters", "simulation"))
+    assert (clusters.way, plain.way) == ("clusters", "simulation")
+
+    def agree(first: Estimate, second: Estimate) -> None:
+        error = math.hypot(first.standard_error, second.standard_error)
+        bias = (first.bias or 0.0) + (second.bias or 0.0)
+        difference = Estimate(value=first.value, standard_error=error, bias=bias)
+        assert_agrees(difference, second.value)
+
+    for name in ("response_rms", "extreme_response", "fatigue_damage", "cumulative_rms"):
+        both = (getattr(each.with_stops, name).estimates() for each in (clusters, plain))
+        for first, second in zip(*both, strict=True):
+            agree(first, second)
+    agree(clusters.impacts_per_hour, plain.impacts_per_hour)
+    agree(clusters.impact_work_per_hour, plain.impact_work_per_hour)
+    agree(clusters.impact_loss_per_hour, plain.impact_loss_per_hour)
+    # what the stops add is seen: without it they differ
+    alone = clusters.without_stops.fatigue_damage.value[-1]
+    assert plain.with_stops.fatigue_damage.value[-1] > 2.0 * alone
+
+
+def test_a_year_of_rare_hits_is_found_by_bursts() -> None:
+    """Impacts are hours apart: their damage is that of clusters, with nothing in between."""
+    scene = between(Restitution(coefficient=0.6), 11e-3)
+    found = damage(scene, mission=3.156e7, equipment=[60.0], rel_error=0.5)
+    assert found.way == "clusters" and found.impacts_per_hour.value < 0.1
+    largest, without = (
+        each.extreme_response.value for each in (found.with_stops, found.without_stops)
+    )
+    assert largest > 2.0 * without
+
+
+@pytest.mark.verify
+def test_a_stiffer_stop_shakes_fast_equipment_more() -> None:
+    """Ten times the stiffness: peaks of stiff equipment grow by about the root, those of soft
+    equipment, which sees the impulse alone, hardly."""
+    soft, hard = (
+        damage(
+            between(Viscoelastic(stiffness=stiffness, damping_ratio=0.2), 6e-3), mission=3600.0,
+            equipment=[25.0, 100.0, 1000.0, 2000.0], rel_error=0.15, budget=400.0, seed=4,
+        )
+        for stiffness in (5.7e4, 5.7e5)
+    )  # fmt: skip
+    growth = hard.with_stops.extreme_response.value / soft.with_stops.extreme_response.value
+    assert 0.6 < growth[0] < 1.6
+    assert 2.0 < growth[-1] < 5.0
+    worse = hard.with_stops.fatigue_damage.value / soft.with_stops.fatigue_damage.value
+    assert worse[2] > 100.0 * worse[0]
+
+
+def test_a_sine_on_random_has_a_ratio_by_simulation() -> None:
+    scene = between(Elastic(stiffness=2e5)).replace(
+        excitations=(TRUCK, Sine(amplitude=2.0, frequency_hz=12.0, on="base"))
+    )
+    found = damage(scene, mission=60.0, equipment=[30.0, 60.0], rel_error=0.5)
+    assert found.way_without == "simulation" and np.all(found.damage_ratio.value > 1.0)
+
+
+def test_without_stops_the_mission_alone_scales_the_damage() -> None:
+    hour, year = (damage(FREE, mission=mission) for mission in (3600.0, 3.156e7))
+    assert hour.way == "density" and len(hour.equipment_frequency_hz) == 40
+    both = [each.with_stops.fatigue_damage.value for each in (hour, year)]
+    np.testing.assert_allclose(both[1], both[0] * 3.156e7 / 3600.0)
+    larger = year.with_stops.extreme_response.value / hour.with_stops.extreme_response.value
+    assert np.all((larger > 1.1) & (larger < 1.7))
+    document = hour.to_dict()
+    for name in ("response_rms", "extreme_response", "fatigue_damage"):
+        assert len(document[name]) == len(document["equipment_frequency_hz"]) == 40
+        assert len(document["without_stops"][name]) == len(document[f"{name}_standard_error"]) == 40
+    assert len(hour.to_frame()) == 40
+
+
+def test_what_makes_no_sense_is_refused() -> None:
+    for change, words in (
+        ({"mission": -1.0}, "mission must be"),
+        ({"q": 0.4}, "q must be in"),
+        ({"exponent": 0.0}, "exponent must be in"),
+        ({"equipment": (100.0, 20.0)}, "equipment must be rising frequencies"),
+        ({"at": "roof"}, "at must be a coordinate or point of the scene \\('x'\\), got 'roof'"),
+        ({"levels": [-1.0]}, "levels must be positive"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            damage(FREE, **{"mission": 60.0} | change)
+    white = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        excitations=[WhiteNoise(intensity=0.2)],
+    )
+    with pytest.raises(
+        NotApplicable, match="the acceleration must be known: white noise on a mass"
+    ):
+        damage(white, mission=60.0)
+    with pytest.raises(NotConverged, match="raise budget or rel_error") as short:
+        damage(BUMPERS, mission=60.0, equipment=BAND, rel_error=1e-3, budget=4.0)
+    assert short.value.partial.relative_error > 1e-3
