@@ -26,8 +26,9 @@ if TYPE_CHECKING:
     help="Exact regimes, or harmonic linearisation of motion or force, with its error.",
 )  # fmt: skip
 @click.option(
-    "--coordinate", metavar="NAME", help="Coordinate whose displacement is shown [the first]."
-)
+    "--coordinate", metavar="NAME",
+    help="Coordinate or point whose displacement is shown [the first].",
+)  # fmt: skip
 @click.option(
     "--impacts", type=int, default=3, show_default=True,
     help="Largest number of impacts per period of regimes that are looked for.",

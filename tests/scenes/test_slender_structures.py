@@ -274,6 +274,37 @@ def test_the_receptance_of_a_rod_is_that_of_its_closed_form() -> None:
     assert abs(resonant / closed - 1.0) > 1e-3  # the modes left out are seen
 
 
+def by_wave(z: float, chi: float) -> complex:
+    """Displacement of the free end of a bar per unit force there, in units of L / EA, where the
+    absorption coefficient chi of the material makes its modulus young (1 + j chi / 2 pi)."""
+    lossy = 1.0 + 1j * chi / math.tau
+    wave = z / np.sqrt(lossy)
+    return complex(np.tan(wave) / (lossy * wave))
+
+
+def to_first_order(z: float, chi: float) -> complex:
+    """The same to first order in chi (B 15.11)."""
+    damped = chi / (4.0 * math.pi) * (z + 0.5 * math.sin(2.0 * z)) / math.cos(z) ** 2
+    return (math.tan(z) - 1j * damped) / z
+
+
+@pytest.mark.parametrize("z", [0.9, 2.0, 4.0])
+def test_the_compliance_of_a_bar_summed_over_modes_is_that_of_its_wave(z: float) -> None:
+    """B 6.63 at the free end is B 15.11, up to the square of the loss, and its own wave."""
+    chi = 0.015
+    bar = Bar(**ROD, modes=60)
+    table, stiffness = bar.table, 2.0e11 * 1e-4 / 0.5
+    lossy, omega = 1.0 + 1j * chi / math.tau, z * math.sqrt(2.0e11 / 7850.0) / 0.5
+    shape = table.shapes["tip"] ** 2 / table.mass
+    summed = np.sum(shape / (table.omega**2 * lossy - omega**2))
+    summed += bar.compliance({"tip": 1.0}) / lossy
+    rest = 2.0 * z**2 / (3.0 * math.pi**4 * (60.0 - 1.0) ** 3)  # of the modes beyond
+    assert stiffness * summed == pytest.approx(by_wave(z, chi), abs=rest)
+    errors = [abs(to_first_order(z, each) - by_wave(z, each)) for each in (chi, chi / 2.0)]
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.01)
+    assert errors[0] < 0.02 * abs(by_wave(z, chi).imag)
+
+
 def test_a_plate_has_the_modes_of_two_beams() -> None:
     """Galerkin with sines of its energy, integrated numerically, for one mode and a point."""
     plate = Plate(**STEEL, length=0.4, width=0.3, height=0.002, modes=6, points={"a": [0.25, 0.5]})

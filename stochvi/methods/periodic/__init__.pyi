@@ -10,6 +10,7 @@ from .basins import BasinRegime, Basins, basins
 from .bifurcation import Bifurcation, BifurcationSweep, bifurcation, lyapunov_exponent
 from .method import harmonic_response
 from .resonance import HarmonicResonance, RandomResonance
+from .structure_resonance import StructureResonance
 
 __all__ = [
     "BasinRegime",
@@ -24,6 +25,7 @@ __all__ = [
     "RandomStarts",
     "SimulatedSweep",
     "SpecialPoint",
+    "StructureResonance",
     "basins",
     "bifurcation",
     "harmonic_response",

@@ -251,7 +251,7 @@ class HarmonicResponse(Result):
     key
         The number that is varied: "frequency_hz", or a key of the scene.
     coordinate
-        The coordinate whose displacement and acceleration are given.
+        The coordinate or point whose displacement and acceleration are given.
     branches
         The branches; the first is the motion without impacts, where there is one.
     special_points

@@ -190,12 +190,12 @@ def multiples(model: Model) -> tuple[int, ...] | None:
     return None
 
 
-def numbers_of(model: Model, coordinate: int) -> Numbers:
-    """The numbers of a model; the output is one of its coordinates."""
+def numbers_of(model: Model, output: int) -> Numbers:
+    """The numbers of a model; the output is one of its coordinates or points."""
     orders = multiples(model)
     assert orders is not None
     whitening = np.linalg.inv(np.linalg.cholesky(model.mass))
-    columns = 2 * max(orders) + 1
+    row, columns = model.output_rows[output], 2 * max(orders) + 1
     forces, base = np.zeros((len(whitening), columns)), np.zeros(columns)
     for sine, order in zip(model.sines, orders, strict=True):
         # amplitude cos(order t + phase)
@@ -204,7 +204,7 @@ def numbers_of(model: Model, coordinate: int) -> Numbers:
         forces[:, part] += np.outer(whitening @ sine.direction, wave)
         if sine.on_base:
             # under a rigid body the base moves along one of the coordinates
-            base[part] -= wave * np.linalg.solve(model.mass, sine.direction)[coordinate]
+            base[part] -= wave * (row @ np.linalg.solve(model.mass, sine.direction))
     forces[:, -1] = whitening @ model.constant_force
     stops = [(pair, stop) for pair in model.pairs for stop in pair.stops]
     rows = [stop.side * (whitening @ pair.direction) for pair, stop in stops]
@@ -216,7 +216,7 @@ def numbers_of(model: Model, coordinate: int) -> Numbers:
         distances=np.array([stop.distance for _, stop in stops]),
         restitutions=np.array([stop.coefficient or 0.0 for _, stop in stops]),
         omega=model.sines[0].omega / orders[0],
-        output=whitening[:, coordinate],
+        output=whitening @ row,
         base=base,
         shapes=whitening.T,
     )
@@ -403,10 +403,10 @@ def _laws(forces: Sequence[Force], reach: float, most: int) -> Matrix:
 
 
 def _place(model: Model, coordinate: str) -> int:
-    if coordinate not in model.coordinates:
-        known = ", ".join(model.coordinates)
+    if coordinate not in model.outputs:
+        known = ", ".join(model.outputs)
         raise ValueError(f"coordinate must be one of {known}, got {coordinate!r}")
-    return model.coordinates.index(coordinate)
+    return model.outputs.index(coordinate)
 
 
 def _series(at: Callable[[float], Vector]) -> Matrix:

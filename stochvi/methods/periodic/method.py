@@ -94,7 +94,8 @@ def harmonic_response(
     vary
         Instead: one key of the scene with its values.
     coordinate
-        The coordinate whose displacement and acceleration are given; by default the first.
+        The coordinate or point whose displacement and acceleration are given; by default the first
+        point of a structure that is made of modes, else the first coordinate.
     most_impacts
         Largest number of impacts per period of the regimes that Newton's iteration looks for;
         regimes of more impacts are found only where simulations settle to them, and a warning says
@@ -158,6 +159,7 @@ def harmonic_response(
     if low == high:
         wide = MARGIN * (abs(low) or 1.0)
         low, high = low - wide, high + wide
+    coordinate = coordinate or scene.structure.foremost
     family = Family.of(lambda value: model_of(scene_at(value)), low, high, coordinate)
     finder = finder_of(family, family.sigma(values), most_impacts, deadline)
     if slow := too_slow(finder):
@@ -183,7 +185,7 @@ def harmonic_response(
     how, few = finder.looked_for
     answer = HarmonicResponse(
         key=key,
-        coordinate=coordinate or model.coordinates[0],
+        coordinate=coordinate,
         branches=branches,
         special_points=_special_points(branches) if form == "exact" else (),
         jumps=tuple(jumps),
@@ -232,7 +234,7 @@ def varied(
         return key, _checked(key, given), lambda value: changed_scene(document, ((key, value),))
     sines = [each.frequency_hz for each in scene.excitations if isinstance(each, Sine)]
     if not sines:
-        raise NotApplicable("sine", unmet(model_of(scene)))
+        raise NotApplicable("sine", unmet(model_of(scene), compliant=True))
     lowest = min(sines)
     values = _checked(FREQUENCY, [lowest] if frequency_hz is None else frequency_hz)
     if not values[0] > 0.0:

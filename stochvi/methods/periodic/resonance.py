@@ -13,23 +13,18 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.special import ndtri
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.methods.periodic.even import even_regimes, widest
 from stochvi.methods.periodic.family import Numbers
 from stochvi.methods.periodic.linearised import Harmonic
+from stochvi.methods.periodic.structure_resonance import HARMONICS, StructureResonance, quantile
 
 BOTH = (0, 1)
 """Impacts of a regime between two stops, in their order: on the upper one and on the lower one."""
 
 BELOW = 1e-6
 """Relative distance below a fold at which the impact speeds of its regimes are looked at."""
-
-HARMONICS = 63
-"""Number of harmonics of the velocity of a regime. Those beyond have 0.6 % of the power of a jump,
-whose harmonics fall like 1/m."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -215,6 +210,7 @@ class RandomResonance:
     See Also
     --------
     stochvi.methods.periodic.HarmonicResonance : The same regime under a sine.
+    stochvi.methods.periodic.StructureResonance : The same of any structure.
 
     Examples
     --------
@@ -247,63 +243,42 @@ class RandomResonance:
                 "one stop needs a frequency between omega and 2 omega, above 2 omega where it is "
                 "preloaded"
             )
-        if self.power_loss == 0.0:
+        if self.damping_rate == 0.0 and self.restitution == 1.0:
             raise ValueError("damping_rate or 1 - restitution must be above 0: nothing is lost")
 
-    @property
-    def _half(self) -> float:
-        """Half of the time between two successive impacts, s."""
-        return math.pi / self.frequency * (0.5 if self.both_sides else 1.0)
+    @cached_property
+    def _regime(self) -> StructureResonance:
+        """The regime as that of a structure of one mode."""
+        return StructureResonance(
+            omega=[self.omega], damping=[[self.damping_rate]], gaps=[[1.0]],
+            clearance=[self.clearance], restitution=[self.restitution], frequency=self.frequency,
+            both_sides=self.both_sides,
+        )  # fmt: skip
 
     @property
     def impact_speed(self) -> float:
         """Impact speed of the regime, m/s: omega D cot(omega t) for two stops, -omega D tan(omega
         t) for one, t half the time between impacts."""
-        angle = self.omega * self._half
-        if not self.both_sides:
-            return -self.omega * self.clearance * math.tan(angle)
-        if self.omega == 0.0:
-            return self.clearance / self._half
-        return self.omega * self.clearance / math.tan(angle)
+        return float(self._regime.impact_speed[0])
 
-    @cached_property
-    def _velocity(self) -> tuple[Vector, Vector]:
-        """Times from -t to t by Gauss's rule, and y0' there."""
-        nodes, _ = _RULE
-        times = self._half * nodes
-        angle = self.omega * self._half
-        if not self.both_sides:
-            scale = -self.omega * self.clearance / math.cos(angle)
-            return times, np.asarray(scale * np.sin(self.omega * times))
-        scale = self.clearance / (self._half * float(np.sinc(angle / math.pi)))
-        return times, np.asarray(scale * np.cos(self.omega * times))
-
-    @cached_property
+    @property
     def velocity_mean_square(self) -> float:
         """Mean square velocity of the regime, <y0'^2>, m^2/s^2."""
-        return float(self._velocity[1] ** 2 @ _RULE[1]) / 2.0
+        return float(self._regime.velocity_products[0, 0])
 
     @cached_property
     def harmonics(self) -> Vector:
         """Amplitudes of y0' at w, 2 w, ... (m/s); two stops leave the odd ones only."""
-        times, velocity = self._velocity
-        number = np.arange(1, HARMONICS + 1)[:, None]
-        angle = number * self.frequency * times
-        odd = np.where(number % 2 == 1, np.cos(angle), 0.0)
-        shape = odd if self.both_sides else np.sin(angle)
-        return np.asarray(np.abs(shape @ (velocity * _RULE[1])))
+        return self._regime.harmonics([1.0])
 
-    @cached_property
+    @property
     def power_loss(self) -> float:
         """N_d = b <y0'^2> + (1 - R) J^2 / (2 (1 + R)) per impact, m^2/s^3 (B 14.71).
 
         The impulse per unit mass J = 2 v is that of the regime without loss, so that an impact
         takes 2 (1 - R) v^2 / (1 + R): what it takes from a speed of 2 v / (1 + R).
         """
-        impacts = 1.0 / (2.0 * self._half)
-        lost = 2.0 * (1.0 - self.restitution) / (1.0 + self.restitution) * self.impact_speed**2
-        lost *= impacts
-        return self.damping_rate * self.velocity_mean_square + lost
+        return self._regime.power_loss
 
     def random_power(self, intensity: float | Callable[[Vector], Vector], duration: float) -> float:
         """Standard deviation of the power that noise supplies, averaged over `duration`, m^2/s^3.
@@ -327,7 +302,7 @@ class RandomResonance:
 
         The supply averaged over T is normal with mean 0, and the regime needs it to be N_d.
         """
-        z = _quantile(probability)
+        z = quantile(probability)
         return (z * self.random_power(intensity, 1.0) / self.power_loss) ** 2
 
     def smallest_narrow_band(self, probability: float = 0.98) -> float:
@@ -336,14 +311,4 @@ class RandomResonance:
         A narrow band keeps its phase: its power over any time has the deviation a_1 / 2 times its
         rms, a_1 the first harmonic of y0', so that N_d / (z a_1 / 2) is needed.
         """
-        return self.power_loss / (_quantile(probability) * float(self.harmonics[0]) / 2.0)
-
-
-_RULE = gauss_legendre(256)
-"""Gauss-Legendre rule, exact for the harmonics of the velocity up to `HARMONICS`."""
-
-
-def _quantile(probability: float) -> float:
-    if not 0.5 < probability < 1.0:
-        raise ValueError(f"probability must be above 0.5 and below 1, got {probability:g}")
-    return float(ndtri(probability))
+        return self.power_loss / (quantile(probability) * float(self.harmonics[0]) / 2.0)

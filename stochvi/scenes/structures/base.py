@@ -133,6 +133,11 @@ class AnyStructure(Checked):
         return ""
 
     @property
+    def foremost(self) -> str:
+        """Name of the displacement that is shown where one alone is."""
+        return self.coordinates[0]
+
+    @property
     def carried(self) -> Mapping[str, Vector]:
         """Accelerations of the coordinates (n,) per unit of that of a base that they follow, by
         axis of the base; the axis is "" where the base has only one."""

@@ -96,6 +96,10 @@ class ModalStructure(AnyStructure):
         return self.table.shapes
 
     @property
+    def foremost(self) -> str:
+        return next(iter(self.table.shapes))
+
+    @property
     def movable(self) -> bool:
         return self.table.participation is not None
 
