@@ -192,6 +192,7 @@ def history(
     from stochvi.statistics.histories import history as solve
     from stochvi.views.files import write_parquet, write_table
     from stochvi.views.history import draw_history, print_history, write_animation
+    from stochvi.views.shapes import draw_shapes, has_shape
 
     if animate and options.out is None:
         raise ValueError("--animate writes history.gif into a folder: give --out DIR as well")
@@ -204,6 +205,8 @@ def history(
         write_table(found.impacts, options.out / "impacts.csv")
         write_parquet(found.samples, options.out / "history.parquet")
     options.draw("history", lambda: draw_history(found, loaded, loaded.title))
+    if has_shape(found, loaded):
+        options.draw("shape", lambda: draw_shapes(found, loaded, loaded.title))
     if animate and options.out is not None:
         write_animation(found, loaded, options.out / "history.gif", loaded.title)
 

@@ -107,7 +107,7 @@ def draw_history(found: History, scene: Scene, title: str = "") -> Axes:
     displacements, one for rotations, and one for each point of a body. Long histories are drawn by
     the smallest and largest values of neighbouring samples.
     """
-    panels = [*_motion_panels(found, scene), *_acceleration_panels(found)]
+    panels = [*_motion_panels(found, scene), *_acceleration_panels(found, scene)]
     rows = len(panels)
     figure, grid = plt.subplots(
         rows, 1, figsize=(9.6, 2.4 * rows + 0.8), sharex=True, squeeze=False, layout="constrained"
@@ -126,14 +126,11 @@ def _motion_panels(found: History, scene: Scene) -> list[_Panel]:
     pairs, panels = scene.expanded.impact_pairs, []
     shared: dict[str, dict[str, str]] = {}
     for column in (str(name) for name in found.samples):
-        if not _ends(column, "displacement_m"):
-            continue
         name = column.rpartition(".")[0] or scene.expanded.moving[0]
-        own = [
-            pair
-            for pair in pairs
-            if not _spans(pair) and (pair.on or scene.expanded.moving[0]) == name
-        ]
+        if not _ends(column, "displacement_m") or name not in _shown(scene):
+            continue
+        usual = next(iter(scene.expanded.structure.places))
+        own = [pair for pair in pairs if not _spans(pair) and (pair.on or usual) == name]
         if own:
             panels.append(_Panel({name: column}, f"displacement of {name}", own))
         else:
@@ -151,12 +148,17 @@ def _motion_panels(found: History, scene: Scene) -> list[_Panel]:
     return panels
 
 
-def _acceleration_panels(found: History) -> list[_Panel]:
+def _shown(scene: Scene) -> tuple[str, ...]:
+    """Names of the displacements that are drawn; the one column of an oscillator has no name."""
+    return ("", *scene.expanded.structure.shown)
+
+
+def _acceleration_panels(found: History, scene: Scene) -> list[_Panel]:
     """Panels of the absolute accelerations: of coordinates, and of rotations."""
     columns = {
         str(name).rpartition(".")[0]: str(name)
         for name in found.samples
-        if _ends(str(name), "acceleration_m_s2")
+        if _ends(str(name), "acceleration_m_s2") and str(name).rpartition(".")[0] in _shown(scene)
     }
     turning = {name: column for name, column in columns.items() if name in ROTATIONS}
     moving = {name: column for name, column in columns.items() if name not in turning}
@@ -168,8 +170,9 @@ def _acceleration_panels(found: History) -> list[_Panel]:
 
 
 def _spans(pair: ImpactPair) -> bool:
-    """Whether the gap of a pair has a column of its own: between two masses, or on a body."""
-    return pair.between is not None or pair.at is not None
+    """Whether the gap of a pair has a column of its own: between two masses, on a body, or a
+    weighted sum."""
+    return pair.between is not None or pair.at is not None or pair.weights is not None
 
 
 def _ends(name: str, quantity: str) -> bool:
@@ -318,22 +321,25 @@ def _tracks(found: History, scene: Scene, time: Vector) -> list[Track]:
     """A row for each pair, and for each coordinate that no pair begins with; the stops between two
     masses move with the second."""
     whole = scene.expanded
-    names = whole.moving
+    several = "displacement_m" not in found.samples
+    usual = next(iter(whole.structure.places))
+    held = set(whole.structure.coordinates) - set(whole.moving)
+    names = [name for name in whole.structure.shown if name not in held]
     sampled = found.samples["time_s"].to_numpy()
 
     def place(name: str) -> Vector:
-        column = f"{name}.displacement_m" if len(names) > 1 else "displacement_m"
-        if name in whole.structure.coordinates and name not in names:
-            return np.zeros_like(time)  # the other masses are shown relative to this one
-        if name not in names:
+        column = f"{name}.displacement_m" if several else "displacement_m"
+        if name.startswith("gap of "):
             owner = name.removeprefix("gap of ")
             column = f"{owner}.gap_m" if len(whole.impact_pairs) > 1 else "gap_m"
+        elif name in whole.structure.coordinates and name not in whole.moving:
+            return np.zeros_like(time)  # the other masses are shown relative to this one
         return np.asarray(np.interp(time, sampled, found.samples[column].to_numpy()))
 
     tracks, seen = [], set()
     for pair in whole.impact_pairs:
-        first, second = pair.between or (pair.on or names[0], "")
-        if pair.at is not None:
+        first, second = pair.between or (pair.on or usual, "")
+        if pair.at is not None or pair.weights is not None:
             first = f"gap of {pair.name}"
         carrier = place(second) if second else np.zeros_like(time)
         walls = tuple(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
@@ -48,6 +49,10 @@ def plot_curve(curve: Curve, ax: Axes, *, colour: str = OWNERS[0], label: str = 
     return ax
 
 
+MODAL = re.compile(r"mode \d+")
+"""Names of modal coordinates, which are not drawn beside points."""
+
+
 def draw_spectrum(
     found: ResponseSpectrum, title: str = "", references: Mapping[str, NDArray[np.float64]] = {}
 ) -> Axes:
@@ -55,7 +60,9 @@ def draw_spectrum(
 
     `references` are displacement densities at `found.frequency_hz`, by label, that are drawn too.
     """
-    present = [name for name in DENSITIES if any(name in c for c in found.curves.values())]
+    shown = {owner: c for owner, c in found.curves.items() if not MODAL.fullmatch(owner)}
+    shown = shown or dict(found.curves)
+    present = [name for name in DENSITIES if any(name in c for c in shown.values())]
     transfer = next((c for c in found.curves.values() if "coherence" in c), None)
     rows = len(present) + (transfer is not None)
     figure, grid = plt.subplots(
@@ -63,7 +70,7 @@ def draw_spectrum(
     )
     axes = grid[:, 0]
     for ax, name in zip(axes, present, strict=False):
-        for colour, (owner, curves) in zip(OWNERS, found.curves.items(), strict=False):
+        for colour, (owner, curves) in zip(OWNERS, shown.items(), strict=False):
             if name in curves:
                 plot_curve(curves[name], ax, colour=colour, label=owner)
         which, _, more = found.meanings.get(name, "").partition(", between impacts")
@@ -71,8 +78,8 @@ def draw_spectrum(
         ax.grid(alpha=0.25)
     for label, density in references.items():
         axes[0].plot(found.frequency_hz, density, color=COLOURS["exact"], lw=0.9, label=label)
-    if len(found.curves) > 1 or references:
-        axes[0].legend(frameon=False, fontsize="small")
+    if len(shown) > 1 or references:
+        axes[0].legend(frameon=False, fontsize="small", loc="lower left")
     if transfer is not None:
         _draw_transfer(transfer, axes[-1])
     axes[-1].set_xlabel("frequency (Hz)")

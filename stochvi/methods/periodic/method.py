@@ -159,7 +159,7 @@ def harmonic_response(
     if low == high:
         wide = MARGIN * (abs(low) or 1.0)
         low, high = low - wide, high + wide
-    coordinate = coordinate or scene.structure.foremost
+    coordinate = coordinate or scene.expanded.structure.shown[0]
     family = Family.of(lambda value: model_of(scene_at(value)), low, high, coordinate)
     finder = finder_of(family, family.sigma(values), most_impacts, deadline)
     if slow := too_slow(finder):

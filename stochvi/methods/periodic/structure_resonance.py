@@ -1,8 +1,8 @@
 """Vibro-impact resonance of any structure, and how long noise can maintain it.
 
-Resonant regimes are close to free motions that hit stops without loss. Such a motion of a pair is
-its periodic response to its own impulses, y0 = -J chi(t), and chi follows from the compliance at
-the pair, or mode by mode (Babitsky, section 14).
+Resonant regimes are close to free motions between impacts without loss. Such a motion of a pair is
+its periodic response to its own impulses, y0 = -J chi(t). The response chi follows from the
+compliance at the pair, here mode by mode (Babitsky, section 14).
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ TOUCHING = 1e-9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StructureResonance:
-    """A regime of a structure that hits stops without loss, once a period (B 14.70, 14.84).
+    """A regime of a structure whose impacts lose nothing, once a period (B 14.70, 14.84).
 
-    Several pairs may hit their stops at the same moments, in a cooperative regime. Their impulses
+    Several pairs may meet their stops at the same moments, in a cooperative regime. Their impulses
     J balance the clearances, with one column for each pair:
 
         D_i = sum over pairs and modes of phi_ik phi_jk cot(omega_k T / 2) / (-2 omega_k) J_j
@@ -57,7 +57,7 @@ class StructureResonance:
     damping
         Damping matrix in coordinates of the modes, whose masses are 1 (n, n), 1/s.
     gaps
-        Rows (pairs, n): the gap of a pair is y = row . q, positive towards the stop that it hits
+        Rows (pairs, n): the gap of a pair is y = row . q, positive towards the stop that it meets
         at the start of a period.
     clearance
         Distance of the stops of each pair from rest (pairs,), m; below 0 for a preload.
@@ -66,7 +66,7 @@ class StructureResonance:
     frequency
         Frequency w of the regime, rad/s.
     both_sides
-        Whether each pair hits two stops, half a period apart.
+        Whether each pair meets two stops, half a period apart.
     noises
         White intensities, or one-sided densities, each with the forces on the modes per unit of it.
 
@@ -120,9 +120,8 @@ class StructureResonance:
         speeds = self.impact_speed
         if not (np.all(self.impulse > 0.0) and np.all(speeds > 0.0)):
             raise ValueError(
-                f"no free motion hits the stops at {self.frequency / math.tau:.4g} Hz; between two "
-                "stops, or clear of one, such motions lie above a natural frequency of the "
-                "structure, below it with a preload"
+                f"no free motion meets the stops at {self.frequency / math.tau:.4g} Hz; choose a "
+                "frequency just above a natural one of the structure, or below it with a preload"
             )
 
     @classmethod
@@ -130,7 +129,7 @@ class StructureResonance:
         cls, scene: Scene, frequency_hz: float, *, pairs: Sequence[str] | None = None,
         opposed: Sequence[str] = (),
     ) -> Self:  # fmt: skip
-        """The regime of a scene whose pairs hit their stops together.
+        """The regime of a scene whose pairs meet their stops together.
 
         Parameters
         ----------
@@ -142,7 +141,7 @@ class StructureResonance:
         pairs
             Names of the pairs that take part; by default all of them.
         opposed
-            Pairs that hit their lower stop while the others hit their upper one.
+            Pairs that meet their lower stop while the others meet their upper one.
 
         Raises
         ------
@@ -321,8 +320,9 @@ class StructureResonance:
     def random_power(self, duration: float) -> float:
         """Standard deviation of the power that the noises supply, averaged over a time (s), W.
 
-        White noise supplies S0 mean (g . q')^2 / T (B 14.88); noise of a table the sum over
-        harmonics a_m of g . q' of a_m^2 S(m w) / 2 T, if it changes little over 1 / T.
+        The variance under white noise is S0 / T times the mean of (g . q')^2 (B 14.88). Under noise
+        of a table it is the sum of a_m^2 S(m w) / 2 T over the harmonics a_m of g . q'. The table
+        must change little over 1 / T.
         """
         total = 0.0
         for strength, forces in self.noises:
@@ -348,9 +348,9 @@ class StructureResonance:
     def ended_by(self, probability: float = 0.98) -> float:
         """Time (s) after which a regime has ended with this probability, once it was started.
 
-        N_d T - E = z s sqrt(T) with its `energy` E and s sqrt(T) the deviation of the energy that
-        noise supplies: what it loses at its full speed, less z deviations of what it gets. T
-        exceeds E / N_d and T0.
+        N_d T - E = z s sqrt(T), where E is its `energy`. The left side is what it would lose at
+        full speed beyond its energy; noise supplies an energy of the deviation s sqrt(T). So T
+        exceeds both E / N_d and T0.
         """
         swing = quantile(probability) * self.random_power(1.0)
         root = math.sqrt(swing**2 + 4.0 * self.power_loss * self.energy)

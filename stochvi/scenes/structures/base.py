@@ -133,9 +133,9 @@ class AnyStructure(Checked):
         return ""
 
     @property
-    def foremost(self) -> str:
-        """Name of the displacement that is shown where one alone is."""
-        return self.coordinates[0]
+    def shown(self) -> tuple[str, ...]:
+        """Names of the displacements that pictures show, the first where one alone is shown."""
+        return (*self.coordinates, *self.reported)
 
     @property
     def carried(self) -> Mapping[str, Vector]:

@@ -96,8 +96,8 @@ class ModalStructure(AnyStructure):
         return self.table.shapes
 
     @property
-    def foremost(self) -> str:
-        return next(iter(self.table.shapes))
+    def shown(self) -> tuple[str, ...]:
+        return tuple(self.table.shapes)
 
     @property
     def movable(self) -> bool:

@@ -216,7 +216,7 @@ def test_what_has_no_such_regime_is_refused(
 
 
 def test_a_frequency_without_a_regime_is_refused() -> None:
-    with pytest.raises(ValueError, match="no free motion hits the stops at"):
+    with pytest.raises(ValueError, match="no free motion meets the stops at"):
         StructureResonance.of(chain(stop(upper=1.0)), 1.02 / math.tau)
 
 

@@ -1,0 +1,80 @@
+"""The pictures of structures: shapes at impacts, and points instead of modal coordinates."""
+
+from __future__ import annotations
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from stochvi import Elastic, ImpactPair, Scene, WhiteNoise
+from stochvi.scenes import Beam, Plate
+from stochvi.scenes.datasets import shipped_scene
+from stochvi.scenes.scene import load_scene
+from stochvi.statistics.histories import history
+from stochvi.views.history import draw_history, write_animation
+from stochvi.views.shapes import draw_shapes, has_shape
+
+STEEL = {"young": 2e11, "density": 7850.0, "zeta": 0.02, "modes": 2}
+REED = Beam(length=0.2, width=0.02, height=0.002, points={"tip": 1.0, "middle": 0.5}, **STEEL)
+PANEL = Plate(length=0.4, width=0.3, height=0.002, points={"off": [0.3, 0.4]}, **STEEL)
+SPRING = Elastic(stiffness=2e4)
+
+
+def shaken(structure: Beam | Plate, *pairs: ImpactPair) -> Scene:
+    noise = [WhiteNoise(on="base", density=0.01, unit="g2/Hz")]
+    return Scene(structure=structure, impact_pairs=list(pairs), excitations=noise)
+
+
+def test_a_reed_is_drawn_where_it_touches_its_stop() -> None:
+    scene = shaken(REED, ImpactPair(on="tip", upper=5e-4, law=SPRING))
+    found = history(scene, duration=0.5, seed=1)
+    assert has_shape(found, scene)
+    ax = draw_shapes(found, scene)
+    *shapes, rms, stop = ax.lines
+    assert len(shapes) == min(len(found.impacts), 60) > 3
+    assert stop.get_xydata().tolist() == [[200.0, 0.5]]  # mm from the clamp, mm from rest
+    step = 0.5 / len(found.samples) * 2.0
+    for shape in shapes:
+        x, y = shape.get_data()
+        assert x[[0, -1]] == pytest.approx([0.0, 200.0]) and y[0] == pytest.approx(0.0, abs=1e-9)
+        # the first sample of an impact lies a step's way beyond the stop at most
+        assert 0.5 <= y[-1] < 0.5 + 1e3 * step * found.impacts["speed_m_s"].max()
+    tip = found.samples["tip.displacement_m"]
+    assert rms.get_ydata()[-1] == pytest.approx(1e3 * np.sqrt(np.mean(tip**2)), rel=1e-9)
+    plt.close("all")
+
+
+def test_a_plate_is_drawn_at_its_fastest_impact() -> None:
+    scene = shaken(PANEL, ImpactPair(on="off", clearance=1e-4, law=SPRING))
+    found = history(scene, duration=0.2, seed=1)
+    ax = draw_shapes(found, scene)
+    assert [text.get_text() for text in ax.texts] == ["off, at stops"]
+    assert f"{found.impacts['speed_m_s'].max():.3g} m/s" in ax.get_title()
+    plt.close("all")
+
+
+def test_what_has_no_shape_has_no_picture_of_it() -> None:
+    far = shaken(REED, ImpactPair(on="tip", upper=1.0, law=SPRING))
+    assert not has_shape(history(far, duration=0.1, seed=1), far)
+    blade = load_scene(shipped_scene("blade"))
+    assert not has_shape(history(blade, duration=0.1, seed=1), blade)
+
+
+def test_points_are_drawn_and_modal_coordinates_are_not(tmp_path) -> None:
+    """A pair of weights has a panel of its own; so it has a row of an animation."""
+    scene = shaken(
+        REED, ImpactPair(name="tip", on="tip", upper=1e-3, law=SPRING),
+        ImpactPair(name="mean", weights={"tip": 0.5, "middle": 0.5}, clearance=5e-4, law=SPRING),
+        ImpactPair(name="bend", between=["tip", "middle"], upper=1e-3, law=SPRING),
+    )  # fmt: skip
+    found = history(scene, duration=0.1, seed=1)
+    figure = draw_history(found, scene).get_figure()
+    assert figure is not None
+    words = [ax.get_ylabel().partition("\n")[0] for ax in figure.axes]
+    assert words == [
+        "displacement of tip", "displacement of middle", "gap of mean", "tip less middle",
+        "absolute",
+    ]  # fmt: skip
+    write_animation(found, scene, tmp_path / "a.gif")
+    assert (tmp_path / "a.gif").stat().st_size > 10_000
+    plt.close("all")
