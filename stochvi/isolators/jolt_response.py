@@ -1,5 +1,5 @@
-"""Jolts: whether a mount that does not hit its stops can be thrown into clatter, and how long it
-stays there."""
+"""Jolts: whether a structure that does not hit its stops can be thrown into clatter, and how long
+it stays there."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from stochvi.mathematics import rounding
 from stochvi.mathematics.arrays import Matrix
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
+from stochvi.methods.monte_carlo.modal_contacts import plan_modal_contacts
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions
@@ -180,10 +181,11 @@ def jolts(
     Parameters
     ----------
     scene
-        One oscillator with one impact pair of rigid stops, one sine, any white or filtered noise
-        and loads.
+        A linear structure with one impact pair, one sine, any white or filtered noise and loads.
     speeds
         Changes of the relative velocity by the jolts, m/s; negative ones towards the lower stop.
+        Where a base moves, it is the base that is jolted, and all that it carries gets the speed
+        relative to it; else an impulse on the pair changes the rate of its gap.
     paths
         Number of paths for each jolt.
     duration
@@ -232,7 +234,8 @@ def jolts(
     deadline = Deadline.after(budget)
     sine = _check(scene, speeds, paths, duration)
     model = model_of(scene)
-    plan = plan_modal(model, 0.0, None)
+    planned = plan_modal if model.pairs[0].rigid else plan_modal_contacts
+    plan = planned(model, 0.0, None)
     free = plan_modal(replace(model, pairs=()), 0.0, None)
     period = 1.0 / sine.frequency_hz
     window = WINDOW_PERIODS * period
@@ -290,10 +293,12 @@ def _thrown(
     streams = np.empty((2, paths), np.uint64)
     seed_streams(np.uint64(seed), 0, streams)
     state = free.start(streams)
-    n = plan.modes.size
-    # a velocity of the gap by an impulse on its reduced mass
-    gap, mass = plan.modes.gaps[0], plan.model.pairs[0].mass
-    state[n : 2 * n] += speed * mass * gap[:, None]
+    n, model = plan.modes.size, plan.model
+    if model.moving_base:
+        kick = plan.modes.shapes.T @ model.mass @ next(iter(model.base.values()))
+    else:  # an impulse on the reduced mass of the gap
+        kick = model.pairs[0].mass * plan.modes.gaps[0]
+    state[n : 2 * n] += speed * kick[:, None]
     return np.ascontiguousarray(plan.between_stops(state)), streams
 
 
@@ -324,11 +329,10 @@ def _check(scene: Scene, speeds: Sequence[float], paths: int, duration: float | 
     sines = [each for each in scene.excitations if isinstance(each, Sine)]
     if len(sines) != 1:
         unmet.append(f"the scene must have one sine, got {len(sines)}")
-    if len(model.pairs) != 1 or len(model.coordinates) != 1:
-        unmet.append(
-            "the scene must be one oscillator with one impact pair, got "
-            f"{len(model.coordinates)} coordinates and {len(model.pairs)} impact pairs"
-        )
+    if len(model.pairs) != 1:
+        unmet.append(f"the scene must have one impact pair, got {len(model.pairs)}")
+    if model.tables:
+        unmet.append("noise must be white or filtered, got noise of a table or a record")
     if unmet:
         raise NotApplicable("jolt", unmet)
     return sines[0]
@@ -337,13 +341,15 @@ def _check(scene: Scene, speeds: Sequence[float], paths: int, duration: float | 
 def _clearance(scene: Scene) -> float:
     """The smaller distance from the mean position to a stop, m."""
     model = model_of(scene)
-    return min(abs(stop.position - model.rest) for stop in model.stops)
+    mean = float(model.mean_gaps[0])
+    return min(abs(stop.position - mean) for stop in model.stops)
 
 
 def _resonance(scene: Scene, sine: Sine) -> HarmonicResonance | None:
-    """Regimes of the sine alone, where both stops are alike and lie evenly about the mean."""
+    """Regimes of the sine alone of one mass, where both of its stops are alike, rigid, and evenly
+    about the mean."""
     model = model_of(scene)
-    if model.lower is None or model.upper is None:
+    if not model.single or model.lower is None or model.upper is None or not model.pairs[0].rigid:
         return None
     laws = {stop.law.restitution for stop in model.stops}
     low, high = model.lower.position, model.upper.position

@@ -48,7 +48,7 @@ def build_response(
     notes = [] if model.sines else scene_notes(model)
     return Response(
         method=method,
-        coordinates=coordinates,
+        coordinates={**coordinates, **_of_followers(model, coordinates)},
         impact_pairs=impact_pairs,
         identities=identities,
         effects=scene.effects(),
@@ -57,6 +57,24 @@ def build_response(
         cost=cost,
         provenance=provenance(scene.document()),
     )
+
+
+def _of_followers(
+    model: Model, coordinates: Mapping[str, CoordinateResponse]
+) -> dict[str, CoordinateResponse]:
+    """Motions of points that move in proportion to the only coordinate."""
+    found = {}
+    for point, ratio in model.followers.items():
+        factors = {"displacement_mean": ratio, "displacement_mean_square": ratio**2,
+                   "velocity_mean_square": ratio**2, "upcrossing_rate": 1.0}  # fmt: skip
+        known = vars(coordinates[model.coordinates[0]])
+        found[point] = CoordinateResponse(
+            **{
+                name: None if each is None else each * factors.get(name, abs(ratio))
+                for name, each in known.items()
+            }
+        )
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)

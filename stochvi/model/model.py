@@ -285,6 +285,9 @@ class Model:
     rates
         omega (rad/s) and b (1/s) of one oscillator, 0 where `restoring` or `drag` holds the force;
         None for several coordinates.
+    followers
+        Displacements of other points per unit of that of the only coordinate, by name, where one
+        mode is described by its gap.
     cautions
         Warnings about excitations, in words, for example a record that is too short.
     restoring, potential, drag
@@ -320,6 +323,7 @@ class Model:
     base: Mapping[str, Vector] = field(default_factory=dict)
     points: Mapping[str, Vector] = field(default_factory=dict)
     rates: tuple[float, float] | None = None
+    followers: Mapping[str, float] = field(default_factory=dict)
     cautions: tuple[str, ...] = ()
     restoring: PerUnitMass | None = None
     potential: PerUnitMass | None = None
@@ -751,6 +755,9 @@ def _at_its_gap(scene: Scene, model: Model) -> Model:
         ),
         base={axis: share * moved for axis, moved in model.base.items()},
         points={},
+        followers={
+            point: float(its[0]) / share for point, its in model.points.items() if point != name
+        },
     )
 
 

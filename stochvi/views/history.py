@@ -126,11 +126,15 @@ def _motion_panels(found: History, scene: Scene) -> list[_Panel]:
     pairs, panels = scene.expanded.impact_pairs, []
     shared: dict[str, dict[str, str]] = {}
     for column in (str(name) for name in found.samples):
-        name = column.rpartition(".")[0] or scene.expanded.moving[0]
-        if not _ends(column, "displacement_m") or name not in _shown(scene):
+        prefix = column.rpartition(".")[0]
+        if not _ends(column, "displacement_m") or prefix not in _shown(scene):
             continue
-        usual = next(iter(scene.expanded.structure.places))
-        own = [pair for pair in pairs if not _spans(pair) and (pair.on or usual) == name]
+        name, usual = prefix or _only(scene), next(iter(scene.expanded.structure.places))
+        own = [
+            pair
+            for pair in pairs
+            if (not prefix or (pair.on or usual) == name) and not _gap_column(found, scene, pair)
+        ]
         if own:
             panels.append(_Panel({name: column}, f"displacement of {name}", own))
         else:
@@ -141,8 +145,7 @@ def _motion_panels(found: History, scene: Scene) -> list[_Panel]:
         alone = f" of {next(iter(columns))}" if len(columns) == 1 else ""
         panels.append(_Panel(columns, words + alone, turns=words == "rotation"))
     for pair in pairs:
-        if _spans(pair):
-            column = "gap_m" if len(pairs) == 1 else f"{pair.name}.gap_m"
+        if column := _gap_column(found, scene, pair):
             words = " less ".join(pair.between) if pair.between else f"gap of {pair.name}"
             panels.append(_Panel({words: column}, words, [pair]))
     return panels
@@ -151,6 +154,21 @@ def _motion_panels(found: History, scene: Scene) -> list[_Panel]:
 def _shown(scene: Scene) -> tuple[str, ...]:
     """Names of the displacements that are drawn; the one column of an oscillator has no name."""
     return ("", *scene.expanded.structure.shown)
+
+
+def _gap_column(found: History, scene: Scene, pair: ImpactPair) -> str:
+    """Column of a gap that is no displacement of one place; empty where there is none."""
+    several = len(scene.expanded.impact_pairs) > 1
+    column = f"{pair.name}.gap_m" if several else "gap_m"
+    return column if _spans(pair) and column in found.samples else ""
+
+
+def _only(scene: Scene) -> str:
+    """Name of the one displacement of a scene that has one: of one mode, that of its gap."""
+    whole = scene.expanded
+    if not whole.structure.reported:
+        return whole.moving[0]
+    return whole.words_of(whole.impact_pairs[0]) if whole.impact_pairs else whole.structure.shown[0]
 
 
 def _acceleration_panels(found: History, scene: Scene) -> list[_Panel]:
@@ -325,11 +343,12 @@ def _tracks(found: History, scene: Scene, time: Vector) -> list[Track]:
     usual = next(iter(whole.structure.places))
     held = set(whole.structure.coordinates) - set(whole.moving)
     names = [name for name in whole.structure.shown if name not in held]
+    names = names if several else [_only(scene)]
     sampled = found.samples["time_s"].to_numpy()
 
     def place(name: str) -> Vector:
         column = f"{name}.displacement_m" if several else "displacement_m"
-        if name.startswith("gap of "):
+        if name.startswith("gap of ") and several:
             owner = name.removeprefix("gap of ")
             column = f"{owner}.gap_m" if len(whole.impact_pairs) > 1 else "gap_m"
         elif name in whole.structure.coordinates and name not in whole.moving:
@@ -341,7 +360,8 @@ def _tracks(found: History, scene: Scene, time: Vector) -> list[Track]:
         first, second = pair.between or (pair.on or usual, "")
         if pair.at is not None or pair.weights is not None:
             first = f"gap of {pair.name}"
-        carrier = place(second) if second else np.zeros_like(time)
+        apart = second and (several or second in whole.structure.coordinates)
+        carrier = place(second) if apart else np.zeros_like(time)
         walls = tuple(
             Wall(side, carrier + stop, _lit(found, pair.name, side, time))
             for side, stop in (("lower", pair.lower), ("upper", pair.upper))

@@ -52,9 +52,13 @@ def _unit_of_length(length: float) -> tuple[float, str]:
     return (1.0, "m") if length >= 1.0 else (1e-3, "mm")
 
 
-def _modal(found: History, count: int) -> Matrix:
+def _modal(found: History, scene: Scene) -> Matrix:
     """Displacements of the modes at the samples (samples, modes), m."""
-    names = [f"mode {k + 1}.displacement_m" for k in range(count)]
+    whole = scene.expanded
+    if "displacement_m" in found.samples:  # one mode, whose displacement is that of its gap
+        share = float(whole.row_of(whole.impact_pairs[0])[0])
+        return np.asarray(found.samples[["displacement_m"]].to_numpy() / share)
+    names = [f"{name}.displacement_m" for name in whole.structure.coordinates]
     return np.asarray(found.samples[names].to_numpy())
 
 
@@ -70,7 +74,7 @@ def _draw_span(found: History, scene: Scene, span: Bar | Beam, title: str) -> Ax
     share = np.linspace(0.0, 1.0, PLACES)
     fine = span.replace(points={f"{k}": float(each) for k, each in enumerate(share)})
     along = np.array(list(fine.table.shapes.values()))
-    motion = _modal(found, len(span.table.omega))
+    motion = _modal(found, scene)
     touching = motion[_samples_at_impacts(found)] @ along.T
     moments = motion.T @ motion / len(motion)
     rms = np.sqrt(np.einsum("pi,ij,pj->p", along, moments, along))
@@ -136,7 +140,7 @@ def _draw_plate(found: History, scene: Scene, plate: Plate, title: str) -> Axes:
     }
     shapes = np.array(list(plate.replace(points=grid).table.shapes.values()))
     at = int(_samples_at_impacts(found)[0])
-    deflection = (shapes @ _modal(found, len(plate.table.omega))[at]).reshape(PLACES_ACROSS, -1)
+    deflection = (shapes @ _modal(found, scene)[at]).reshape(PLACES_ACROSS, -1)
     reach = float(np.abs(deflection).max())
     unit, name = length_unit(reach)
     metres, of_length = _unit_of_length(max(plate.length, plate.width))

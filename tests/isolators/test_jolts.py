@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from stochvi import (
+    Elastic,
     ImpactPair,
     Isolator,
     NotApplicable,
@@ -27,6 +28,7 @@ from stochvi.isolators.jolt_response import SETTLING_WINDOWS, WINDOW_PERIODS, jo
 from stochvi.methods.monte_carlo.modal import plan_modal
 from stochvi.model.model import model_of
 from stochvi.results.deadline import NEVER
+from stochvi.scenes import Beam
 
 OMEGA, DAMPING, DRIVE, AMPLITUDE = 62.8, 12.5, 628.0, 1e-4 * 628.0**2
 """The isolator of the book's section 9: 10 Hz, b = 12.5 1/s, a line of 0.1 mm at 100 Hz."""
@@ -258,3 +260,38 @@ def test_boundaries_and_the_free_amplitude_are_those_of_the_motion() -> None:
     assert document["energy_boundary"] == pytest.approx(BOUNDARY, rel=5e-5)
     harmonic = AMPLITUDE / ((DAMPING + (1.0 - 0.5**2) * DRIVE / math.pi) * DRIVE)
     assert document["harmonic_boundary"] == pytest.approx(harmonic, rel=1e-9)
+
+
+def jolted_reed(modes: int, law: Restitution | Elastic) -> Scene:
+    """A cantilever whose tip moves by 0.33 mm under its sine, 0.5 mm from a stop."""
+    reed = Beam(
+        length=0.2, width=0.02, height=0.002, young=2e11, density=7850.0, zeta=0.01, modes=modes
+    )
+    return Scene(
+        structure=reed, impact_pairs=[ImpactPair(on="tip", upper=5e-4, law=law)],
+        excitations=[Sine(on="base", amplitude=3.0, frequency_hz=45.0)],
+    )  # fmt: skip
+
+
+def test_a_reed_of_one_mode_is_captured_as_its_mass_is() -> None:
+    """Its tip follows the base by the participation of the mode."""
+    scene = jolted_reed(1, Restitution(coefficient=0.6))
+    (participation,) = scene.structure.table.participation
+    frequency = float(scene.structure.natural_frequency_hz[0])
+    mass = Scene(
+        structure=Isolator(frequency_hz=frequency, zeta=0.01),
+        impact_pairs=[ImpactPair(upper=5e-4, law=Restitution(coefficient=0.6))],
+        excitations=[Sine(amplitude=3.0 * participation, frequency_hz=45.0)],
+    )
+    found = jolts(scene, [0.0, 0.1], paths=32, duration=2.5)
+    wanted = jolts(mass, [0.0, 0.1 * participation], paths=32, duration=2.5)
+    assert found.captured.tolist() == wanted.captured.tolist()
+    assert found.captured[1].any() and not found.captured[0].any()
+    assert found.clearance == wanted.clearance == 5e-4
+
+
+def test_a_jolt_throws_a_reed_of_three_modes_onto_its_stop() -> None:
+    """Rigid or of spring steel; without a jolt it stays clear of either."""
+    for law in (Restitution(coefficient=0.6), Elastic(stiffness=2e4)):
+        found = jolts(jolted_reed(3, law), [0.0, 0.2], paths=8, duration=2.5)
+        assert not found.captured[0].any() and found.captured[1].any()

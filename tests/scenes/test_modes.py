@@ -13,6 +13,7 @@ import pyuff
 import scipy.linalg
 
 from stochvi import (
+    ConstantLoad,
     Elastic,
     ForceTable,
     ImpactPair,
@@ -324,3 +325,21 @@ def test_a_record_on_a_point_is_replayed_as_on_its_coordinate(
     for name in "abc":
         largest = wanted.coordinates[name].displacement_max.value
         assert found.coordinates[name].displacement_max.value == pytest.approx(largest, rel=1e-6)
+
+
+def test_other_points_of_one_mode_move_in_proportion_to_its_gap() -> None:
+    """As they do where two pairs keep the coordinate of the mode."""
+    keys: dict[str, Any] = {"frequency_hz": [20.0], "zeta": 0.05, "participation": [1.3]}
+    blade = Modes(**keys, shapes={"tip": [1.0], "seat": [-0.4]})
+    noise, load = WhiteNoise(on="base", intensity=20.0), ConstantLoad(on="tip", force=30.0)
+    stop = ImpactPair(name="seat", on="seat", upper=0.001, law=SPRING)
+    far = ImpactPair(name="far", on="tip", upper=1e3, law=SPRING)
+    one, two = (
+        linearise(Scene(structure=blade, impact_pairs=pairs, excitations=[noise, load]))
+        for pairs in ([stop], [stop, far])
+    )
+    assert list(one.coordinates) == ["seat", "tip"]
+    for name in ("tip", "seat"):
+        for quantity in ("displacement_mean", "displacement_mean_square", "velocity_std"):
+            value, wanted = (each.coordinates[name][quantity].value for each in (one, two))
+            assert value == pytest.approx(wanted, rel=1e-6), (name, quantity)

@@ -78,3 +78,19 @@ def test_points_are_drawn_and_modal_coordinates_are_not(tmp_path) -> None:
     write_animation(found, scene, tmp_path / "a.gif")
     assert (tmp_path / "a.gif").stat().st_size > 10_000
     plt.close("all")
+
+
+def test_one_mode_is_drawn_by_its_gap(tmp_path) -> None:
+    one = REED.replace(modes=1)
+    scene = shaken(one, ImpactPair(between=["tip", "middle"], upper=3e-4, law=SPRING))
+    found = history(scene, duration=0.2, seed=1, rate=2e5)
+    figure = draw_history(found, scene).get_figure()
+    assert figure is not None
+    first, _ = figure.axes
+    assert first.get_ylabel().startswith("displacement of tip")
+    assert "impacts, larger = faster" in first.get_legend_handles_labels()[1]
+    shape = draw_shapes(found, scene).lines[0].get_ydata()
+    assert shape[50] / shape[-1] == pytest.approx(one.table.shapes["middle"][0], rel=1e-9)
+    assert shape[-1] - shape[50] == pytest.approx(0.3, abs=0.02)
+    write_animation(found, scene, tmp_path / "a.gif")
+    plt.close("all")

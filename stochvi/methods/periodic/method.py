@@ -94,8 +94,8 @@ def harmonic_response(
     vary
         Instead: one key of the scene with its values.
     coordinate
-        The coordinate or point whose displacement and acceleration are given; by default the first
-        point of a structure that is made of modes, else the first coordinate.
+        The coordinate or point whose displacement and acceleration are given. By default that is
+        the first point of a structure that is made of modes, else the first coordinate.
     most_impacts
         Largest number of impacts per period of the regimes that Newton's iteration looks for;
         regimes of more impacts are found only where simulations settle to them, and a warning says
@@ -159,7 +159,8 @@ def harmonic_response(
     if low == high:
         wide = MARGIN * (abs(low) or 1.0)
         low, high = low - wide, high + wide
-    coordinate = coordinate or scene.expanded.structure.shown[0]
+    shown = (each for each in scene.expanded.structure.shown if each in model.outputs)
+    coordinate = coordinate or next(shown, model.outputs[0])
     family = Family.of(lambda value: model_of(scene_at(value)), low, high, coordinate)
     finder = finder_of(family, family.sigma(values), most_impacts, deadline)
     if slow := too_slow(finder):

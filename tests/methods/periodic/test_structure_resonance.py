@@ -245,3 +245,10 @@ def test_the_first_point_of_a_structure_is_shown_under_a_sine() -> None:
         assert branch.acceleration_max[0] == pytest.approx(abs(shape @ carried), rel=1e-5)
     with pytest.raises(ValueError, match="must be one of mode 1, mode 2, tip, seat, got"):
         harmonic_response(scene, coordinate="base")
+
+
+def test_one_mode_under_a_sine_is_shown_at_its_gap() -> None:
+    reed = Modes(frequency_hz=[20.0], zeta=0.02, shapes={"tip": [1.0], "seat": [0.5]})
+    sine = Sine(on="tip", amplitude=3.0, frequency_hz=23.0)
+    scene = Scene(structure=reed, impact_pairs=[stop(on="seat", upper=1.0)], excitations=[sine])
+    assert harmonic_response(scene).coordinate == "seat"
