@@ -47,6 +47,9 @@ ROUNDS = 6
 """Number of linearisations between stops, after those under a rough law: each halves what is left,
 which falls below 1e-3 of a deviation."""
 
+FULL = 0.999
+"""Largest mean of abs(z)^exponent that an iteration with hysteresis takes, below its limit 1."""
+
 MOST_ROUNDS = 2000
 """Largest number of rounds of the iteration with hysteresis."""
 
@@ -203,7 +206,10 @@ def _coefficients(
     speed = _spread(row, covariance, n)
     deviation = math.sqrt(float(covariance[memory, memory]))
     mixed = float(row @ covariance[n : 2 * n, memory]) / (speed * deviation)
-    new = _law(part).wen_coefficients(speed, deviation, min(max(mixed, -1.0), 1.0))
+    rope = _law(part)
+    # a memory stays below 1; a start that is too wide would make C negative
+    deviation = min(deviation, FULL ** (1.0 / rope.exponent) * rope.widest_memory)
+    new = rope.wen_coefficients(speed, deviation, min(max(mixed, -1.0), 1.0))
     return 0.5 * (old[0] + new[0]), 0.5 * (old[1] + new[1])
 
 

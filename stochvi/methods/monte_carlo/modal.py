@@ -49,6 +49,7 @@ from stochvi.methods.monte_carlo.rigid_white import (
 from stochvi.methods.monte_carlo.step_bias import (
     bias_of_plain_step,
     bias_of_smooth_motion,
+    bias_of_sticking,
     lossiest,
 )
 from stochvi.model.coverage import without_noise
@@ -246,6 +247,8 @@ class ModalPlan(SteppedPlan):
     def step_bias(self, name: str, difference: float) -> float | None:
         """The bias that the step leaves in a quantity, from its difference to twice the step; None
         for rates of slow impacts under white noise (`step_bias`)."""
+        if not self.modes.kicked and any(part.law.sticks for part in self.model.functions):
+            return bias_of_sticking(difference)
         if not self.modes.kicked or not self.model.stops:
             return bias_of_smooth_motion(difference)
         pressed = any(scale.pressing > 0.0 for scale in self.pairs)

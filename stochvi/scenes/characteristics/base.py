@@ -56,6 +56,8 @@ class Characteristic(Checked):
     word: ClassVar[str] = "nonlinear"
     """Adjective of the kind in the effects of a scene."""
     is_damper: ClassVar[bool] = False
+    sticks: ClassVar[bool] = False
+    """Whether the force holds what is at rest, so that it jumps with the velocity."""
     remembers: ClassVar[bool] = False
     """Whether the force depends on the past."""
 

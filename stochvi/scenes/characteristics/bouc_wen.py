@@ -131,6 +131,13 @@ class BoucWen(SpringForce):
             0.0, stiffness, 2.0 * self.largest_force * loss / (math.pi * frequency * amplitude**2)
         )
 
+    @property
+    def widest_memory(self) -> float:
+        """Standard deviation of a Gaussian memory whose mean of abs(z)^exponent is 1."""
+        n = self.exponent
+        moment = 2.0 ** (n / 2.0) * math.gamma((n + 1.0) / 2.0) / math.sqrt(math.pi)
+        return float(moment ** (-1.0 / n))
+
     def wen_coefficients(
         self, speed: float, deviation: float, correlation: float
     ) -> tuple[float, float]:

@@ -35,6 +35,7 @@ class Coulomb(DamperForce):
     """
 
     word: ClassVar[str] = "Coulomb"
+    sticks: ClassVar[bool] = True
 
     kind: Literal["coulomb"] = "coulomb"
     force: Positive

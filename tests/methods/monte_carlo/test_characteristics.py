@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from stochvi import (
     Elastic,
@@ -385,3 +386,28 @@ def test_methods_for_linear_structures_refuse_functions(calculation: Any, severa
     )
     with pytest.raises(NotApplicable, match=r"structure\.spring must be"):
         calculation(scene)
+
+
+def test_the_bias_of_what_sticks_holds() -> None:
+    """Dry friction under a sine, which holds the mass for a part of each period: an integration of
+    the equation with a steep line in place of the jump judges the stated bias."""
+    friction = {"kind": "coulomb", "force": 0.5}
+    structure = Oscillator(mass=1.0, damping=0.1, stiffness=1.0, damper=friction)
+    sine = Sine(amplitude=0.7, frequency_hz=0.08)
+    scene = Scene(structure=structure, excitations=[sine])
+    omega = 2.0 * math.pi * 0.08
+
+    def rates(t: float, y: np.ndarray) -> list[float]:
+        force = 0.7 * math.sin(omega * t) - 0.1 * y[1] - y[0] - 0.5 * math.tanh(y[1] / 1e-4)
+        return [y[1], force]
+
+    times = np.linspace(200.0, 300.0, 10_001)  # eight periods
+    solved = solve_ivp(
+        rates, (0.0, 300.0), [0.0, 0.0], method="LSODA", rtol=1e-8, atol=1e-9, t_eval=times
+    )
+    plan = make_plan(model_of(scene), None, 400.0)
+    for step in (plan.step, plan.step / 4.0):
+        fine, coarse = (plan.with_step(h).averages(1, 0, 16)[1].mean() for h in (step, 2.0 * step))
+        bias = plan.step_bias("displacement_mean_square", abs(fine - coarse))
+        error = abs(fine - (solved.y[0] ** 2).mean())
+        assert 0.25 * bias < error < bias
