@@ -21,6 +21,7 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.frequency_response import InputMatrix
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.mathematics.spectra import Table
+from stochvi.model.coverage import nonlinear
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
@@ -378,9 +379,9 @@ def quantile(probability: float) -> float:
 
 def _unmet(model: Model, pairs: Sequence[Pair]) -> list[str]:
     """The conditions that a scene does not meet, in sentences."""
-    found = []
+    found = nonlinear(model)
     if not pairs:
-        return ["the scene needs an impact_pair that takes part, got none"]
+        return [*found, "the scene needs an impact_pair that takes part, got none"]
     if any(signal.intensity or signal.amplitude for signal in model.signals) or any(
         isinstance(force, InputMatrix) for _, force in model.tables
     ):

@@ -41,6 +41,7 @@ from stochvi import (
     transient,
 )
 from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
+from stochvi.methods.periodic import StructureResonance
 from stochvi.model.linear_part import form_of, with_linear_part
 from stochvi.model.model import model_of
 from stochvi.scenes import FilteredNoise, Sine
@@ -369,6 +370,7 @@ def test_hysteresis_leaves_out_what_follows_from_the_past() -> None:
         lambda scene: reliability(scene, mission=10.0),
         lambda scene: size(scene, probability=0.01, mission=10.0),
         lambda scene: harmonic_response(scene, [0.1, 0.2]),
+        lambda scene: StructureResonance.of(scene, frequency_hz=1.0),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("several", [False, True])
