@@ -43,6 +43,7 @@ from .scenes.impact_laws import (
     SpeedRestitution,
     Viscoelastic,
 )
+from .scenes.scatter import Scatter
 from .scenes.scene import ImpactPair, Scene, load_scene
 from .scenes.structures import Isolator, Matrices, Oscillator
 from .statistics.damage import damage
@@ -75,6 +76,7 @@ __all__ = [
     "Response",
     "Restitution",
     "RoadNoise",
+    "Scatter",
     "Scene",
     "SceneError",
     "Sine",

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     help="Clearances: distances of the stops from the static equilibrium, 2mm,3mm (or in m) "
     "[the stops of the scene].",
 )  # fmt: skip
-@common("budget", "threads", "json", "out", "force", "quiet")
+@common("seed", "budget", "threads", "json", "out", "force", "quiet")
 def replay(options: Common, scene: str, clearances: str | None) -> None:
     """Pass a measured record through the mount and its stops.
 
@@ -35,7 +35,7 @@ def replay(options: Common, scene: str, clearances: str | None) -> None:
 
     loaded = load_scene(scene)
     places = None if clearances is None else lengths("--clearances", clearances)
-    found = solve(loaded, places, threads=options.threads, budget=options.rest)
+    found = solve(loaded, places, seed=options.seed, threads=options.threads, budget=options.rest)
     record = record_verdict(loaded)
 
     def picture() -> Axes:

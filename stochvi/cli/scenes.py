@@ -54,6 +54,7 @@ zeta = 0.1
 lower = -0.004               # m from the position of the unloaded spring; leave out for none
 upper = 0.004                # both sides alike: clearance = 0.004 instead of lower and upper
 law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law where they differ
+# drawn anew at each impact (beta distribution): coefficient = { mean = 0.5, std = 0.1 }
 # compliant stops (N/m): { kind = "elastic", stiffness = 1e5 },
 # { kind = "viscoelastic", stiffness = 1e5, damping_ratio = 0.2 } (or loss_factor = 0.4, or
 # restitution = 0.6 with at_speed = 0.5 (m/s); instead of stiffness a rubber pad: shore_a = 60.0,

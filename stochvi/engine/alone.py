@@ -28,7 +28,7 @@ from stochvi.engine.contacts import (
     make_contacts,
 )
 from stochvi.engine.impact_log import log_impact
-from stochvi.engine.law_calls import margin_of, rebound_of
+from stochvi.engine.law_calls import margin_of, mean_rebound_of, rebound_of
 from stochvi.engine.pushes import (
     A0,
     A1,
@@ -46,6 +46,7 @@ from stochvi.engine.pushes import (
     powers_later,
 )
 from stochvi.engine.roots import bracketed_root, first_root, rises_once
+from stochvi.engine.uniform_numbers import uniform_of
 
 MOST_SWEEPS = 1000
 """Largest number of passes over all stops in which ends of steps beyond a stop are put between the
@@ -270,9 +271,8 @@ def keep_between_stops(gaps, change, stops, laws, responses, tally):
 @kernel
 def add_rest(tally, taken, stops, laws, pair, upper):
     """Add the speed that a stop takes from a mass at rest on it, as that of impacts."""
-    change = 1.0 + rebound_of(
-        laws, stops.kinds[pair, upper], stops.numbers, 2 * pair + upper, 1.0
-    )  # fmt: skip
+    kind = stops.kinds[pair, upper]
+    change = 1.0 + mean_rebound_of(laws, kind, stops.numbers, 2 * pair + upper, 1.0)
     tally.sums[pair, 3 * upper + 1, tally.lane] += taken / change
 
 
@@ -303,7 +303,8 @@ def until_contact(step, span, impacts, stops, laws, responses, followed, work, t
         rigid = stops.rigid[pair, upper]
         if not rigid:
             return pair, upper, span, impacts
-        rebound = rebound_of(laws, kind, stops.numbers, row, w)
+        uniform = uniform_of(tally.word, impacts)
+        rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
         add_impulse(pair, -side * (w + rebound), span, responses, followed, work)
         gaps[Y0, pair], gaps[V0, pair] = stop, -side * rebound
         pressing = side * gaps[A0, pair]
@@ -333,6 +334,7 @@ def finish_alone(
     page : None, or part of a log.
     """
     gaps, contacts = work.gaps, work.contacts
+    contacts.struck[0] = 0
     while True:
         if fastest is not None:  # noqa: SIM102 - a test of its own is left out when compiled
             if touching and span > 0.0:

@@ -40,6 +40,7 @@ from stochvi.engine.pushes import (
 from stochvi.engine.roots import time_to_stop
 from stochvi.engine.sub_steps import CONTACT_ANGLE, FIRST_SHARE
 from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, ROWS_OF_PAIR, ROWS_OF_STOP, TIME
+from stochvi.engine.uniform_numbers import uniform_of
 
 MOST_NEWTON = 40
 """Largest number of Newton steps to the time of an event; each repeats a sub-step."""
@@ -69,6 +70,7 @@ class Contacts(NamedTuple):
     moments, moments_end : (pairs, MOMENTS), moments of the pushes at both ends of a sub-step, whose
         forces are positive along the gap.
     pushed : (pairs,), 1 for a pair that has been pushed in the step.
+    struck : (1,), number of impacts on rigid stops during the contacts of the step.
     gaps : (4, pairs), with the rows named above.
     accelerations : (4, pairs), those of the gaps in the four stages of a sub-step.
     forces, rates : (4, pairs, 2), forces of the stops along the gap, and rates of their
@@ -81,6 +83,7 @@ class Contacts(NamedTuple):
     moments: NDArray[np.float64]
     moments_end: NDArray[np.float64]
     pushed: NDArray[np.int64]
+    struck: NDArray[np.int64]
     gaps: NDArray[np.float64]
     accelerations: NDArray[np.float64]
     forces: NDArray[np.float64]
@@ -95,11 +98,13 @@ class Tally(NamedTuple):
     peaks : (lanes, pairs, 2), the largest forces so far of contacts that last from step to step.
     sums : (pairs, rows, lanes), added to.
     lane : number of the path in them.
+    word : that of the path in this step, by which `uniform_numbers` draws what scatters.
     """
 
     peaks: NDArray[np.float64]
     sums: NDArray[np.float64]
     lane: int
+    word: int
 
 
 @kernel
@@ -170,7 +175,7 @@ def make_contacts(pairs):
     return Contacts(
         np.zeros((pairs, 2), np.int64), np.zeros((pairs, 2), np.int64), np.zeros((pairs, 6)),
         np.zeros((pairs, MOMENTS)), np.zeros((pairs, MOMENTS)), np.zeros(pairs, np.int64),
-        np.zeros((4, pairs)), np.zeros((4, pairs)), np.zeros((4, pairs, 2)),
+        np.zeros(1, np.int64), np.zeros((4, pairs)), np.zeros((4, pairs)), np.zeros((4, pairs, 2)),
         np.zeros((4, pairs, 2)),
     )  # fmt: skip
 
@@ -386,7 +391,7 @@ def shorter_at_touch(h, contacts, stops, laws):
 def add_contacts(h, contacts, stops, laws, tally):
     """Add impulse, dissipated energy, duration and peak force of a sub-step of all contacts."""
     gaps, a, f, v = contacts.gaps, contacts.accelerations, contacts.forces, contacts.rates
-    peaks, sums, lane = tally
+    peaks, sums, lane, _ = tally
     for j in range(stops.places.shape[0]):
         for which in range(2):
             if contacts.inside[j, which] != PUSHES:
@@ -465,7 +470,7 @@ def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, t
 
     They began `start` s after the step.
     """
-    peaks, sums, lane = tally
+    peaks, sums, lane, word = tally
     gaps, inside = contacts.gaps, contacts.inside
     side, kind, row = 2.0 * upper - 1.0, stops.kinds[pair, upper], 2 * pair + upper
     stop = stops.places[pair, upper]
@@ -497,7 +502,10 @@ def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, t
     if not rigid:
         inside[pair, upper] = PUSHES
         return
-    rebound = rebound_of(laws, kind, stops.numbers, row, w)
+    # impacts between contacts have the numbers below MOST_BOUNCES
+    uniform = uniform_of(word, MOST_BOUNCES + contacts.struck[0])
+    contacts.struck[0] += 1
+    rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
     change = -side * (w + rebound)
     contacts.moments[pair, 0] += change
     for j in range(gaps.shape[1]):

@@ -2,8 +2,8 @@
 
 A law is a class of named tuples of numbers, for forces per unit mass. It has one of two functions:
 
-    rebound(law, w)     rigid: speed after an impact at the speed w
-    force(law, y, v)    compliant: force at the deflection y and its rate v
+    rebound(law, w, uniform)     rigid: speed after an impact at the speed w
+    force(law, y, v)            compliant: force at the deflection y and its rate v
 
 The other functions say how a contact is followed; they have bodies that serve most laws.
 
@@ -23,8 +23,13 @@ whose row is kept as well."""
 
 
 @generic
-def rebound(law, w):
-    """Speed after an impact at the speed w, m/s."""
+def rebound(law, w, uniform):
+    """Speed after an impact at the speed w, m/s; `uniform` is a uniform number of that impact."""
+
+
+@generic
+def mean_rebound(law, w):
+    """Mean speed after impacts at the speed w, m/s."""
 
 
 @generic
@@ -89,8 +94,13 @@ def _(law, y, v):
 
 
 @rebound.of(object)
-def _(law, w):
+def _(law, w, uniform):
     return 0.0
+
+
+@mean_rebound.of(object)
+def _(law, w):
+    return rebound(law, w, 0.5)
 
 
 @force.of(object)

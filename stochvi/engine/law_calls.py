@@ -11,11 +11,11 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic, overload
 
 from stochvi.engine.compiling import kernel
-from stochvi.engine.law import force, margin, rate, read, rebound
+from stochvi.engine.law import force, margin, mean_rebound, rate, read, rebound
 from stochvi.engine.mass_contacts import through
 from stochvi.engine.sub_steps import press
 
-FORCE, MARGIN, RATE, REBOUND = range(4)
+FORCE, MARGIN, RATE, REBOUND, MEAN_REBOUND = range(5)
 """What is asked of the law of one stop."""
 
 OF_STOP = types.float64(
@@ -106,9 +106,15 @@ call_of_lanes.made_of = {object: (_choose_of_lanes,)}  # type: ignore[attr-defin
 
 
 @kernel
-def rebound_of(laws, kind, numbers, row, w):
+def rebound_of(laws, kind, numbers, row, w, uniform):
     """`rebound` of a stop with a law of the class `kind`, whose numbers are a row of a table."""
-    return call_of_stop(laws[kind, 0], (REBOUND, numbers, row, 0.0, w, 0.0))
+    return call_of_stop(laws[kind, 0], (REBOUND, numbers, row, 0.0, w, uniform))
+
+
+@kernel
+def mean_rebound_of(laws, kind, numbers, row, w):
+    """`mean_rebound` of a stop, as `rebound_of`."""
+    return call_of_stop(laws[kind, 0], (MEAN_REBOUND, numbers, row, 0.0, w, 0.0))
 
 
 @kernel
@@ -156,7 +162,9 @@ def functions_of_class(law):
             return margin(own, y, v)
         if what == RATE:
             return rate(own, y, v, push)
-        return rebound(own, v)
+        if what == REBOUND:
+            return rebound(own, v, push)
+        return mean_rebound(own, v)
 
     @kernel
     def of_lanes(memory, low, high, numbers, fastest):

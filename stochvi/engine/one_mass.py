@@ -28,7 +28,7 @@ from stochvi.engine.complete_contacts import (
 )
 from stochvi.engine.free_motion import time_to_touch, undamped_motion
 from stochvi.engine.impact_log import log_impact
-from stochvi.engine.law_calls import follow, rebound_of
+from stochvi.engine.law_calls import follow, mean_rebound_of, rebound_of
 from stochvi.engine.sums import (
     ENDED,
     IMPULSE,
@@ -41,6 +41,7 @@ from stochvi.engine.sums import (
     SPEED,
     TIME,
 )
+from stochvi.engine.uniform_numbers import uniform_of
 
 NO_STOP = -1
 """Beside 0 and 1, the numbers of the lower and of the upper stop."""
@@ -79,11 +80,11 @@ def contact_that_lasts(x, at):
 
 
 @kernel
-def strike(w, left, which, at, sums, lane):
+def strike(w, left, which, at, sums, lane, uniform):
     """An impact on a rigid stop at the speed w: the speed after it, and what is left of the step, 0
     for a mass that rests on the stop."""
     kind = at.kinds[which]
-    back = rebound_of(at.laws, kind, at.numbers, which, w)
+    back = rebound_of(at.laws, kind, at.numbers, which, w, uniform)
     row = ROWS_OF_PAIR + ROWS_OF_STOP * which
     sums[lane, row + IMPULSE] += w + back
     sums[lane, row + LOSS] += 0.5 * (w - back) * (w + back)
@@ -91,7 +92,7 @@ def strike(w, left, which, at, sums, lane):
     if pressing > 0.0 and back <= RESTING * pressing * left:
         # ever lower bounces, whose impulses add up to the pressing force
         sums[lane, row + IMPULSE] += pressing * left
-        both = 1.0 + rebound_of(at.laws, kind, at.numbers, which, 1.0)
+        both = 1.0 + mean_rebound_of(at.laws, kind, at.numbers, which, 1.0)
         sums[lane, 3 * which + 1] += pressing * left / both
         return 0.0, 0.0
     return back, left
@@ -142,7 +143,7 @@ def follow_contact(y, v, left, which, at, peaks, sums, lane, found):
 
 
 @kernel
-def finish_step(x, v, left, at, threshold, peaks, sums, lane, found, page):
+def finish_step(x, v, left, at, threshold, peaks, sums, lane, word, found, page):
     """What is left of a step of one path: displacement and velocity at its end.
 
     Parameters
@@ -154,13 +155,14 @@ def finish_step(x, v, left, at, threshold, peaks, sums, lane, found, page):
         stop.
     sums : (paths, rows of a contact pair), added to.
     lane : number of the path.
+    word : that of the path in this step, by which `uniform_numbers` draws what scatters.
     found : FOUND numbers, overwritten.
     page : None, or part of a log, which gets the impacts that are counted.
     """
     stiffness, whole = at.stiffness, left
     omega = math.sqrt(stiffness)
     which = contact_that_lasts(x, at)
-    for _ in range(MOST_EVENTS):
+    for event in range(MOST_EVENTS):
         touched, w = which == NO_STOP, 0.0
         if touched:
             up, w_up = time_to_touch(x, v, at.places[1], left, stiffness, omega)
@@ -180,7 +182,7 @@ def finish_step(x, v, left, at, threshold, peaks, sums, lane, found, page):
         side, stop = 2.0 * which - 1.0, at.places[which]
         y, back, rest = 0.0, 0.0, -1.0
         if at.rigid[which]:
-            back, rest = strike(w, left, which, at, sums, lane)
+            back, rest = strike(w, left, which, at, sums, lane, uniform_of(word, event))
         elif touched:
             back, rest = read_contact(w, left, which, at, sums, lane)
         if rest >= 0.0:

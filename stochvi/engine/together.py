@@ -57,6 +57,7 @@ from stochvi.engine.law import MOST_NUMBERS
 from stochvi.engine.law_calls import press_all
 from stochvi.engine.pushes import A0, A1, MOMENTS, V0, V1, Y0, Y1, Responses
 from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, ROWS_OF_PAIR, ROWS_OF_STOP, TIME
+from stochvi.engine.uniform_numbers import word_of_step
 
 MOST_ROUNDS = 50
 """Largest number of touches of a lane in a step; a lane with more finishes alone."""
@@ -76,6 +77,7 @@ class Scene(NamedTuple):
     work : `Workspace`, overwritten.
     new : (states, lanes), states at the end of the step, changed.
     sums, peaks : those of `Tally`.
+    words : (lanes,), first words of the random streams after the normals of the step.
     log, first_path, number : None, or a `Log`; number of the path in the first lane, and of the
         step, negative in a burn-in.
     following : None, or `Following`; every lane then finishes alone.
@@ -89,6 +91,7 @@ class Scene(NamedTuple):
     new: NDArray[np.float64]
     sums: NDArray[np.float64]
     peaks: NDArray[np.float64]
+    words: NDArray[np.uint64]
     log: Log | None
     first_path: int
     number: int
@@ -118,6 +121,13 @@ def make_waiting(numbers, lanes):
 
 
 @kernel
+def tally_of(lane, scene):
+    """What the step of a lane is added to."""
+    word = word_of_step(scene.words[lane], scene.number)
+    return Tally(scene.peaks, scene.sums, lane, word)
+
+
+@kernel
 def take_lane(i, ends, work):
     """Write a lane at the start of its step into the workspace."""
     y0, v0, a0, y1, v1, a1 = ends
@@ -138,7 +148,7 @@ def go_home(lane, scene, y1):
     for j in range(places.shape[0]):
         beyond |= (work.gaps[Y1, j] > places[j, 1]) | (work.gaps[Y1, j] < places[j, 0])
     if beyond:
-        tally = Tally(scene.peaks, scene.sums, lane)
+        tally = tally_of(lane, scene)
         keep_between_stops(
             work.gaps, work.change, scene.stops, scene.laws, scene.responses, tally
         )  # fmt: skip
@@ -157,7 +167,7 @@ def finish_lane(lane, span, touches, scene, fastest, y1):
     page = page_of(scene.log, scene.first_path + lane, scene.number, scene.step)
     finish_alone(
         scene.step, span, touching, touches, fastest, scene.stops, scene.laws, scene.responses,
-        followed_of(scene.following, lane), scene.work, Tally(scene.peaks, scene.sums, lane), page,
+        followed_of(scene.following, lane), scene.work, tally_of(lane, scene), page,
     )  # fmt: skip
     go_home(lane, scene, y1)
 
@@ -169,7 +179,7 @@ def go_on(lane, span, touches, scene, y1):
     page = page_of(scene.log, scene.first_path + lane, scene.number, scene.step)
     pair, upper, span, touches = until_contact(
         scene.step, span, touches, scene.stops, scene.laws, scene.responses, None, scene.work,
-        Tally(scene.peaks, scene.sums, lane), page,
+        tally_of(lane, scene), page,
     )  # fmt: skip
     if pair == NO_PAIR and touches > 0:  # without, it moves as if there were no stops
         go_home(lane, scene, y1)
@@ -353,7 +363,7 @@ def press_waiting(count, scene, fastest, waiting, y1):
                     hold_contact(pair, upper, scene)
                     finish_lane(lane, span, touches, scene, fastest, y1)
                     continue
-                tally = Tally(scene.peaks, scene.sums, lane)
+                tally = tally_of(lane, scene)
                 span = end_contact(m, pair, upper, span, scene, tally, waiting.memory)
                 pair, upper, span, touches = go_on(lane, span, touches, scene, y1)
                 if pair != NO_PAIR:

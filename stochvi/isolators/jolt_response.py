@@ -19,7 +19,7 @@ from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_contacts import plan_modal_contacts
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import functions
+from stochvi.model.coverage import functions, scattered
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline, graceful_interrupt
@@ -325,7 +325,7 @@ def _check(scene: Scene, speeds: Sequence[float], paths: int, duration: float | 
     if duration is not None and not 0.0 < duration < math.inf:
         raise ValueError(f"duration must be a positive number of seconds, got {duration}")
     model = model_of(scene)
-    unmet = functions(model)
+    unmet = [*functions(model), *scattered(model)]
     sines = [each for each in scene.excitations if isinstance(each, Sine)]
     if len(sines) != 1:
         unmet.append(f"the scene must have one sine, got {len(sines)}")

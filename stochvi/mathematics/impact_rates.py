@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 
 from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.beta_distribution import BetaDistribution
 
 COLLAPSE_RESTITUTION = math.exp(-math.pi / math.sqrt(3.0))
 """At and below this restitution the rate of impacts under white noise is infinite (S. J. Cornell,
@@ -92,6 +93,34 @@ def corner_exponent(restitution: float) -> float:
     if balance(low) * balance(high) > 0.0:
         return 2.0 if abs(restitution / COLLAPSE_RESTITUTION - 1.0) < 1e-3 else high
     return float(scipy.optimize.brentq(balance, low, high))
+
+
+@cache
+def equivalent_restitution(law: BetaDistribution) -> float:
+    """The constant restitution with the same exponent beta as one that scatters.
+
+    A random R, drawn at each impact, turns the equation of `corner_exponent` into
+    E R^(beta - 2) = 2 sin((1 + 2 beta) pi / 6): slow impacts that leave at v have arrived at v / R.
+    The rate of impacts is therefore infinite where E ln R <= -pi / sqrt 3, and there the result is
+    the geometric mean of R.
+
+    >>> round(equivalent_restitution(BetaDistribution(0.7, 0.1)), 4)
+    0.6801
+    """
+
+    def balance(beta: float) -> float:
+        return math.log(law.moment(beta - 2.0) / (2.0 * math.sin((1.0 + 2.0 * beta) * math.pi / 6)))
+
+    typical = math.exp(law.mean_logarithm)
+    if typical <= COLLAPSE_RESTITUTION:
+        low, high = 2.0 + 1e-9, 2.5 - 1e-12
+    else:
+        low, high = max(0.0, 2.0 - law.alpha) + 1e-9, 2.0 - 1e-9
+    if not balance(low) * balance(high) < 0.0:
+        return typical
+    beta = float(scipy.optimize.brentq(balance, low, high))
+    sine = 2.0 * math.sin((1.0 + 2.0 * beta) * math.pi / 6.0)
+    return float(sine ** (1.0 / (beta - 2.0)))
 
 
 @overload

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import replace
 
@@ -152,11 +153,11 @@ def _warnings(model: Model, law: EnergyLaw) -> list[str]:
     found = []
     for name, stop in law.stops.items():
         factors = PRESSED_FACTORS[law.variant]
-        factor = float(np.interp(stop.restitution, MEASURED_RESTITUTIONS, factors))
+        factor = float(np.interp(math.sqrt(stop.mean_square), MEASURED_RESTITUTIONS, factors))
         if stop.energy == 0.0 and abs(factor - 1.0) > MISLEADING:
             found.append(
                 f"the mass rests on the {name} stop, which takes "
-                f"{100.0 * (1.0 - stop.restitution**2):.0f} % of its energy in every cycle, while "
+                f"{100.0 * (1.0 - stop.mean_square):.0f} % of its energy in every cycle, while "
                 "averaging takes this part to be small. A stated error holds; where none is "
                 f"stated, displacement_std is off by up to a factor of {factor:.2g}, which it is "
                 "if only a load holds the mass there; use fokker-planck or linearise"

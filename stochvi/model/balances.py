@@ -100,7 +100,7 @@ def _pushes(model: Model, moments: Mapping[tuple[str, str], Any]) -> list[tuple[
     for pair in model.pairs:
         for stop in pair.stops:
             if isinstance(stop.law, Restitution):
-                force = (1.0 + stop.law.coefficient) * moments[pair.name, f"f1_{stop.name}"]
+                force = (1.0 + stop.law.restitution) * moments[pair.name, f"f1_{stop.name}"]
             else:
                 force = moments[pair.name, f"force_{stop.name}"]
             force = pair.mass * force
@@ -115,7 +115,7 @@ def _losses(model: Model, moments: Mapping[tuple[str, str], Any]) -> list[Any]:
         for stop in pair.stops:
             if isinstance(stop.law, Restitution):
                 square = moments[pair.name, f"f2_{stop.name}"]
-                loss = (1.0 - stop.law.coefficient**2) / 2.0 * square
+                loss = (1.0 - stop.law.restitution_mean_square) / 2.0 * square
             else:
                 loss = moments[pair.name, f"loss_{stop.name}"]
             found.append(-pair.mass * loss)

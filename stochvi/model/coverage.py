@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from stochvi.model.model import Model
 from stochvi.scenes.excitations import DENSITY_KINDS
-from stochvi.scenes.impact_laws import CompliantLaw, SpeedRestitution, Viscoelastic
+from stochvi.scenes.impact_laws import CompliantLaw, Restitution, SpeedRestitution, Viscoelastic
 
 
 def functions(model: Model) -> list[str]:
@@ -23,6 +23,17 @@ def speed_restitutions(model: Model) -> list[str]:
         for pair in model.pairs
         for stop in pair.stops
         if isinstance(stop.law, SpeedRestitution)
+    ]
+
+
+def scattered(model: Model) -> list[str]:
+    """A sentence for each restitution that scatters, for methods that draw nothing."""
+    return [
+        f"law.coefficient must be a number, got {stop.law.coefficient} at the {stop.name} stop of "
+        f"{pair.name}, which scatters; give its mean alone"
+        for pair in model.pairs
+        for stop in pair.stops
+        if isinstance(stop.law, Restitution) and stop.scattered
     ]
 
 

@@ -25,6 +25,7 @@ from stochvi.mathematics.impact_rates import NO_STOP, StopStatistics
 from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.model.gap import Gap
 from stochvi.results.errors import NotApplicable
+from stochvi.scenes.impact_laws import Restitution
 
 CONTINUOUS, FINITE_JUMPS, UNFOLDED = "continuous", "finite jumps", "unfolded"
 VARIANTS = (CONTINUOUS, FINITE_JUMPS, UNFOLDED)
@@ -57,6 +58,9 @@ LEAST_RESTITUTION = 1e-4
 """Smallest restitution of a stop on which the mass rests. The law converges as R falls to 0, but at
 0 itself G has no integral over small energies. From 1e-3 to this number the standard deviations
 change by a relative 1e-6, the rates by 1e-3 (measured); below it the quadrature loses digits."""
+
+RULE = 12
+"""Number of restitutions that stand for one that scatters: Gauss's rule of its distribution."""
 
 MOST_DOUBLINGS = 200
 """Largest number of times that the largest energy is doubled, or the first panels are halved."""
@@ -163,10 +167,16 @@ class Well:
 
 
 class Barrier(NamedTuple):
-    """E_i and R_i of a stop that orbits of a higher energy reach."""
+    """A stop that orbits of a higher energy than E_i reach, and what it keeps of what is beyond.
+
+    `rebounds` are the values of R_i^2, each with its probability: one, or a rule for a restitution
+    that scatters. `restitution` and `mean_square` are E R_i and E R_i^2.
+    """
 
     energy: float
     restitution: float
+    mean_square: float
+    rebounds: tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,7 +278,7 @@ class EnergyLaw:
         loss = np.zeros_like(energy)
         for stop in self.stops.values():
             above = np.maximum(energy - stop.energy, 0.0)
-            kept = 2.0 * stop.restitution - 1.0 if self.variant == UNFOLDED else stop.restitution**2
+            kept = 2.0 * stop.restitution - 1.0 if self.variant == UNFOLDED else stop.mean_square
             loss += (1.0 - kept) * above
         rate = (self.damping + loss / self.orbits.action) / self.diffusion
         below = self.integrals_above(energy) @ rate
@@ -284,9 +294,10 @@ class EnergyLaw:
                 continue
             over = energy > stop.energy
             jumps[over] += above[over]
-            if stop.restitution > 0.0:
-                start = stop.energy + (energy[over] - stop.energy) / stop.restitution**2
-                jumps[over] -= self.integrals_above(start)
+            for kept, probability in stop.rebounds:
+                if kept > 0.0:
+                    start = stop.energy + (energy[over] - stop.energy) / kept
+                    jumps[over] -= probability * self.integrals_above(start)
         falls = self.damping * np.eye(len(energy)) + jumps / self.orbits.action[:, None]
         kernel = above @ falls / self.diffusion
         return np.asarray(np.linalg.solve(np.eye(len(energy)) - kernel, np.ones(len(energy))))
@@ -355,9 +366,8 @@ def energy_law(gap: Gap, variant: str = FINITE_JUMPS) -> EnergyLaw:
     stops = {}
     for stop in gap.stops:
         energy = well.energy(stop.position)
-        if stop.coefficient is not None and damping * energy <= UNREACHED * diffusion:
-            least = 0.0 if energy else LEAST_RESTITUTION
-            stops[stop.name] = Barrier(energy, max(stop.coefficient, least))
+        if isinstance(stop.law, Restitution) and damping * energy <= UNREACHED * diffusion:
+            stops[stop.name] = _barrier(stop.law, energy)
     span = _span(diffusion, damping, well, stops)
     halvings = (0,) * len(_starts(stops))
     for _ in range(MOST_DOUBLINGS):
@@ -377,6 +387,18 @@ def energy_law(gap: Gap, variant: str = FINITE_JUMPS) -> EnergyLaw:
     )
 
 
+def _barrier(law: Restitution, energy: float) -> Barrier:
+    least = 0.0 if energy else LEAST_RESTITUTION
+    if law.scatter is None:
+        r = max(law.restitution, least)
+        return Barrier(energy, r, r**2, ((r**2, 1.0),))
+    nodes, weights = law.scatter.rule(RULE)
+    kept = np.maximum(nodes, least) ** 2
+    return Barrier(
+        energy, law.restitution, float(weights @ kept), tuple(zip(kept, weights, strict=True))
+    )
+
+
 def _starts(stops: dict[str, Barrier]) -> list[float]:
     """Energies at which orbits change their form: the lowest one, and those of the stops."""
     return sorted({0.0, *(stop.energy for stop in stops.values())})
@@ -388,7 +410,7 @@ def _span(diffusion: float, damping: float, well: Well, stops: dict[str, Barrier
     top = max([0.0, *(stop.energy for stop in stops.values())])
     span = CUT * diffusion / damping / 100.0 if damping else math.inf
     for stop in stops.values():
-        lost = 1.0 - stop.restitution**2
+        lost = 1.0 - stop.mean_square
         if lost > 0.0:
             width = well.upper - well.lower
             if not math.isfinite(width):

@@ -162,6 +162,8 @@ def place_of(model: Model) -> Place | str:
         return "the atlas knows white noise alone"
     if model.not_rigid():
         return "the atlas knows rigid stops"
+    if model.scattered:
+        return "the atlas knows restitutions that do not scatter"
     if model.omega == 0.0 or model.damping_rate == 0.0:
         return "the atlas knows no mass without a spring or a damper"
     deviation = math.sqrt(model.intensity / (2.0 * model.damping_rate)) / model.omega

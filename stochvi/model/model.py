@@ -95,17 +95,35 @@ class Stop:
     @property
     def coefficient(self) -> float | None:
         """R of a rigid stop whose restitution is one number; None for any other stop."""
-        return self.law.coefficient if isinstance(self.law, Restitution) else None
+        constant = isinstance(self.law, Restitution) and not self.scattered
+        return self.law.restitution if constant else None
+
+    @property
+    def scattered(self) -> bool:
+        """Whether the restitution is drawn at each impact."""
+        return isinstance(self.law, Restitution) and self.law.scatter is not None
 
     def deflection(self, y: ArrayLike) -> Vector:
         """How far the gap y (m) lies beyond the stop, m; below 0 where it is clear of it."""
         return np.asarray(self.side * (np.asarray(y, dtype=float) - self.position))
 
     def restitution_at(self, speed: ArrayLike) -> Vector:
-        """Restitution of impacts at incident speeds (m/s)."""
+        """Restitution of impacts at incident speeds (m/s); its mean where it scatters."""
         if isinstance(self.law, RigidLaw):
             return self.law.restitution_at(speed)
         return np.full(np.shape(speed), self.law.restitution)
+
+    @property
+    def slow_impacts_see(self) -> str:
+        """The restitution of slow impacts, in words."""
+        words = f"restitution {self.law.slow_restitution:.4g}"
+        return f"{words} (of slow impacts, as it scatters)" if self.scattered else words
+
+    def restitution_square_at(self, speed: ArrayLike) -> Vector:
+        """Mean square restitution of impacts at incident speeds (m/s)."""
+        if self.scattered:
+            return np.full(np.shape(speed), self.law.restitution_mean_square)
+        return np.asarray(self.restitution_at(speed) ** 2)
 
     def per_unit_mass(self, mass: float) -> Stop:
         """The same stop with its forces divided by a mass, kg."""
@@ -401,6 +419,11 @@ class Model:
     def remembers(self) -> bool:
         """Whether a spring has hysteresis, so that its force does not follow from the motion."""
         return any(part.law.remembers for part in self.functions)
+
+    @property
+    def scattered(self) -> bool:
+        """Whether the restitution of any stop is drawn at each impact."""
+        return any(stop.scattered for stop in self.stops)
 
     @property
     def sines(self) -> tuple[Signal, ...]:

@@ -86,6 +86,8 @@ class OscillatorArrays(NamedTuple):
             positions[row] = stop.position
             if stop.coefficient is not None:
                 restitutions[row] = stop.coefficient
+            elif stop.scattered:  # the one that takes the same energy
+                restitutions[row] = math.sqrt(stop.law.restitution_mean_square)
         return cls(
             omega=np.array([model.omega]),
             damping_rate=np.array([model.damping_rate]),

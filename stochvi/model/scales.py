@@ -127,7 +127,7 @@ def _first_guess(modes: ModalForm, pair: Pair) -> EquivalentLinear:
         noise = float(np.trace(modes.white)) / pair.mass
         width = max(stops) - min(stops) or abs(stops[0]) or 1.0
         frequency = (noise / width**2) ** (1.0 / 3.0)
-    loss = max((1.0 - stop.law.restitution**2 for stop in pair.stops), default=0.0)
+    loss = max((1.0 - stop.law.restitution_mean_square for stop in pair.stops), default=0.0)
     return EquivalentLinear(
         spring=pair.mass * frequency**2,
         centre=sum(stops) / len(stops),
@@ -237,7 +237,7 @@ def _power_of_stops(pair: Pair, law: TruncatedNormal | GibbsLaw, square: float) 
     for stop in pair.stops:
         if isinstance(law, TruncatedNormal) or stop.rigid:
             hits = gaussian_stop(law.density_at(stop.position), square)
-            loss = (1.0 - stop.law.restitution**2) / 2.0
+            loss = (1.0 - stop.law.restitution_mean_square) / 2.0
             power += loss * pair.mass * hits.speed_square_rate
         elif isinstance(stop.law, CompliantLaw) and not stop.law.conservative:
             touching = law.contact(stop.name)

@@ -32,6 +32,7 @@ from .impact_laws import (
     Viscoelastic,
 )
 from .records import Record, read_record
+from .scatter import Scatter
 from .scene import ImpactPair, Scene, load_scene
 from .structures import (
     Bar,
@@ -77,6 +78,7 @@ __all__ = [
     "Restitution",
     "RigidBody",
     "RoadNoise",
+    "Scatter",
     "Scene",
     "Sine",
     "SpeedRestitution",

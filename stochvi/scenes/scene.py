@@ -738,7 +738,7 @@ class Scene(Checked):
             found.append(f"{part.law.effect}{where}")
         for pair in self.impact_pairs:
             of = f" of {pair.name}" if len(self.impact_pairs) > 1 else ""
-            found += [f"{law.word} stop {side}{of}" for side, law in pair.stops()]
+            found += [f"{law.word} stop {side}{of}{law.remark}" for side, law in pair.stops()]
         return tuple(found)
 
     def absent_effects(self) -> tuple[str, ...]:
@@ -780,6 +780,11 @@ class Scene(Checked):
         laws = [law for pair in self.impact_pairs for _, law in pair.stops()]
         sources = [law.source for law in laws if isinstance(law, Elastic | Viscoelastic)]
         found += [f"stops: {source}" for source in dict.fromkeys(filter(None, sources))]
+        if any(law.remark for law in laws):
+            found.append(
+                "a restitution that scatters is drawn from a beta distribution at each impact, "
+                "whatever its speed and the impacts before"
+            )
         if any(isinstance(law, SpeedRestitution) for law in laws):
             found.append("restitution depends on the speed of the impact alone")
         if any(isinstance(excitation, Sine) for excitation in self.excitations):

@@ -256,8 +256,12 @@ def _without_kind(path: Sequence[Any]) -> list[Any]:
     return found
 
 
+UNNAMED = ("", "{}")
+"""Parts of the path of an error that stand for the form of a value, and are no keys."""
+
+
 def _key(path: Sequence[Any]) -> str:
-    return ".".join(str(part) for part in path if part != "")
+    return ".".join(str(part) for part in path if part not in UNNAMED)
 
 
 def _unknown_key(key: str, model: type[BaseModel]) -> str:

@@ -439,7 +439,8 @@ def _impacts(
             if stop.rigid:
                 met = np.sign(speed) == stop.side
                 size = np.abs(speed[met])
-                impulse[met] = pair.mass * (1.0 + stop.restitution_at(size)) * size
+                if not stop.scattered:
+                    impulse[met] = pair.mass * (1.0 + stop.restitution_at(size)) * size
                 peak[met] = np.nan
         sides = np.where(speed > 0.0, "upper", "lower")
         columns = (when, pair.name, sides, np.abs(speed), impulse, peak)

@@ -114,10 +114,10 @@ def plot_impact_speeds(scene: Scene, found: Density, ax: Axes | None = None) -> 
         ax.plot(w, np.where(flux > 0.0, flux, np.nan), label=f"{side} stop", **style)  # type: ignore[arg-type]
         law = scene.impact_pairs[0].law_of(side)
         if isinstance(law, Restitution):
-            beta = corner_exponent(law.coefficient)
+            beta = corner_exponent(law.slow_restitution)
             start, anchor = w[: CURVE_POINTS // 2], CURVE_POINTS // 4
             line = MARGIN * flux[anchor] * (start / w[anchor]) ** (1.0 - beta)
-            text = f"w^(1 - β), β = {beta:.3g} (R = {law.coefficient:g})"
+            text = f"w^(1 - β), β = {beta:.3g} (R = {law.coefficient})"
             ax.plot(start, line, ":", color=colours[side], label=text)
     ax.set(xscale="log", yscale="log", ylim=(1e-6 * largest, 3.0 * largest))
     ax.set_xlabel("impact speed (m/s)")

@@ -54,7 +54,7 @@ def free_contact(law: Law, speed: float, distance: float) -> dict[str, float]:
     peaks, sums = np.zeros((1, 1, 2)), np.zeros((1, ROWS_OF_CONTACT_PAIR, 1))
     finish_alone(
         step, step, False, 0, 0.0, stops, functions, responses, None, work,
-        Tally(peaks, sums, 0), None,
+        Tally(peaks, sums, 0, np.uint64(1)), None,
     )  # fmt: skip
     rows, change = sums[0, ROWS_OF_PAIR + ROWS_OF_STOP :, 0], work.change
     assert rows[ENDED] == 1.0
@@ -125,7 +125,7 @@ def two_free_masses(laws: dict[tuple[int, int], Law], gaps: np.ndarray) -> tuple
     sums = np.zeros((2, ROWS_OF_CONTACT_PAIR, 1))
     finish_alone(
         step, step, False, 0, 0.0, stops, functions_of(chain, lanes=True), responses, None, work,
-        Tally(np.zeros((1, 2, 2)), sums, 0), None,
+        Tally(np.zeros((1, 2, 2)), sums, 0, np.uint64(1)), None,
     )  # fmt: skip
     return np.array([v[0], v[0] + v[1]]) + work.change[2:], sums[:, :, 0]
 

@@ -34,6 +34,27 @@ def stream_words(seed: int, path: int, count: int) -> list[int]:
     return words
 
 
+def words_of_pairs(seed: int, path: int, count: int) -> list[int]:
+    """The first word of the state of a stream after each of its first `count` pairs of normals."""
+    golden = 0x9E3779B97F4A7C15
+    z = split_mix((split_mix((seed + golden) & MASK) + path * golden) & MASK)
+    s0, s1 = split_mix((z + golden) & MASK), split_mix((z + 2 * golden) & MASK)
+    words = []
+    for _ in range(count):
+        for _ in range(2):
+            s1 ^= s0
+            s0 = rotate_left(s0, 49) ^ s1 ^ ((s1 << 21) & MASK)
+            s1 = rotate_left(s1, 28)
+        words.append(s0)
+    return words
+
+
+def uniform(word: int, number: int) -> float:
+    """The uniform number of an event that belongs to a word."""
+    golden = 0x9E3779B97F4A7C15
+    return ((split_mix((split_mix(word) + number * golden) & MASK) >> 12) + 0.5) / 2.0**52
+
+
 def normals(seed: int, path: int, count: int) -> np.ndarray:
     """The first `count` normals of a path, as the kernel draws them."""
     rows = -(-count // 2)
@@ -47,8 +68,9 @@ def normals(seed: int, path: int, count: int) -> np.ndarray:
 def flow(x, v, h, omega, stops, hits):
     """Undamped motion over h with impacts, each found from the phase of the orbit.
 
-    `stops` holds (position, restitution, side) from the rest position. Stops pressing with less
-    than one part in 10^8 of a bounce hold the mass. `hits` gets (side, speed, time) of each impact.
+    `stops` holds (position, restitution, side) from the rest position. A restitution may be a
+    function that draws one for the impact. Stops pressing with less than one part in 10^8 of a
+    bounce hold the mass. `hits` gets (side, speed, time) of each impact.
     """
     left = h
     for _ in range(10_000):
@@ -59,7 +81,9 @@ def flow(x, v, h, omega, stops, hits):
         ]
         if not events:
             break
-        when, position, restitution, side = min(events)
+        when, position, restitution, side = min(events, key=lambda event: event[:2])
+        if callable(restitution):
+            restitution = restitution()
         w = math.sqrt(max(v * v + omega**2 * (x - position) * (x + position), 0.0))
         x, v, left = position, -side * restitution * w, left - when
         hits.append((side, w, h - left))

@@ -45,6 +45,6 @@ def stops_at(
 def fly(x: float, v: float, span: float, at: MassStops, flown: Flown) -> tuple[float, float]:
     """Displacement and velocity after `span` s, without noise."""
     found: tuple[float, float] = finish_step(
-        x, v, span, at, 0.0, flown.peaks, flown.sums, 0, np.zeros(FOUND), None
+        x, v, span, at, 0.0, flown.peaks, flown.sums, 0, np.uint64(1), np.zeros(FOUND), None
     )
     return found

@@ -14,7 +14,7 @@ class Restitution(NamedTuple):
 
 
 @rebound.of(Restitution)
-def _(law, w):
+def _(law, w, uniform):
     return law.restitution * w
 
 

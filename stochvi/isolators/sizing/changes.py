@@ -191,11 +191,11 @@ def moved_centre(scene: Scene, shift: Sequence[float]) -> Scene:
 
 def changed_stops(scene: Scene, *, stiffness: float = 1.0, restitution: float = 0.0) -> Scene:
     """The scene with the stiffness of all compliant stops multiplied by a factor, and with a number
-    added to the restitution of all rigid ones."""
+    added to the restitution of all rigid ones. Where that scatters, its mean is shifted."""
 
     def changed(law: Law) -> Law:
         if isinstance(law, Restitution):
-            return Restitution(coefficient=min(max(law.coefficient + restitution, 0.0), 1.0))
+            return law.shifted(restitution)
         # more stiffness acts on a mass like the same law on a mass that is smaller by this factor
         return law if law.rigid else law.per_unit_mass(1.0 / stiffness)
 

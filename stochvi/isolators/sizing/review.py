@@ -579,9 +579,9 @@ def _comparisons(sizing: Sizing) -> tuple[Comparison, ...]:
         ("stop_acceleration", "peak_force", 1.0 / model_of(scene).unit_mass),
         ("contact_probability", "contact_probability", 1.0),
     ]
-    restitutions = {law.restitution for pair in scene.impact_pairs for _, law in pair.stops()}
-    if len(restitutions) == 1:  # F2 is that of both sides together
-        lost = (1.0 - restitutions.pop() ** 2) / 2.0
+    kept = {law.restitution_mean_square for pair in scene.impact_pairs for _, law in pair.stops()}
+    if len(kept) == 1:  # F2 is that of both sides together
+        lost = (1.0 - kept.pop()) / 2.0
         wanted.append(("lost_power", "impact_speed_square_rate", lost))
     rows = []
     for quantity, source, factor in wanted:

@@ -84,7 +84,7 @@ def lossy(law: Law) -> str:
         return ""
     if not law.rigid:
         return f"law must lose no energy, got {law.kind!r}"
-    got = f"{law.coefficient:g}" if isinstance(law, Restitution) else "a function of speed"
+    got = f"{law.coefficient}" if isinstance(law, Restitution) else "a function of speed"
     return f"restitution must be 1 (an elastic stop), got {got}"
 
 

@@ -345,9 +345,8 @@ class StripDensity:
         u, weights = gauss_panels(np.unique(np.maximum(side * strip.cells.breaks, 0.0)), NODES)
         w = self.scaled.speed * u
         rate = self.scaled.speed * weights * u * np.exp(-(u**2) / 2.0) * strip.cells.at(side * u, q)
-        restitution = stop.restitution_at(w)
-        return float(rate @ ((1.0 - restitution**2) * w**2)) / 2.0, float(
-            rate @ ((1.0 + restitution) * w)
+        return float(rate @ ((1.0 - stop.restitution_square_at(w)) * w**2)) / 2.0, float(
+            rate @ ((1.0 + stop.restitution_at(w)) * w)
         )
 
 
@@ -500,7 +499,7 @@ class StationaryDensity:
             return 0.0
         if not stop.rigid or stop.law.conservative:
             return float(solution.flux(stop.position, stop.side, 1))
-        restitution = float(stop.restitution_at([SLOWEST])[0])
+        restitution = stop.law.slow_restitution
         if restitution <= COLLAPSE_RESTITUTION:
             return None
         slow = RESOLVED * solution.slowest
@@ -517,7 +516,3 @@ class StationaryDensity:
 
     def __repr__(self) -> str:
         return f"<stationary density of {self.response!r}>"
-
-
-SLOWEST = 1e-9
-"""Speed at which the limit of a restitution that depends on speed is read, m/s."""

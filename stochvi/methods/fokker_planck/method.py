@@ -49,7 +49,7 @@ impacts are left out of rates, never out of F1 and F2."""
 
 
 COLLAPSES = (
-    "restitution {restitution:g} at the {side} stop is not above exp(-pi / sqrt 3) = 0.163: "
+    "{restitution} at the {side} stop is not above exp(-pi / sqrt 3) = 0.163: "
     "infinitely many impacts bring the mass to rest on the stop in finite time. The answer is the "
     "limit as ever slower impacts are resolved: the noise lifts the mass off at once. Rates have a "
     "meaning only above a speed"
@@ -120,7 +120,7 @@ def fokker_planck(
         speed_threshold = _slow(motion)
     rates, balances = _finite_rates(model, speed_threshold), None
     found, how = None, "half-range Galerkin"
-    if _all_numbers(model):
+    if _all_numbers(model) and not model.scattered:
         found = _on_fixed_meshes(model, rtol, speed_threshold)
     if found is None or not _resolved(found, rtol, rates):
         answered = refine(motion, rtol, speed_threshold, rates, deadline)
@@ -305,9 +305,9 @@ def _balances(answered: Refinement) -> dict[str, Estimate]:
 
 def _collapses(model: Model) -> list[str]:
     return [
-        COLLAPSES.format(restitution=stop.coefficient, side=stop.name)
+        COLLAPSES.format(restitution=stop.slow_impacts_see, side=stop.name)
         for stop in model.stops
-        if stop.coefficient is not None and stop.coefficient <= COLLAPSE_RESTITUTION
+        if stop.rigid and stop.law.slow_restitution <= COLLAPSE_RESTITUTION
     ]
 
 

@@ -271,7 +271,7 @@ class Motion:
             lowest = self.lowest(square)
             for stop in self.stops:
                 height = float(self.energy(np.array(stop.position))) - lowest
-                loss = (1.0 - stop.restitution_at(s * SPEEDS) ** 2) * (s * SPEEDS) ** 3 / 2.0
+                loss = (1.0 - stop.restitution_square_at(s * SPEEDS)) * (s * SPEEDS) ** 3 / 2.0
                 stops += math.exp(-max(height, 0.0) / square) / mass * float(law @ loss)
         return damper, stops
 

@@ -23,19 +23,22 @@ import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
 from stochvi.mathematics.arrays import Array
+from stochvi.mathematics.beta_distribution import BetaDistribution
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.methods.fokker_planck.basis import Mesh, legendre
 from stochvi.methods.fokker_planck.linear_boxes import LinearBox
+from stochvi.methods.fokker_planck.restitution_rule import restitution_rule
 
 Density = Callable[[Array, Array], Array]
 """A probability density of (displacement, velocity), broadcasting, SI units."""
 
 
 class EndConditions(NamedTuple):
-    """The restitution at either end of a box; None where the end absorbs."""
+    """The restitution at either end of a box, or its distribution where it scatters; None where the
+    end absorbs."""
 
-    left: float | None
-    right: float | None
+    left: float | BetaDistribution | None
+    right: float | BetaDistribution | None
 
 
 class Factors:
@@ -166,8 +169,13 @@ class Operator:
         half = values.T @ ((weights * np.exp(-(u**2) / 2.0))[:, None] * values)
         return velocity.both(half, half)
 
-    def _given_back(self, restitution: float, side: int) -> Array:
-        """Matrix of the flux that an end gives back, (test, trial) in velocity."""
+    def _given_back(self, restitution: float | BetaDistribution, side: int) -> Array:
+        """Matrix of the flux that an end gives back, (test, trial) in velocity; its mean where the
+        restitution scatters."""
+        if isinstance(restitution, BetaDistribution):
+            nodes, weights = restitution_rule(restitution)
+            parts = [p * self._given_back(r, side) for r, p in zip(nodes, weights, strict=True)]
+            return np.asarray(np.sum(parts, axis=0))
         velocity = self.mesh.velocity
         outward, inward = velocity.plus, velocity.minus
         if side < 0:

@@ -4,7 +4,8 @@ The density is sought as p(xi, u) = M q with the weight M = exp(-u^2 / 2 - energ
 
     0 = -u dp/dxi - d/du [(force(xi) + grip(xi, u) - damping(u)) p] + diffusion d2p/du2
 
-and a mass that arrives at a rigid stop with the speed w leaves it with R(w) w.
+and a mass that arrives at a rigid stop with the speed w leaves it with R(w) w. Where R scatters,
+the density of leaving speeds is the mean over R.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,9 +21,10 @@ import numpy as np
 from stochvi.mathematics.arrays import Array
 from stochvi.methods.fokker_planck.linear_boxes import FARTHEST_STOP
 from stochvi.methods.fokker_planck.motion import PIECES, SPEEDS, Motion
+from stochvi.methods.fokker_planck.restitution_rule import restitution_rule
 from stochvi.model.model import UPPER, Stop
 from stochvi.results.errors import NotApplicable, NotConverged
-from stochvi.scenes.impact_laws import CompliantLaw
+from stochvi.scenes.impact_laws import CompliantLaw, Restitution
 
 Law = Callable[[Array], Array]
 
@@ -151,12 +154,18 @@ class ScaledMotion:
         """Force of the damper, against the velocity u."""
         return self.motion.drag(self.speed * u) * self._acceleration
 
-    def leaving(self, side: int) -> Law:
-        """Speed with which a mass that arrives with the speed w leaves an end of the box."""
+    def leaving(self, side: int) -> list[tuple[float, Law]]:
+        """Speeds with which a mass that arrives with the speed w leaves an end of the box, each
+        with its probability."""
         stop = next((stop for stop in self.stops if stop.rigid and stop.side == side), None)
         if stop is None:
-            return lambda w: w
-        return lambda w: stop.restitution_at(self.speed * w) * w
+            return [(1.0, lambda w: w)]
+        if isinstance(stop.law, Restitution) and stop.law.scatter is not None:
+            nodes, weights = restitution_rule(stop.law.scatter)
+            return [
+                (float(p), partial(np.multiply, r)) for p, r in zip(weights, nodes, strict=True)
+            ]
+        return [(1.0, lambda w: stop.restitution_at(self.speed * w) * w)]
 
     @property
     def grips(self) -> tuple[StopForce, ...]:

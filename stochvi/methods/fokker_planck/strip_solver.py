@@ -84,8 +84,8 @@ def solve_strips(motion: ScaledMotion, strips: tuple[Strip, ...]) -> Solved:
     middle = int(np.argmin([float(motion.energy(np.array([s.left])).min()) for s in strips]))
     # from both ends to the middle, and back
     before, after = pieces[middle::-1], pieces[middle:]
-    left = returned_flux(strips[0].cells, motion.leaving(LOWER), -1) * pieces[0].weight_left
-    right = returned_flux(strips[-1].cells, motion.leaving(UPPER), 1) * pieces[-1].weight_right
+    left = _returned(strips[0].cells, motion, LOWER) * pieces[0].weight_left
+    right = _returned(strips[-1].cells, motion, UPPER) * pieces[-1].weight_right
     left, kept_left = _gathered(before[::-1], left, 1)
     right, kept_right = _gathered(after[::-1], right, -1)
     q = pieces[middle].inside(*_closed(pieces[middle], left, right))
@@ -94,6 +94,12 @@ def solve_strips(motion: ScaledMotion, strips: tuple[Strip, ...]) -> Solved:
     )
     mass = sum(piece.mass(part) for piece, part in zip(pieces, found, strict=True))
     return Solved(strips, tuple(part / mass for part in found), float(np.exp(lowest)))
+
+
+def _returned(cells: VelocityCells, motion: ScaledMotion, side: int) -> Array:
+    """What an end gives back, in the mean over its restitutions."""
+    parts = [share * returned_flux(cells, law, side) for share, law in motion.leaving(side)]
+    return np.asarray(np.sum(parts, axis=0))
 
 
 def _gathered(pieces: list[_Piece], wall: Array, side: int) -> tuple[Array, list[Array]]:

@@ -128,7 +128,7 @@ def _candidate(gap: Gap, unknowns: Unknowns, book: bool) -> Candidate:
         rate = rice_rate(distance, deviation, speed)
         own = StopStatistics(rate, rate * math.sqrt(math.pi / 2.0) * speed, 2.0 * rate * speed**2)
         own = hits[stop.side] = book_speeds(own, speed) if book else own
-        power = (1.0 - stop.law.restitution**2) / 2.0 * own.speed_square_rate
+        power = (1.0 - stop.law.restitution_mean_square) / 2.0 * own.speed_square_rate
         damping += power / speed**2
         if stop.side in averages.contacts:
             share, force = averages.contacts[stop.side]

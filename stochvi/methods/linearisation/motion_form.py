@@ -31,7 +31,7 @@ from stochvi.mathematics.truncated_normal import TruncatedNormal
 from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
 from stochvi.methods.linearisation.layers import layer
 from stochvi.model.gap import Gap
-from stochvi.scenes.impact_laws import CompliantLaw
+from stochvi.scenes.impact_laws import CompliantLaw, Law
 
 STIFFENED = 2.0
 """Deviation of the mass on its spring alone, in deviations of the elastic law, above which the
@@ -59,7 +59,7 @@ def _start(gap: Gap, book: bool) -> Unknowns:
     """
     if gap.soft:
         return np.zeros(3)
-    factors = [motion_factor(stop.law.restitution, book) for stop in gap.stops]
+    factors = [motion_factor(stop.law, book) for stop in gap.stops]
     left = 1.0 - sum(factors) / len(factors)
     if left > 0.0 and gap.omega * STIFFENED < 1.0:
         deviation = math.sqrt(left) / gap.omega
@@ -72,7 +72,7 @@ def _elastic_start(gap: Gap) -> Unknowns:
     """The deviation that balances at unit speed, with the mean of the elastic law."""
     if gap.soft:
         return np.zeros(3)
-    low = motion_factor(min(stop.law.restitution for stop in gap.stops), book=False)
+    low = min(motion_factor(stop.law, book=False) for stop in gap.stops)
 
     def imbalance(log_deviation: float) -> float:
         deviation = math.exp(log_deviation)
@@ -92,10 +92,10 @@ def normal_law(gap: Gap, mean: float, deviation: float) -> TruncatedNormal:
     )
 
 
-def motion_factor(restitution: float, book: bool) -> float:
+def motion_factor(law: Law, book: bool) -> float:
     """Mean stop force over p(stop) E v^2: (1 + R) / 2, or as printed (B 8.75), and in the stiffness
     of that force (B 13.12)."""
-    return (1.0 + restitution**2) / 4.0 if book else (1.0 + restitution) / 2.0
+    return (1.0 + law.restitution_mean_square) / 4.0 if book else (1.0 + law.restitution) / 2.0
 
 
 def _candidate(gap: Gap, unknowns: Unknowns, book: bool) -> Candidate:
@@ -116,13 +116,13 @@ def _candidate(gap: Gap, unknowns: Unknowns, book: bool) -> Candidate:
         arm = stop.side * (stop.position - law.mean)
         if book and not stop.rigid:
             own = book_speeds(own, speed)
-        lost = (1.0 - stop.law.restitution**2) / 2.0 * own.speed_square_rate
+        lost = (1.0 - stop.law.restitution_mean_square) / 2.0 * own.speed_square_rate
         if isinstance(stop.law, CompliantLaw):
             shape = stop.side * (mean - stop.position) / deviation**2, deviation**-2, arm
             share, push, moment = _within(stop.law, law.log_density_at(stop.position), shape)
             contacts[stop.side] = ContactStatistics(share, push, None, lost)
         else:
-            push = 2.0 * motion_factor(stop.law.restitution, book) * own.speed_rate
+            push = 2.0 * motion_factor(stop.law, book) * own.speed_rate
             moment = push * arm
         hits[stop.side] = own
         force += stop.side * push

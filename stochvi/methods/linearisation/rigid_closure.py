@@ -126,11 +126,10 @@ def _closed(
         hits = _boxed(gap, hits, speed)
     force = covariance = loss = 0.0
     for stop, own in zip(gap.stops, hits, strict=True):
-        r = stop.law.restitution
-        push = (1.0 + r) * own.speed_rate
+        push = (1.0 + stop.law.restitution) * own.speed_rate
         force += stop.side * push
         covariance += push * (stop.side * (stop.position - mean))
-        loss += (1.0 - r**2) * own.speed_square_rate
+        loss += (1.0 - stop.law.restitution_mean_square) * own.speed_square_rate
     return Candidate(
         mean=mean,
         variance=variance,
@@ -149,7 +148,10 @@ def _boxed(gap: Gap, hits: list[StopStatistics], speed: float) -> list[StopStati
     """Statistics of the stops, by the law of a box as far as impacts take the energy."""
     strengths = [float(_DENSITY(stop.law.restitution)) for stop in gap.stops]
     loss = sum(
-        (1.0 - stop.law.restitution**2) * strength * own.speed_square_rate / (2.0 * speed**2)
+        (1.0 - stop.law.restitution_mean_square)
+        * strength
+        * own.speed_square_rate
+        / (2.0 * speed**2)
         for stop, strength, own in zip(gap.stops, strengths, hits, strict=True)
     )
     share = loss / (gap.damping_rate + loss) if loss > 0.0 else 0.0

@@ -17,7 +17,7 @@ from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.results.errors import NotConverged
-from stochvi.scenes.impact_laws import CompliantLaw
+from stochvi.scenes.impact_laws import CompliantLaw, Law
 
 SCAN = (-6.9, 4.6)
 """Logarithms of the least and the largest speed among which further solutions are looked for,
@@ -129,7 +129,7 @@ def _gibbs_stops(gap: Gap, speed: float) -> tuple[float, float]:
         )
     stiffness = max(speed**2 / law.variance - gap.omega**2, 0.0)
     rigid = [stop for stop in gap.stops if stop.rigid]
-    loss = sum((1.0 - stop.law.restitution) * law.density_at(stop.position) for stop in rigid)
+    loss = sum(_loss(stop.law) * law.density_at(stop.position) for stop in rigid)
     damping = 2.0 * loss * speed / ROOT_TWO_PI
     for stop in gap.stops:
         if isinstance(stop.law, CompliantLaw) and isinstance(law, GibbsLaw):
@@ -137,6 +137,11 @@ def _gibbs_stops(gap: Gap, speed: float) -> tuple[float, float]:
             assert touching is not None
             damping += stop.law.damping(1.0) * touching.probability
     return stiffness, damping
+
+
+def _loss(law: Law) -> float:
+    """(1 - E R^2) / (1 + E R) of a rigid stop, 1 - R where R does not scatter."""
+    return (1.0 - law.restitution_mean_square) / (1.0 + law.restitution)
 
 
 def speed_scale(gap: Gap) -> float:

@@ -274,11 +274,11 @@ class SoftLaw:
                 covariance += product
                 power += contact.power
             else:
-                r = stop.law.restitution
-                push = (1.0 + r) * own.speed_rate
+                push = (1.0 + stop.law.restitution) * own.speed_rate
                 force += stop.side * push
                 covariance += push * stop.side * (stop.position - self.mean)
-                power += (1.0 - r**2) / 2.0 * own.speed_square_rate
+                loss = (1.0 - stop.law.restitution_mean_square) / 2.0
+                power += loss * own.speed_square_rate
         return Candidate(
             mean=self.mean,
             variance=self.variance,

@@ -63,7 +63,7 @@ class CompliantPlan(WhitePlan):
     _kernel = staticmethod(run_contacts)
     _no_log = None
 
-    _kept_at_start = 0.0
+    _kept_at_start = 0.0, 0.0
     """No contact lasts before the first step."""
 
     def _kernel_constants(self) -> tuple[Any, ...]:

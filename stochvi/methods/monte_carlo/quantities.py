@@ -135,4 +135,4 @@ def governed(model: Model) -> dict[Key, Quantity]:
 
 def collapses(stop: Stop) -> bool:
     """Whether the rate of all impacts on a stop is infinite under white noise."""
-    return stop.rigid and stop.law.restitution <= COLLAPSE_RESTITUTION
+    return stop.rigid and stop.law.slow_restitution <= COLLAPSE_RESTITUTION

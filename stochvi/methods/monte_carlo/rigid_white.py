@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from stochvi.engine.impact_log import NO_LOG, NO_RECORD, Log
+from stochvi.engine.laws.scattered_restitution import ScatteredRestitution
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, gaussian_stop
 from stochvi.mathematics.truncated_normal import TruncatedNormal
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE, run_white
@@ -21,6 +22,7 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import (
     normal_rows,
     seed_streams,
 )
+from stochvi.methods.monte_carlo.kernels.rigid_stops import ScatteredStop
 from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, SUMS, VV
 from stochvi.methods.monte_carlo.kernels.steps import (
     Corner,
@@ -368,19 +370,21 @@ class WhitePlan(SteppedPlan):
         return kick._replace(earlier=decay / math.hypot(1.0, decay)) if self.merged else kick
 
     @property
-    def _kept_at_start(self) -> float:
+    def _kept_at_start(self) -> tuple[float, float]:
         """What a kernel keeps of a path before its first step: half a kick is owed to it."""
-        return 0.5 * self.step
+        return 0.5 * self.step, 0.0
 
     def _kernel_constants(self) -> tuple[Any, ...]:
         model = self.model
         # below this rebound speed the mass may hit the same stop again within the step
         again = model.omega * math.tan(model.omega * self.step / 2.0)
 
-        def constants(stop: Stop | None) -> RigidStop | None:
+        def constants(stop: Stop | None) -> RigidStop | ScatteredStop | None:
             if stop is None:
                 return None
-            shifted = stop.position - model.rest
+            shifted, law = stop.position - model.rest, stop.law.compiled()
+            if isinstance(law, ScatteredRestitution):
+                return ScatteredStop(shifted, stop.law.restitution, math.inf, law)
             return RigidStop(shifted, stop.law.restitution, -stop.side * shifted * again)
 
         return (
@@ -420,7 +424,7 @@ class WhitePlan(SteppedPlan):
     def _between(self) -> bool:
         """Whether the stops lie on either side of the rest position, for which there is a faster
         kernel."""
-        if len(self.model.stops) < 2:
+        if len(self.model.stops) < 2 or self.model.scattered:
             return False
         if self.model.omega * self.step > LONGEST_ANGLE_BETWEEN:
             return False
@@ -473,7 +477,8 @@ class WhitePaths(Underway):
         x, v = plan._start(streams)
         sums, noise = np.zeros((plan.rows, paths)), np.zeros((2, paths))
         self.plan = plan
-        self.paths = Paths(x, v, streams, sums, noise, np.full((paths, 2), plan._kept_at_start))
+        kept = np.outer(np.ones(paths), plan._kept_at_start)
+        self.paths = Paths(x, v, streams, sums, noise, kept)
         self.constants = plan._kernel_constants()
         self.outputs = NO_RECORD if record is None else record, log or plan._no_log
 
@@ -579,7 +584,7 @@ def expected_speed(model: Model) -> float:
         loss = model.damping_rate * s * s
         for stop in model.stops:
             hits = gaussian_stop(law.density_at(stop.position), s * s)
-            loss += (1.0 - stop.law.restitution**2) / 2.0 * hits.speed_square_rate
+            loss += (1.0 - stop.law.restitution_mean_square) / 2.0 * hits.speed_square_rate
         return loss / (model.intensity / 2.0) - 1.0
 
     if model.damping_rate > 0.0:

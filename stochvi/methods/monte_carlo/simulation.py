@@ -398,7 +398,7 @@ class Simulation:
         several = len(pairs) > 1
         unresolved = not self.plan.elastic and self.plan.step_bias("collision_rate", 0.0) is None
         if unresolved and any(
-            COLLAPSE_RESTITUTION < stop.law.restitution < 1.0 for stop in self.model.stops
+            COLLAPSE_RESTITUTION < stop.law.slow_restitution < 1.0 for stop in self.model.stops
         ):
             remedy = (
                 "a higher speed threshold leaves them out"
@@ -420,7 +420,7 @@ class Simulation:
             for stop in pair.stops:
                 if collapses(stop):
                     yield (
-                        f"restitution {stop.law.restitution:g} at the {stop.name} stop{of} is "
+                        f"{stop.slow_impacts_see} at the {stop.name} stop{of} is "
                         f"below {COLLAPSE_RESTITUTION:.4f}: the rate of all impacts is infinite "
                         "under white noise; rates above a speed threshold are given, rel_error "
                         "does not govern them"

@@ -27,8 +27,9 @@ not named here depend on the impulses, and so have the power 1."""
 
 
 def lossiest(model: Model) -> float:
-    """The smallest coefficient of restitution among the stops; 1 without stops."""
-    return min((stop.law.restitution for stop in model.stops), default=1.0)
+    """The smallest coefficient of restitution among the stops, as slow impacts see it; 1 without
+    stops."""
+    return min((stop.law.slow_restitution for stop in model.stops), default=1.0)
 
 
 def bias_of_smooth_motion(difference: float) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Matrix, Vector, Waves
 from stochvi.methods.periodic.kernels import contact_flow, solver
-from stochvi.model.coverage import functions
+from stochvi.model.coverage import functions, scattered
 from stochvi.model.model import Model, Pair, Stop
 from stochvi.results.errors import NotApplicable
 
@@ -160,7 +160,7 @@ def forced(parts: Mapping[str, Matrix], omega: Vector, force: Waves) -> Waves:
 def unmet(model: Model, *, compliant: bool = False) -> list[str]:
     """The conditions of periodic regimes that a model does not meet, in sentences; `compliant`
     says that stops need not be rigid."""
-    found = functions(model)
+    found = [*functions(model), *scattered(model)]
     kinds = "one whose force a simulation follows" if compliant else "'restitution'"
     found += [
         f"law.kind must be {kinds}, got {stop.law.kind!r} at the {stop.name} stop of {pair.name}"

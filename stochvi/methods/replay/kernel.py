@@ -26,7 +26,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.engine.compiling import kernel
-from stochvi.engine.law_calls import force_of, rate_of
+from stochvi.engine.law_calls import force_of, rate_of, rebound_of
+from stochvi.engine.uniform_numbers import uniform_of
 
 ROUNDING = 2.0**-52
 """Relative spacing of floating-point numbers at 1."""
@@ -99,8 +100,9 @@ class Structure(NamedTuple):
 class Stops(NamedTuple):
     """Numbers of the m stops: phi (m, n), phi . phi (m,), side, place (m), kind, and the numbers of
     the law per reduced mass (m, rows, 3): rigid (R), pieces (start, force, slope) with unused rows
-    that start at infinity, damped (K, c), Hertz (k). Forces that are functions have addresses and
-    numbers of their own, (m, 2) and (m, columns); see `engine.law_calls`."""
+    that start at infinity, damped (K, c), Hertz (k). Forces that are functions, and restitutions
+    that are drawn (m,), have addresses and numbers of their own, (m, 3) and (m, columns); see
+    `engine.law_calls`. `laws` holds the mean of a drawn restitution."""
 
     gaps: np.ndarray
     levers: np.ndarray
@@ -110,6 +112,7 @@ class Stops(NamedTuple):
     laws: np.ndarray
     functions: np.ndarray
     numbers: np.ndarray
+    drawn: np.ndarray
 
 
 class Series(NamedTuple):
@@ -125,8 +128,8 @@ class Series(NamedTuple):
 class Touch(NamedTuple):
     """How the m stops are touched: their states (m,); `zeros` (m, 2), the number of roots of each
     way out of the state when a step begins; `depth` (m,) of a Hertz contact below which there is no
-    force; `entry` (m,), the row in the log of impacts; `speed` (m,) inwards when a step begins; and
-    the tally (m, 2)."""
+    force; `entry` (m,), the row in the log of impacts; `speed` (m,) inwards when a step begins; the
+    tally (m, 2); and the word of the seed and the number of restitutions drawn so far, (2,)."""
 
     state: np.ndarray
     zeros: np.ndarray
@@ -134,6 +137,7 @@ class Touch(NamedTuple):
     entry: np.ndarray
     speed: np.ndarray
     tally: np.ndarray
+    draws: np.ndarray
 
 
 class Moving(NamedTuple):
@@ -543,6 +547,10 @@ def strike(s, structure, stops, touch, force, tick, moving):
             restitution = stops.laws[r, 0, 0]
             speed = max(speed, 0.0)
             rebound = restitution * speed
+            if stops.drawn[r]:
+                uniform = uniform_of(touch.draws[0], touch.draws[1])
+                touch.draws[1] += np.uint64(1)
+                rebound = rebound_of(stops.functions, r, stops.numbers, r, speed, uniform)
             for i in range(len(q)):
                 v[i] -= stops.sides[r] * (speed + rebound) / stops.levers[r] * stops.gaps[r, i]
             push = 0.0
@@ -603,7 +611,7 @@ def add_contacts(last, span, stops, touch, series, log, scratch):
 
 
 @kernel
-def march(samples, structure, stops, start, limits, keep):
+def march(samples, structure, stops, start, limits, keep, seed):
     """March from rest through the samples.
 
     Parameters
@@ -618,6 +626,8 @@ def march(samples, structure, stops, start, limits, keep):
         Where chatter ends, and where the integration does.
     keep
         Whether displacements, velocities, absolute accelerations and forces of samples are kept.
+    seed
+        Seed of the restitutions that are drawn.
 
     Returns
     -------
@@ -641,9 +651,10 @@ def march(samples, structure, stops, start, limits, keep):
         q[i] = start[i]
     touch = Touch(
         np.zeros(m, np.int64), np.zeros((m, 2), np.int64), np.zeros(m), np.zeros(m, np.int64),
-        np.zeros(m), tally,
+        np.zeros(m), tally, np.zeros(2, np.uint64),
     )  # fmt: skip
-    state, zeros, depth, entry, speed, _ = touch
+    state, zeros, depth, entry, speed, _, draws = touch
+    draws[0] = np.uint64(seed)
     for s in range(m):
         state[s], entry[s] = FREE, -1
     powers = MOST_TERMS + 4

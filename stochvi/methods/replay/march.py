@@ -93,12 +93,13 @@ class Motion:
 
 
 def integrate(
-    model: Model, shaking: SampledExcitation, start: Vector, *, keep: bool = True
+    model: Model, shaking: SampledExcitation, start: Vector, *, keep: bool = True, seed: int = 0
 ) -> Motion:
     """Move a model from rest at `start` (m, of the coordinates) through what shakes it.
 
     Linear motion and contact are integrated by power series to rounding error, for forces that are
     linear between samples; impacts and changes of contact are located as roots of these series.
+    Restitutions that scatter are drawn by `seed` and the number of the draw.
 
     Raises
     ------
@@ -121,7 +122,7 @@ def integrate(
             modes.squares.astype(float), np.ascontiguousarray(modes.damping),
             np.ascontiguousarray(model.output_rows @ modes.shapes),
         ),
-        stops, begin, kernel.Limits(tick, MOST_IMPACTS), keep,
+        stops, begin, kernel.Limits(tick, MOST_IMPACTS), keep, np.uint64(seed),
     )  # fmt: skip
     if status == kernel.TOO_MANY:
         raise NotConverged(
@@ -187,16 +188,21 @@ def _stops(model: Model) -> kernel.Stops:
     ]
     unit = [pair.stops[side].law.per_unit_mass(pair.mass) for pair, _, side in found]
     forms = [law.form() for law in unit]
+    drawn = np.array([pair.stops[side].scattered for pair, _, side in found], dtype=np.bool_)
     numbers = [
-        (kernel.FUNCTION, np.zeros((1, 1))) if form is None else (KINDS[form.name], form.numbers)
-        for form in forms
+        (KINDS[form.name], form.numbers)
+        if form is not None
+        else (kernel.RIGID, np.array([[law.restitution]]))
+        if scattered
+        else (kernel.FUNCTION, np.zeros((1, 1)))
+        for law, form, scattered in zip(unit, forms, drawn, strict=True)
     ]
     rows = max([len(each) for _, each in numbers], default=1)
     laws = np.zeros((len(found), rows, 3))
     laws[:, :, 0] = math.inf
     for row, (_, each) in zip(laws, numbers, strict=True):
         row[: len(each), : each.shape[1]] = each
-    # laws without a form of their own are functions
+    # laws without a form of their own are functions, or drawn
     own = {s: law.compiled() for s, law in enumerate(unit) if forms[s] is None}
     width = max([len(row_of_numbers(law)) for law in own.values()], default=1)
     called = [functions_of([own[s]])[0] if s in own else (0, 0, 0) for s in range(len(unit))]
@@ -214,4 +220,5 @@ def _stops(model: Model) -> kernel.Stops:
         laws=laws,
         functions=np.array(called) if called else np.zeros((0, 2), np.int64),
         numbers=table,
+        drawn=drawn,
     )

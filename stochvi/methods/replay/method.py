@@ -36,6 +36,7 @@ def replay(
     scene: Scene,
     clearances: Sequence[float] | None = None,
     *,
+    seed: int = 0,
     threads: int | None = None,
     budget: float | None = None,
 ) -> Replay:
@@ -45,7 +46,8 @@ def replay(
     each segment of a record. Accelerations are linear between samples, and the mean of a record is
     taken off, as it is for its density. The motion follows in exact steps; impacts are located
     within a step as roots of its power series; contact with compliant stops is integrated.
-    Nothing is random: the same record gives the same answer.
+    Nothing is random but a restitution that scatters, of which this is one realisation: the same
+    record and `seed` give the same answer.
 
     Parameters
     ----------
@@ -55,6 +57,9 @@ def replay(
         Metres per side from the static equilibrium, at each of which the stops of the one impact
         pair are put, with their laws; by default the stops are where the scene has them. A scene
         without stops is replayed without.
+    seed
+        Seed of the restitutions that scatter, a whole number from 0; without effect on other
+        scenes.
     threads
         Number of clearances that are replayed at a time, by default all cores.
     budget
@@ -99,6 +104,8 @@ def replay(
     7.45
     """
     begin = time.perf_counter()
+    if not 0 <= seed < 2**63:
+        raise ValueError(f"seed must be in [0, 2^63), got {seed}")
     model = model_of(scene)
     missing = unmet(scene, model)
     places = [None] if clearances is None else [float(each) for each in clearances]
@@ -123,7 +130,10 @@ def replay(
     def at(clearance: float | None) -> ReplayAt:
         placed = model if clearance is None else with_clearance(model, clearance)
         start = rest_of(placed)
-        motions = [integrate(placed, each, start, keep=keep) for each in segments]
+        motions = [
+            integrate(placed, each, start, keep=keep, seed=seed + number)
+            for number, each in enumerate(segments)
+        ]
         return _answer_at(placed, clearance, motions, segments, keep)
 
     with ThreadPoolExecutor(threads) as pool:
@@ -131,7 +141,7 @@ def replay(
     return Replay(
         clearances=found,
         duration=float(sum(each.step * len(each.base) for each in segments)),
-        assumptions=_assumptions(scene, model, len(segments)),
+        assumptions=_assumptions(scene, model, len(segments), seed),
         warnings=(
             *_without_samples(numbers, keep),
             *_without_mean(scene, model, found[-1]),
@@ -143,7 +153,7 @@ def replay(
             impacts=sum(len(each.impacts) for each in found),
             paths=len(places),
         ),
-        provenance=provenance(scene.document()),
+        provenance=provenance(scene.document(), seed if model.scattered else None),
     )
 
 
@@ -354,7 +364,7 @@ def _without_mean(scene: Scene, model: Model, answer: ReplayAt) -> list[str]:
     return found
 
 
-def _assumptions(scene: Scene, model: Model, segments: int) -> tuple[str, ...]:
+def _assumptions(scene: Scene, model: Model, segments: int, seed: int) -> tuple[str, ...]:
     found = [
         "The record is linear between its samples, and its mean is taken off.",
         "The motion starts from rest"
@@ -364,6 +374,11 @@ def _assumptions(scene: Scene, model: Model, segments: int) -> tuple[str, ...]:
         found.append(
             "A straight line, and frequencies outside band_hz, are taken off the record, as for "
             "its density."
+        )
+    if model.scattered:
+        found.append(
+            f"Restitutions that scatter are drawn at each impact (seed {seed}): another seed is "
+            "another realisation of the same record."
         )
     if any(stop.rigid for stop in model.stops):
         found.append(

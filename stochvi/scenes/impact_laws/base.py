@@ -55,6 +55,11 @@ class ImpactLaw(Checked):
     rigid: ClassVar[bool]
     """Whether the stop is rigid."""
 
+    @property
+    def remark(self) -> str:
+        """What the effects of a scene say of the law besides its word; empty for most."""
+        return ""
+
     @abstractmethod
     def per_unit_mass(self, mass: float) -> Self:
         """The law for a force per unit mass, N/kg."""
@@ -79,7 +84,17 @@ class ImpactLaw(Checked):
     @property
     @abstractmethod
     def restitution(self) -> float:
-        """Restitution R that a free mass sees, v+ = -R v-."""
+        """Restitution R that a free mass sees, v+ = -R v-; its mean where R scatters."""
+
+    @property
+    def restitution_mean_square(self) -> float:
+        """E R^2 of impacts, which is R^2 unless R scatters."""
+        return self.restitution**2
+
+    @property
+    def slow_restitution(self) -> float:
+        """The constant restitution at which slow impacts under white noise are the same."""
+        return self.restitution
 
     def in_series(self, compliance: float) -> Self:
         """The law of the stop and of a spring in series with it, of a compliance in m/N; the law

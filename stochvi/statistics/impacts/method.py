@@ -313,7 +313,7 @@ def _grid(plan: ImpactPlan, pair: Pair) -> Grid:
     longest = LONGEST_SHARE * plan.duration
     shortest = min(SHORTEST_ANGLE / plan.fastest, 0.1 * longest)
     losses = {LOWER: 0.0, UPPER: 0.0} | {
-        stop.side: 0.5 * pair.mass * (1.0 - stop.law.restitution**2) for stop in pair.stops
+        stop.side: 0.5 * pair.mass * (1.0 - stop.law.restitution_mean_square) for stop in pair.stops
     }
     return Grid(
         speeds=np.geomspace(slowest, FASTEST_SHARE * rms, BINS + 1),
@@ -389,7 +389,7 @@ def _root(square: tuple[float, float], how: str) -> Estimate:
 def _exponents(pair: Pair, tally: Tally, grid: Grid, plan: ImpactPlan) -> dict[str, Exponent]:
     """The exponent of both stops together where they have the same restitution, else that of
     each."""
-    restitutions = {stop.name: stop.law.restitution for stop in pair.stops}
+    restitutions = {stop.name: stop.law.slow_restitution for stop in pair.stops}
     if len(set(restitutions.values())) == 1:
         groups = {"both": (tally.fits.sum(axis=1), next(iter(restitutions.values())))}
     else:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import functions, without_noise
+from stochvi.model.coverage import functions, scattered, without_noise
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
@@ -211,7 +211,7 @@ def problem_of(
 
 def _unmet(model: Model) -> list[str]:
     """The conditions of a problem that a model does not meet."""
-    unmet = functions(model)
+    unmet = [*functions(model), *scattered(model)]
     kinds = {"a sine" if signal.amplitude else "filtered noise" for signal in model.signals}
     unmet += [
         f"excitation must be white noise, a density or constant, got {kind}"

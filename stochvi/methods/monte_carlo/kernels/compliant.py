@@ -14,6 +14,7 @@ from stochvi.engine.compiling import kernel
 from stochvi.engine.impact_log import page_of
 from stochvi.engine.one_mass import finish_step
 from stochvi.engine.sums import FOUND, ROWS_OF_CONTACT_PAIR
+from stochvi.engine.uniform_numbers import word_of_step
 from stochvi.methods.monte_carlo.kernels.flight import add_moments, add_noise, normals_of_step
 from stochvi.methods.monte_carlo.kernels.lanes import LANES, aligned_rows, row_of
 from stochvi.methods.monte_carlo.kernels.rows import (
@@ -115,7 +116,8 @@ def run_contacts(paths, kick, flow, at, counting, record, log, flag):
                 if near[i] != 0.0:
                     before = target[i, F1_OF_UPPER] - target[i, F1_OF_LOWER]
                     xs[i], vs[i] = finish_step(
-                        xs[i], vs[i], flow.step, scene, threshold, peaks, target, i, numbers,
+                        xs[i], vs[i], flow.step, scene, threshold, peaks, target, i,
+                        word_of_step(state0[i], step), numbers,
                         page_of(log, start + i, step, flow.step),
                     )  # fmt: skip
                     if recording:

@@ -26,6 +26,7 @@ from stochvi.engine.compiling import kernel
 from stochvi.engine.impact_log import log_impact, page_after, page_of
 from stochvi.methods.monte_carlo.kernels.lanes import LANES, aligned_rows, row_of
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pair, normal_pairs
+from stochvi.methods.monte_carlo.kernels.rigid_stops import is_scattered, restitution_of
 from stochvi.methods.monte_carlo.kernels.rows import (
     F1_LOWER,
     F1_UPPER,
@@ -95,7 +96,7 @@ def step_with_stops(x, v, z, hit, kick, flow, lower, upper):
         shift_x = 0.0
         shift_v = 0.0
         if upper is not None:
-            stop, restitution, slow = upper
+            stop, restitution, slow = upper.position, upper.restitution, upper.slow
             up, w, sr, cr = find_crossing(q, p, x1, v1, stiff, stop)
             factor = (1.0 + restitution) * w * inverse if up else 0.0
             shift_x = factor * sr
@@ -103,7 +104,7 @@ def step_with_stops(x, v, z, hit, kick, flow, lower, upper):
             speed = w if up else 0.0
             both = up & (restitution * w < slow)
         if lower is not None:
-            stop, restitution, slow = lower
+            stop, restitution, slow = lower.position, lower.restitution, lower.slow
             down, w, sr, cr = find_crossing(-q, -p, -x1, -v1, stiff, -stop)
             factor = (1.0 + restitution) * w * inverse if down else 0.0
             both = both | (down & ((speed > 0.0) | (restitution * w < slow)))
@@ -197,8 +198,11 @@ def time_of_hit(x, v, hit, kick, z, flow, lower, upper):
 
 
 @kernel
-def flow_with_impacts(x, v, flow, lower, upper, threshold, sums, page):
-    """Flow of one path with any number of impacts, which are added to `sums`; returns (x, v).
+def flow_with_impacts(x, v, flow, lower, upper, threshold, sums, page, word, struck):
+    """Flow of one path with any number of impacts, which are added to `sums`; returns (x, v) and
+    `struck`, increased by their number.
+
+    The restitution of an impact, if it scatters, belongs to `word` and `struck`.
 
     A mass that is pressed against a stop and rebounds too slowly to leave it rests there; its
     impacts are the limit of ever lower bounces, whose impulses (1 + R) w add up to the pressing
@@ -215,13 +219,15 @@ def flow_with_impacts(x, v, flow, lower, upper, threshold, sums, page):
         if upper is not None:
             up, w, sr, upper_cr = find_crossing(x, v, x1, v1, stiff, upper.position)
             if up:
-                position, restitution = upper.position, upper.restitution
+                position, usual = upper.position, upper.restitution
+                restitution = restitution_of(upper, word, struck)
                 speed, s_r, c_r = w, sr / energy, upper_cr / energy
         if lower is not None:
             down, w, sr, cr = find_crossing(-x, -v, -x1, -v1, stiff, -lower.position)
             # of two passages the first is the one farther from the end
             if down and (not up or cr < upper_cr):
-                position, restitution = lower.position, lower.restitution
+                position, usual = lower.position, lower.restitution
+                restitution = restitution_of(lower, word, struck)
                 speed, s_r, c_r = -w, sr / energy, cr / energy
                 up = False
             else:
@@ -229,7 +235,8 @@ def flow_with_impacts(x, v, flow, lower, upper, threshold, sums, page):
         if not (up or down):
             break
         if bounces == MOST_BOUNCES:
-            return position, v
+            return position, v, struck
+        struck += 1
         w = abs(speed)
         row = N_UPPER if up else N_LOWER
         sums[row] += 1.0 if w >= threshold else 0.0
@@ -243,13 +250,13 @@ def flow_with_impacts(x, v, flow, lower, upper, threshold, sums, page):
         v = -restitution * speed
         pressing = stiff * abs(position)
         if (position * speed < 0.0) and (abs(v) <= RESTING * pressing * h):
-            sums[row + 1] += pressing * time_since(s_r, c_r, stiff) / (1.0 + restitution)
-            return position, 0.0
+            sums[row + 1] += pressing * time_since(s_r, c_r, stiff) / (1.0 + usual)
+            return position, 0.0, struck
     if upper is not None:
         x1 = min(x1, upper.position)
     if lower is not None:
         x1 = max(x1, lower.position)
-    return x1, v1
+    return x1, v1, struck
 
 
 @kernel
@@ -274,7 +281,7 @@ def find_near_stop(x, v, owed, usual, corner, lower, upper, found):
 
 
 @kernel
-def step_near_stop(x, v, owed, s0, s1, corner, lower, upper, threshold, sums, page):
+def step_near_stop(x, v, owed, s0, s1, struck, corner, lower, upper, threshold, sums, page):
     """Advance one path near a stop by one step in sub-steps that suit the state they start from.
 
     Noise of intensity S0 alone changes a velocity v in the time v^2 / S0 and a distance d in
@@ -285,7 +292,8 @@ def step_near_stop(x, v, owed, s0, s1, corner, lower, upper, threshold, sums, pa
     sub-step, whose first half it joins. With steps of one length that is a whole kick; here it is
     not.
 
-    Returns x, v, the length in s of the half kick that is owed, and the two words of the stream.
+    Returns x, v, the length in s of the half kick that is owed, the two words of the stream, and
+    `struck` of `flow_with_impacts`.
     """
     damping_rate, intensity = corner.damping_rate, corner.intensity
     ladder, share = corner.ladder, corner.share
@@ -317,10 +325,10 @@ def step_near_stop(x, v, owed, s0, s1, corner, lower, upper, threshold, sums, pa
         v = decay * v + math.sqrt(intensity * kick * 0.5 * (1.0 + decay * decay)) * z
         flow = Flow(length, ladder[level, 1], ladder[level, 2], corner.stiff)
         elapsed = ladder[0, 0] - (left + (1 << (deepest - level))) * unit
-        x, v = flow_with_impacts(
-            x, v, flow, lower, upper, threshold, sums, page_after(page, elapsed)
+        x, v, struck = flow_with_impacts(
+            x, v, flow, lower, upper, threshold, sums, page_after(page, elapsed), s0, struck
         )
-    return x, v, owed, s0, s1
+    return x, v, owed, s0, s1, struck
 
 
 @kernel(inline="always")
@@ -407,10 +415,12 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
     Parameters
     ----------
     paths : `steps.Paths`, with sums (SUMS, paths); in the first column of `kept` stands the half
-        kick that is owed, s, half a step before the first one.
+        kick that is owed, s, half a step before the first one; in the second, where a restitution
+        scatters, the number of impacts since a pair of normals was drawn.
     kick, flow : `steps.Kick` and `steps.Flow`.
-    lower, upper : None, or a `steps.RigidStop`.
-    between : None, or () where the stops lie on either side of the rest position.
+    lower, upper : None, a `steps.RigidStop`, or a `rigid_stops.ScatteredStop`.
+    between : None, or () where the stops lie on either side of the rest position, and no
+        restitution scatters.
     corner : None, or a `steps.Corner` to refine steps near a stop.
     counting : `steps.Counting`.
     record : zeros (steps, paths, 3), which get x, v and the impact speed of every counted step.
@@ -423,7 +433,8 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
     x, v, streams, sums, noise, kept = paths
     recording, logging = record.shape[0] > 0, log.events.shape[0] > 0
     first, last, stride, origin, threshold = counting
-    work, local = aligned_rows(13), aligned_rows(SUMS)
+    scattered = is_scattered(lower) or is_scattered(upper)
+    work, local = aligned_rows(14), aligned_rows(SUMS)
     words = aligned_rows(2).view(np.uint64)
     several = np.zeros(SUMS)
     usual = 0.5 * flow.step
@@ -439,7 +450,7 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
         hits, slow, owed = row_of(work, 4, n), row_of(work, 5, n), row_of(work, 6, n)
         corner_x, corner_v = row_of(work, 7, n), row_of(work, 8, n)
         before_x, before_v = row_of(work, 9, n), row_of(work, 10, n)
-        place, power = row_of(work, 11, n), row_of(work, 12, n)
+        place, power, struck = row_of(work, 11, n), row_of(work, 12, n), row_of(work, 13, n)
         state0, state1 = row_of(words, 0, n), row_of(words, 1, n)
         mean, square = row_of(local, X, n), row_of(local, XX, n)
         speed = row_of(local, VV, n)
@@ -448,6 +459,7 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
         f2_low, f2_up = row_of(local, F2_LOWER, n), row_of(local, F2_UPPER, n)
         for i in range(n):
             xs[i], vs[i], hits[i], owed[i] = x[start + i], v[start + i], 0.0, kept[start + i, 0]
+            struck[i] = kept[start + i, 1]
             place[i], power[i] = noise[0, start + i], noise[1, start + i]
             state0[i], state1[i] = streams[0, start + i], streams[1, start + i]
             for row in range(SUMS):
@@ -456,6 +468,8 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
             if flag[0] != 0:
                 break
             normals_of_step((step - first) % 2 == 1, kick.earlier, state0, state1, z, z2)
+            if scattered and ((step - first) % 2 == 0 or kick.earlier > 0.0):
+                struck[:] = 0.0
             counted = step >= 0
             refined = 0
             if corner is not None:
@@ -463,11 +477,14 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
                 for i in range(n if refined > 0 else 0):
                     if slow[i] != 0.0:
                         several[:] = 0.0
-                        corner_x[i], corner_v[i], owed[i], state0[i], state1[i] = step_near_stop(
-                            xs[i], vs[i], owed[i], state0[i], state1[i], corner, lower, upper,
-                            threshold, several,
+                        (
+                            corner_x[i], corner_v[i], owed[i], state0[i], state1[i], so_far,
+                        ) = step_near_stop(
+                            xs[i], vs[i], owed[i], state0[i], state1[i], int(struck[i]), corner,
+                            lower, upper, threshold, several,
                             page_of(log, start + i, step, flow.step),
                         )  # fmt: skip
+                        struck[i] = so_far
                         add_impacts(several, counted, local, record, step, start, i)
             if counted:
                 # refined steps, known before the normal is, draw others
@@ -494,10 +511,11 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
             for _ in range(again):
                 i = first_marked(hits)
                 several[:] = 0.0
-                xs[i], vs[i] = flow_with_impacts(
+                xs[i], vs[i], so_far = flow_with_impacts(
                     xs[i], vs[i], flow, lower, upper, threshold, several,
-                    page_of(log, start + i, step, flow.step),
+                    page_of(log, start + i, step, flow.step), state0[i], int(struck[i]),
                 )  # fmt: skip
+                struck[i] = so_far
                 hits[i] = 0.0
                 add_impacts(several, counted, local, record, step, start, i)
             if counted:
@@ -527,6 +545,7 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
                         record[step, start + i, 2] += hits[i]
         for i in range(n):
             x[start + i], v[start + i], kept[start + i, 0] = xs[i], vs[i], owed[i]
+            kept[start + i, 1] = struck[i]
             noise[0, start + i], noise[1, start + i] = place[i], power[i]
             streams[0, start + i], streams[1, start + i] = state0[i], state1[i]
             for row in range(SUMS):

@@ -24,6 +24,7 @@ from stochvi.engine.sums import (
     ROWS_OF_PAIR,
     ROWS_OF_STOP,
 )
+from stochvi.engine.uniform_numbers import word_of_step
 from stochvi.methods.monte_carlo.kernels.compliant import step_clear_paths
 from stochvi.methods.monte_carlo.kernels.lanes import LANES
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
@@ -170,8 +171,9 @@ def run_missions(
                             sums[i, row] = 0.0
                         least = limit[0] if event == IMPACT else threshold
                         xs[i], vs[i] = finish_step(
-                            xs[i], vs[i], flow.step, scene, least, forces, added, i, numbers, None
-                        )
+                            xs[i], vs[i], flow.step, scene, least, forces, added, i,
+                            word_of_step(state[0, i], half), numbers, None,
+                        )  # fmt: skip
                         number = sums[i, 0] + sums[i, 3]
                         if event == IMPACT:
                             happened = counts and number > 0.0

@@ -670,8 +670,8 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                 if recording:
                     of_step[:] = 0.0
                 scene = Scene(
-                    step, stops, laws, responses, room.work, new, added_to, peaks, log, start,
-                    number,
+                    step, stops, laws, responses, room.work, new, added_to, peaks, words0, log,
+                    start, number,
                     following_of(largest, start, counted, room.spare, room.forces, pull_0, pull_1),
                 )  # fmt: skip
                 for k in range(0, count, LANES_TOGETHER):

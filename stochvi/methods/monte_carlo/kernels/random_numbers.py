@@ -16,25 +16,15 @@ import numpy as np
 
 from stochvi.engine.compiling import kernel
 from stochvi.engine.fused import fma
+from stochvi.engine.uniform_numbers import GOLDEN, split_mix
 
-GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-MIX_1 = np.uint64(0xBF58476D1CE4E5B9)
-MIX_2 = np.uint64(0x94D049BB133111EB)
 ONE_BITS = np.uint64(0x3FF0000000000000)
 MANTISSA = np.uint64(0x000FFFFFFFFFFFFF)
-S12, S15, S17, S21, S27 = (np.uint64(n) for n in (12, 15, 17, 21, 27))
-S28, S30, S31, S36, S47, S49 = (np.uint64(n) for n in (28, 30, 31, 36, 47, 49))
+S12, S15, S17, S21 = (np.uint64(n) for n in (12, 15, 17, 21))
+S28, S36, S47, S49 = (np.uint64(n) for n in (28, 36, 47, 49))
 LN2 = math.log(2.0)
 SQRT2 = math.sqrt(2.0)
 QUARTER_TURN = math.pi / 2.0
-
-
-@kernel(inline="always")
-def split_mix(z):
-    """One output of SplitMix64 for the counter z."""
-    z = (z ^ (z >> S30)) * MIX_1
-    z = (z ^ (z >> S27)) * MIX_2
-    return z ^ (z >> S31)
 
 
 @kernel
