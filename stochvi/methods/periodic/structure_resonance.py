@@ -390,7 +390,7 @@ def _unmet(model: Model, pairs: Sequence[Pair]) -> list[str]:
         found.append("each pair must have as many stops as the others: one, or two")
     for pair in pairs:
         if any(stop.coefficient is None and stop.law.rigid for stop in pair.stops):
-            found.append(f"restitution must be one number, got a function at {pair.name}")
+            found.append(f"restitution must be one number, got another law at {pair.name}")
         if pair.lower is None or pair.upper is None:
             continue
         number = [each.name for each in model.pairs].index(pair.name)
