@@ -52,6 +52,7 @@ LESS = {
     "simulate, so many paths": ["--paths", "64", "--duration", "6"],
     "spectrum": ["--rel-error", "0.3"],
     "impacts": ["--paths", "16"],
+    "damage": ["--rel-error", "0.5", "--equipment", "20:60"],
     "sweep, simulated": ["--rel-error", "0.2"],
     "sine": ["--points", "3"],
     "basins": ["--start", "displacement.x=0", "--start", "velocity.x=-0.1:0.1:3"],

@@ -261,10 +261,12 @@ class Clusters:
         share = self.first_rate.standard_error / self.first_rate.value
         return rate * whole, rate * np.hypot(error, share * np.abs(whole))
 
-    def rate(self, counts: Vector, factor: float) -> Estimate:
-        """Events, or energy, per `factor` seconds."""
+    def rate(self, counts: Vector, factor: float, events: bool = True) -> Estimate:
+        """Events, or energy, per `factor` seconds; no energy has no upper limit."""
         value, error = self.rates(counts)
         how = f"{len(self.part.path)} clusters; bias: clusters that meet"
+        if not value and not events:
+            return Estimate(value=0.0, how=f"none in {how}")
         if not value:
             most = upper_limit_unseen(1.0) * float(self.part.weight.max() / self.part.weight.sum())
             return Estimate(

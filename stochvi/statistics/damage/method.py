@@ -592,8 +592,8 @@ def _of_clusters(found: Clusters, levels: Sequence[float]) -> _Hits:
             f"{a:g}": found.rate(each, HOUR)
             for a, each in zip(levels, part.above.T, strict=True) if soft
         },
-        work_per_hour=found.rate(part.work, HOUR),
-        loss_per_hour=found.rate(part.loss, HOUR),
+        work_per_hour=found.rate(part.work, HOUR, False),
+        loss_per_hour=found.rate(part.loss, HOUR, False),
     )  # fmt: skip
 
 
@@ -620,10 +620,12 @@ class _Records(NamedTuple):
         steps = self.paths * (plan.samples + plan.plan.settling)
         return {"steps": steps, "paths": self.paths, "impacts": int(self.sample.hits.sum())}
 
-    def per_hour(self, counts: Vector) -> Estimate:
-        """Events, or energy, per hour."""
+    def per_hour(self, counts: Vector, events: bool = True) -> Estimate:
+        """Events, or energy, per hour; no energy has no upper limit."""
         value, error = mean_and_error(counts)
         how = f"{self.paths} records, {self.seconds:.4g} s"
+        if not value and not events:
+            return Estimate(value=0.0, bias=None, how=f"none in {how}")
         if not value:
             most = HOUR * upper_limit_unseen(self.seconds)
             return Estimate(value=0.0, bias=None, how=f"none in {how}", upper_95=most)
@@ -639,8 +641,8 @@ class _Records(NamedTuple):
             shocks=self.shocks(),
             impacts_per_hour=self.per_hour(self.sample.hits),
             contacts_above={a: self.per_hour(each) for a, each in above.items() if soft},
-            work_per_hour=self.per_hour(self.sample.work),
-            loss_per_hour=self.per_hour(self.sample.loss),
+            work_per_hour=self.per_hour(self.sample.work, False),
+            loss_per_hour=self.per_hour(self.sample.loss, False),
         )
 
     def shocks(self) -> Shocks | None:
