@@ -540,6 +540,9 @@ def _place(model: Model, at: str | None) -> str:
 
 def _driven(scene: Scene, model: Model) -> bool:
     """Whether tables shake masses, so that their force is a part of the acceleration."""
+    if model.scattered:
+        remedy = "restitution must not scatter, as impulses are not recorded; give its mean alone"
+        raise NotApplicable("damage", [remedy])
     on_base, on_masses = places_shaken(scene)
     if model.remembers or (on_masses and (on_base or model.whites)):
         raise _unknown(why_no_acceleration(model, on_base))
