@@ -158,7 +158,7 @@ class StructureResonance:
         >>> reed = load_scene(shipped_scene("beam"))
         >>> found = StructureResonance.of(reed, 42.0)
         >>> found.impact_speed.round(3).tolist(), round(found.longest(), 2)
-        ([0.021], 8.0)
+        ([0.079], 0.02)
         """
         model = model_of(scene)
         taking = [each for each in model.pairs if pairs is None or each.name in pairs]
