@@ -18,9 +18,9 @@ TESTED = 1e-2  # level at which the linear mount of a test was identified
 FAR = 3.5  # distance of the stops of the last columns, in simulated standard deviations
 TITLES = {"displacement_std": "displacement (rms)", "acceleration_std": "acceleration (rms)"}
 LABELS = {
-    "wen": "linearised at each level",
-    "tested": "tested at 0.01 g²/Hz",
-    "small": "small motions",
+    "wen": ("linearised at each level", "#0072b2"),
+    "tested": ("tested at 0.01 g²/Hz", "#d55e00"),
+    "small": ("small motions", "#009e73"),
 }
 
 
@@ -66,9 +66,9 @@ def draw(table: pd.DataFrame, path: Path) -> None:
     """Deviations of the linear mounts over the simulated ones, by level."""
     _, axes = plt.subplots(1, 2, figsize=(9.0, 3.6), layout="constrained", sharey=True)
     for ax, (name, title) in zip(axes, TITLES.items(), strict=True):
-        for words, label in LABELS.items():
+        for words, (label, colour) in LABELS.items():
             ratio = table[f"{name} {words}"] / table[f"{name} simulated"]
-            ax.plot(table["level_g2_hz"], ratio, "o-", label=label)
+            ax.plot(table["level_g2_hz"], ratio, "o-", color=colour, label=label)
         ax.axhline(1.0, color="0.6", linewidth=0.8)
         ax.set(xscale="log", yscale="log", xlabel="base acceleration (g²/Hz)", title=title)
         ax.set_yticks([0.5, 1.0, 2.0, 4.0], ["0.5", "1", "2", "4"], minor=False)
