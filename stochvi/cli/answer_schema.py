@@ -191,7 +191,7 @@ CHANGES = {
 }  # fmt: skip
 """How the JSON documents of answers differ from their fields, by the names of their classes."""
 
-RARE = {"Estimate": ("upper_95", "bias_error"), "Reliability": ("pairs", "outputs")}
+RARE = {"Estimate": ("upper_95", "bias_error"), "Reliability": ("pairs", "outputs", "phases")}
 """Keys that are present only if they have a value, by the names of the classes."""
 
 

@@ -419,7 +419,8 @@ def test_what_cannot_be_kept_says_why() -> None:
     sine = Sine(amplitude=1.0, frequency_hz=20.0)
     with pytest.raises(
         NotApplicable,
-        match=r"^size does not apply: excitation must be white, filtered, psd, road, record or "
+        match=r"^size does not apply: excitation must be white, filtered, "
+        r"transfer-function, state-space, psd, road, record or "
         "constant, got sine",
     ):
         size(

@@ -14,7 +14,7 @@ MOST_PARAMETERS = 8
 """Largest number of parameters of a function that users do not call."""
 
 PUBLIC = {
-    "size", "fokker_planck_many", "linearise_many", "reliability",
+    "size", "fokker_planck_many", "linearise_many", "reliability", "damage",
     "absorber",  # the command
 }  # fmt: skip
 """Public calls, whose options users name."""

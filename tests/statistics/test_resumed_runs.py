@@ -218,7 +218,7 @@ def test_what_belongs_to_another_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match="does not hold what a checkpoint"):
         impacts(scene, resume=kept)
     reliability(scene, mission=10.0, rel_error=0.5, checkpoint=kept)
-    with pytest.raises(CheckpointError, match=r"mission 10\.0, not 20\.0; give mission 10\.0"):
+    with pytest.raises(CheckpointError, match=r"mission 10\.0, not 20\.0; leave mission out"):
         reliability(scene, mission=20.0, resume=kept)
 
 

@@ -84,7 +84,10 @@ def lossy(law: Law) -> str:
         return ""
     if not law.rigid:
         return f"law must lose no energy, got {law.kind!r}"
-    got = f"{law.coefficient}" if isinstance(law, Restitution) else "a function of speed"
+    got = "a function of speed"
+    if isinstance(law, Restitution):
+        plain = isinstance(law.coefficient, int | float)
+        got = f"{law.coefficient:g}" if plain else str(law.coefficient)
     return f"restitution must be 1 (an elastic stop), got {got}"
 
 
