@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from stochvi.mathematics.units import measured
 from stochvi.scenes.changed_mounts import changed_mount
-from stochvi.scenes.excitations import BASE, Excitation, RoadNoise, TabulatedNoise
-from stochvi.scenes.excitations.shaped import kind_of_filter
+from stochvi.scenes.excitations import BASE, Excitation, Excitations, RoadNoise, TabulatedNoise
 from stochvi.scenes.validation import Checked, Number, Positive
 
 if TYPE_CHECKING:
@@ -58,18 +57,9 @@ class Phase(Checked):
     level_db: Number = 0.0
     profile: str | None = None
     axis: Literal["x", "y", "z"] | None = None
-    excitations: tuple[Annotated[Excitation, Field(discriminator="kind")], ...] = Field(
-        default=(), alias="excitation"
-    )
+    excitations: Excitations = Field(default=(), alias="excitation")
     stiffness_factor: Positive = 1.0
     damping_factor: Positive = 1.0
-
-    @field_validator("excitations", mode="before")
-    @classmethod
-    def _filters(cls, value: Any) -> Any:
-        return (
-            [kind_of_filter(each) for each in value] if isinstance(value, list | tuple) else value
-        )
 
     @model_validator(mode="after")
     def _shaken(self) -> Self:

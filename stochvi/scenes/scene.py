@@ -24,12 +24,12 @@ from stochvi.scenes.excitations import (
     ConstantLoad,
     DensityNoise,
     Excitation,
+    Excitations,
     RoadNoise,
     Sine,
     check_unit,
 )
 from stochvi.scenes.excitations.base import Density, StrengthNoise
-from stochvi.scenes.excitations.shaped import kind_of_filter
 from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelastic
 from stochvi.scenes.impact_laws.rubber_data import AS_WRITTEN
 from stochvi.scenes.phases import Phase
@@ -227,9 +227,7 @@ class Scene(Checked):
     title: str = ""
     structure: Annotated[Structure, Field(discriminator="kind")]
     impact_pairs: tuple[ImpactPair, ...] = Field(default=(), alias="impact_pair")
-    excitations: tuple[Annotated[Excitation, Field(discriminator="kind")], ...] = Field(
-        alias="excitation"
-    )
+    excitations: Excitations = Field(alias="excitation")
     cross_densities: tuple[CrossDensity, ...] = Field(default=(), alias="cross_density")
     absorber: Absorber | tuple[Absorber, ...] | None = None
     vehicle: QuarterCar | None = None
@@ -268,14 +266,6 @@ class Scene(Checked):
             keys = ", ".join(f"{name} = {entry!r}" for name, entry in value.items())
             raise ValueError(f"must be a list, got one table ({keys}); write [[{key}]]")
         return value
-
-    @field_validator("excitations", mode="before")
-    @classmethod
-    def _filters(cls, value: Any) -> Any:
-        """Filtered noise of a transfer function or in state space has a kind of its own."""
-        return (
-            [kind_of_filter(each) for each in value] if isinstance(value, list | tuple) else value
-        )
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

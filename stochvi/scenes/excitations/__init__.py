@@ -5,14 +5,21 @@ Each excitation is a file; `Excitation` lists them.
 
 from __future__ import annotations
 
-from typing import get_args
+from typing import Annotated, get_args
+
+from pydantic import BeforeValidator, Field
 
 from stochvi.scenes.excitations.base import BASE, BaseExcitation, DensityNoise, check_unit
 from stochvi.scenes.excitations.constant import ConstantLoad
 from stochvi.scenes.excitations.filtered import FilteredNoise
 from stochvi.scenes.excitations.recorded import RecordedNoise
 from stochvi.scenes.excitations.road import RoadNoise
-from stochvi.scenes.excitations.shaped import ShapedNoise, StateSpaceNoise, TransferFunctionNoise
+from stochvi.scenes.excitations.shaped import (
+    ShapedNoise,
+    StateSpaceNoise,
+    TransferFunctionNoise,
+    kinds_of_filters,
+)
 from stochvi.scenes.excitations.sine import Sine
 from stochvi.scenes.excitations.tabulated import TabulatedNoise
 from stochvi.scenes.excitations.white import WhiteNoise
@@ -29,6 +36,12 @@ Excitation = (
     | ConstantLoad
 )
 """Every excitation that a scene may hold."""
+
+Excitations = Annotated[
+    tuple[Annotated[Excitation, Field(discriminator="kind")], ...],
+    BeforeValidator(kinds_of_filters),
+]
+"""Excitations of a scene, or of a phase of its mission."""
 
 EXCITATIONS: tuple[type[BaseExcitation], ...] = get_args(Excitation)
 """The classes of `Excitation`, in its order."""
@@ -50,6 +63,7 @@ __all__ = [
     "DensityNoise",
     "Disturbance",
     "Excitation",
+    "Excitations",
     "FilteredNoise",
     "RecordedNoise",
     "RoadNoise",

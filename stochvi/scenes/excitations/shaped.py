@@ -55,27 +55,26 @@ class ShapedNoise(DensityNoise, StrengthNoise):
     @model_validator(mode="after")
     def _shape(self) -> Self:
         self._checked()
-        fastest = float(np.abs(self.poles).max())
-        slowest = float(np.abs(self.poles).min())
-        unstable = self.poles[self.poles.real >= -STABLE * fastest]
+        sizes = np.abs(self.poles)
+        unstable = self.poles[self.poles.real >= -STABLE * sizes.max()]
         if len(unstable):
             raise ValueError(
                 "needs a stable filter, every pole with a negative real part, got the pole "
                 f"{unstable[0]:.4g} rad/s"
             )
-        low, high = BELOW * slowest / (2.0 * np.pi), ABOVE * fastest / (2.0 * np.pi)
-        strength = 2.0 * self.si_intensity * power_ratio(self.level_db)
-        resonances = np.abs(self.poles.imag) / (2.0 * np.pi)
-        coarse = np.geomspace(low, high, 200)
-        near = np.concatenate([coarse, resonances[(resonances > low) & (resonances < high)]])
-        gains = self.squared_gain(near)
+        ends = BELOW * sizes.min(), ABOVE * sizes.max()
+        resonances = np.abs(self.poles.imag)
+        places = np.sort(np.append(np.geomspace(*ends, 200), resonances[resonances > ends[0]]))
+        frequency_hz = places / (2.0 * np.pi)
+        gains = self.squared_gain(frequency_hz)
         faintest = FAINTEST * float(gains.max())
         if not faintest > 0.0:
             raise ValueError("needs a filter that lets noise pass, got H = 0 at every frequency")
-        heard = np.sort(near)[self.squared_gain(np.sort(near)) > faintest]
+        heard = np.flatnonzero(gains > faintest)
+        strength = 2.0 * self.si_intensity * power_ratio(self.level_db)
         self._table = refined_table(
             lambda f: strength * np.maximum(self.squared_gain(f), faintest),
-            np.concatenate([heard[[0, -1]], near[(near > heard[0]) & (near < heard[-1])]]),
+            frequency_hz[heard[0] : heard[-1] + 1],
         )
         return self
 
@@ -240,8 +239,12 @@ class StateSpaceNoise(ShapedNoise):
             raise ValueError(f"needs C with {n} numbers, as A has rows, got {len(self.C)}")
 
 
-def kind_of_filter(part: Any) -> Any:
-    """A part of a scene whose kind is `filtered`, by the kind that its keys stand for."""
+def kinds_of_filters(parts: Any) -> Any:
+    """Excitations, those of kind `filtered` by the kind that their keys stand for."""
+    return [_kind_of(each) for each in parts] if isinstance(parts, list | tuple) else parts
+
+
+def _kind_of(part: Any) -> Any:
     if isinstance(part, dict) and part.get("kind") == "filtered":
         for kind, key in (("transfer-function", "denominator"), ("state-space", "A")):
             if key in part:
