@@ -11,19 +11,35 @@ from pathlib import Path
 
 import matplotlib as mpl
 import matplotlib.pyplot as plt
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from scipy.integrate import solve_ivp
 
 import stochvi
+from stochvi.scenes import (
+    BoucWen,
+    Coulomb,
+    Duffing,
+    Elastic,
+    ForceTable,
+    Hertz,
+    PolynomialDamper,
+    Rayleigh,
+    Viscoelastic,
+)
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.views.axes import add_grid
-from stochvi.views.colours import COLOURS, DRAWING
+from stochvi.views.colours import COLOURS, DRAWING, OWNERS
 from stochvi.views.files import write_picture
 from stochvi.views.schematic import draw_gaps, draw_problem
 from stochvi.views.words import count_of
 
 HERE = Path(__file__).parent
 STUDIES = HERE.parents[1] / "studies"
+
+STYLES = ("-", "--", ":")
+"""Styles of lines of a picture, so that its curves differ in grey as well."""
 
 MOUNTS = {
     ("mil-std-810h-truck-vertical-5hz", 12.0): "12 Hz on a truck",
@@ -36,7 +52,7 @@ MOUNTS = {
 """Rows of the picture of three sigma: profile and natural frequency (Hz), and their words."""
 
 ACCEPTED = 0.01
-"""Expected impacts in an hour that a chance of 1 % of any impact allows."""
+"""Expected impacts in an hour that a probability of 1 % of any impact allows."""
 
 
 def three_sigma() -> Axes:
@@ -106,7 +122,9 @@ COMMANDS = (
     ("How much clearance do I need?", "size", "clearance, tolerances, report", "3 s"),
     ("How often and how hard at my stops?", "simulate, impacts", "rates, speeds, forces", "2 s"),
     ("The same over clearances?", "clearance", "impact rates, Rice, closure", "5 s"),
-    ("And where impacts are rare?", "reliability", "probability to 1e-9, expected hits", "10 s"),
+    ("And where impacts are rare?", "reliability", "probability to 1e-9, expected impacts", "10 s"),
+    ("On a journey of several parts?", "reliability", "each [[phase]], all together", "10 s"),
+    ("What do impacts do to equipment?", "damage", "fatigue, shocks, peak g", "30 s"),
     ("What does this record do?", "replay", "every impact, x(t), peak g", "1 s"),
     ("Which motions exist under a sine?", "sine, basins", "regimes, jumps, clatter", "4 s"),
     ("Which absorber for my structure?", "absorber", "residual vibration, best cavity", "1 min"),
@@ -136,7 +154,7 @@ def choose() -> Axes:
 
 KINDS = {
     "one mass, white noise, elastic stops": "oscillator-elastic",
-    "one mass, white noise, lossy stops": "oscillator-lossy",
+    "one mass, white noise, inelastic stops": "oscillator-lossy",
     "one mass, white noise, rubber stops": "zoo/viscoelastic-stops",
     "isolator, own PSD or standard, rigid stops": "isolator-truck",
     "isolator under gravity, bumpers": "isolator-bumper",
@@ -198,6 +216,81 @@ def methods() -> Axes:
     return ax
 
 
+def mounts() -> Axes:
+    """Forces of springs and dampers that are functions."""
+    x, v = np.linspace(-3e-3, 3e-3, 241), np.linspace(-0.3, 0.3, 241)
+    _, (spring, rope, damper) = plt.subplots(1, 3, figsize=(7.6, 2.7), layout="constrained")
+    curves = {
+        "linear": 2e4 * x,
+        "duffing": Duffing(linear_stiffness=2e4, cubic_stiffness=4e9).force_at(x),
+        "duffing, two wells": Duffing(linear_stiffness=-2e4, cubic_stiffness=8e9).force_at(x),
+    }
+    for (words, force), style, colour in zip(curves.items(), STYLES, OWNERS, strict=False):
+        spring.plot(1e3 * x, force, style, color=colour, label=words)
+    for amplitude, style, colour in zip((3e-3, 1e-3, 2e-4), STYLES, OWNERS, strict=False):
+        rope.plot(*_loop(BoucWen(stiffness=6e4, yield_displacement=5e-4), amplitude), style,
+                  color=colour, label=f"± {1e3 * amplitude:g} mm")  # fmt: skip
+    for (words, force), style, colour in zip({
+        "linear": 100.0 * v,
+        "coulomb": Coulomb(force=20.0).force_at(0.0, v),
+        "polynomial": PolynomialDamper(coefficients=[20.0, 400.0]).force_at(0.0, v),
+        "rayleigh": Rayleigh(linear_damping=-100.0, cubic_damping=2500.0).force_at(0.0, v),
+    }.items(), (*STYLES, "-."), OWNERS, strict=False):  # fmt: skip
+        damper.plot(v, force, style, color=colour, label=words)
+    for ax, title, label in (
+        (spring, "springs", "displacement (mm)"), (rope, "bouc-wen", "displacement (mm)"),
+        (damper, "dampers", "velocity (m/s)"),
+    ):  # fmt: skip
+        ax.set_title(title, fontsize="small")
+        ax.set_xlabel(label)
+        ax.legend(fontsize="x-small", loc="upper left")
+        add_grid(ax)
+    rope.set_ylim(-34.0, 66.0)
+    spring.set_ylabel("force (N)")
+    return damper
+
+
+def laws() -> Axes:
+    """Forces of compliant stops over deflection: while a mass of 1 kg arrives and leaves."""
+    stops = {
+        "elastic": Elastic(stiffness=1e5),
+        "viscoelastic": Viscoelastic(stiffness=1e5, damping_ratio=0.3),
+        "hertz": Hertz(coefficient=2.5e6),
+        "table": ForceTable(deflection=[0.0, 1e-3, 2e-3, 3e-3], force=[0.0, 50.0, 150.0, 400.0]),
+    }
+    _, axes = plt.subplots(1, 2, figsize=(7.6, 2.9), layout="constrained")
+    for (words, law), style, colour in zip(stops.items(), (*STYLES, "-."), OWNERS, strict=False):
+        time = np.linspace(0.0, 0.02, 4001)
+        found = solve_ivp(
+            lambda _, s, law=law: (s[1], -float(law.force_at(max(s[0], 0.0), s[1]))),
+            (0.0, 0.02), (0.0, 0.8), t_eval=time, rtol=1e-8, atol=1e-10,
+        )  # fmt: skip
+        y = found.y[0]
+        force = np.array([float(law.force_at(max(a, 0.0), b)) for a, b in found.y.T])
+        ends = np.flatnonzero((y <= 0.0) | (force <= 0.0))[1:]
+        last = int(ends[0]) if len(ends) else len(time)
+        axes[0].plot(1e3 * y[:last], force[:last], style, color=colour, label=words)
+        axes[1].plot(1e3 * time[:last], force[:last], style, color=colour)
+    axes[0].set(xlabel="deflection (mm)", ylabel="force (N)")
+    axes[1].set(xlabel="time since the first touch (ms)")
+    axes[0].legend(fontsize="small")
+    for ax in axes:
+        add_grid(ax)
+    return axes[1]
+
+
+def _loop(rope: BoucWen, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
+    """Displacement (mm) and force (N) of cycles of an amplitude (m), from the first loading on."""
+    way = np.linspace(0.0, 1.0, 2001)
+    x = amplitude * np.concatenate([way, 1.0 - 2.0 * way, 2.0 * way - 1.0])
+    z, memory = 0.0, [0.0]
+    for step in np.diff(x) / rope.yield_displacement:
+        share = 1.0 - rope.beta + rope.beta * np.sign(z * step)
+        z += step * (1.0 - share * abs(z) ** rope.exponent)
+        memory.append(z)
+    return 1e3 * x, rope.largest_force * np.array(memory)
+
+
 def _rests(scene: stochvi.Scene) -> dict[str, float]:
     return {name: gap.position for name, gap in stochvi.explain(scene).rest_of_gaps.items()}
 
@@ -210,6 +303,8 @@ PICTURES: dict[str, Callable[[], Axes]] = {
     "gaps": gaps,
     "choose": choose,
     "methods": methods,
+    "mounts": mounts,
+    "laws": laws,
 }
 """The pictures by the name of their file."""
 

@@ -13,7 +13,7 @@ from numpy.polynomial.chebyshev import chebvander
 from scipy.ndimage import maximum_filter1d
 
 from stochvi.absorbers.performance import linear_rms, without_absorber
-from stochvi.absorbers.tuned_damper import TunedDamper, tuned_damper
+from stochvi.absorbers.tuned_damper import NO_STOPS, TunedDamper, tuned_damper
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.simulate import compile_kernels
@@ -384,7 +384,7 @@ def _check(
     elif structure.structure.mass is None:
         unmet.append("structure.mass must be given, to compare with, got none")
     if structure.impact_pairs:
-        unmet.append("the structure itself must have no stops")
+        unmet.append(NO_STOPS)
     if any(isinstance(each, ConstantLoad) for each in structure.excitations):
         unmet.append("a constant load would press the mass onto its stop")
     if unmet:

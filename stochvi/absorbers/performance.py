@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Unpack
 import numpy as np
 import pandas as pd
 
-from stochvi.absorbers.tuned_damper import TunedDamper, tuned_damper
+from stochvi.absorbers.tuned_damper import NO_STOPS, UNSTEADY, TunedDamper, tuned_damper
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo import record_paths, simulate
 from stochvi.methods.monte_carlo.simulate import compile_kernels
@@ -253,7 +253,7 @@ def absorber(
     if len(levels_db) == 0 or not all(math.isfinite(level) for level in levels_db):
         raise ValueError(f"levels_db must be at least one finite number, got {list(levels_db)}")
     if without_absorber(scene).impact_pairs:
-        raise NotApplicable("absorber", ["the structure itself must have no stops"])
+        raise NotApplicable("absorber", [NO_STOPS])
     full = scene.expanded
     masses = scene.absorber_coordinates
     carrier = next(name for name in full.structure.coordinates if name not in masses)
@@ -360,7 +360,13 @@ def without_absorber(scene: Scene) -> Scene:
 
 def _require_shaking(excitations: Sequence[Excitation]) -> None:
     if all(isinstance(each, ConstantLoad) for each in excitations):
-        raise NotApplicable("absorber", ["something must shake the structure that carries it"])
+        raise NotApplicable(
+            "absorber",
+            [
+                "excitation must shake the structure that carries the absorber, got constant loads "
+                "alone; add noise"
+            ],
+        )
 
 
 def linear_rms(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
@@ -373,7 +379,7 @@ def linear_rms(scene: Scene) -> tuple[dict[str, float], dict[str, float]]:
     modes = model.modal
     law = linear_law(modes)
     if law is None:
-        raise NotApplicable("absorber", ["the structure alone must have a stationary state"])
+        raise NotApplicable("absorber", [UNSTEADY])
     displacement, velocity = (
         {
             name: math.sqrt(law.variances(modes.shapes[row], first))

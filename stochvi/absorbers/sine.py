@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from stochvi.absorbers.performance import own_name, without_absorber
+from stochvi.absorbers.tuned_damper import NO_STOPS
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.periodic import HarmonicResponse, harmonic_response
 from stochvi.methods.periodic.family import Family, forced, parts_of
@@ -281,7 +282,7 @@ def absorber_sine(
         )  # fmt: skip
     alone = without_absorber(scene)
     if alone.impact_pairs:
-        raise NotApplicable("absorber:sine", ["the structure itself must have no stops"])
+        raise NotApplicable("absorber:sine", [NO_STOPS])
     full, masses = scene.expanded, scene.absorber_coordinates
     carrier = next(name for name in full.structure.coordinates if name not in masses)
     deadline = Deadline.after(budget)

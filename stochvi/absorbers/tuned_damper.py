@@ -17,6 +17,17 @@ from stochvi.scenes.excitations import BASE, Sine
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Matrices
 
+NO_STOPS = (
+    "the structure must have no stops of its own beside an absorber, got impact_pair; leave it out"
+)
+"""Condition of every calculation of an absorber."""
+
+UNSTEADY = (
+    "the structure must have a stationary state without the absorber; give each coordinate "
+    "stiffness and damping"
+)
+"""Condition of every comparison with the structure alone."""
+
 NAME = "tuned damper"
 """Name of the coordinate of the damper's mass."""
 
@@ -243,7 +254,7 @@ def _motion(scene: Scene, row: int) -> tuple[float, float, float]:
     modes = model_of(scene).modal
     law = linear_law(modes)
     if law is None:
-        raise NotApplicable("absorber", ["the structure alone must have a stationary state"])
+        raise NotApplicable("absorber", [UNSTEADY])
     shape, relative = modes.shapes[row], modes.shapes[-1] - modes.shapes[row]
     return (
         math.sqrt(law.variances(shape, 0)),

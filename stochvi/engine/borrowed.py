@@ -1,9 +1,9 @@
 """Arrays of which kernels count no owners.
 
-Each time that a kernel names an array, or hands on a tuple that holds it, numba changes the number
-of its owners, which is an atomic number. In a loop over single paths that takes longer than the
-loop. A borrowed array is the same array without an owner: nothing is counted, and another variable
-must keep the array until it is no longer used:
+numba counts the owners of an array by an atomic number. It changes each time that a kernel names
+the array or hands on a tuple with it. In a loop over single paths the counting takes longer than
+the loop. A borrowed array is the same array without an owner: nothing is counted, and another
+variable must keep the array until it is no longer used:
 
     room = np.zeros(10)
     fill(borrowed(room))

@@ -1,8 +1,8 @@
 """Logs of single impacts, each with the time at which it happens.
 
-Where nobody asks for impacts, a log has no rows, and they are not even counted: a kernel for which
-that costs no time is compiled once. Kernels that take many single steps of single paths get `None`
-instead, and are compiled once more without the code for a log, which saves 5 to 10 % of their time.
+Without a request for impacts a log has no rows, and impacts are not counted. Most kernels lose no
+time by that, and are compiled once. Kernels of many single steps get `None` instead: they are
+compiled a second time without the code for a log, which saves 5 to 10 % of their time.
 """
 
 from typing import NamedTuple

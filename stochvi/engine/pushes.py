@@ -40,8 +40,8 @@ for _k in range(1, MOST_TERMS + 1):
 
 
 BUNDLE, TERMS_AT_ONCE = 16, 4
-"""Multiples to which the numbers of the end of a step and the terms of their series are padded, so
-that they fill the vectors of a processor."""
+"""Numbers at the end of a step, and terms of their series, are padded to multiples of these. They
+then fill the vectors of a processor."""
 
 Y0, V0, A0, Y1, V1, A1 = range(6)
 """Rows of the ends of what is left of a step: value, slope and curvature of every gap."""

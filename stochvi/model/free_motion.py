@@ -63,7 +63,7 @@ def free_motion(model: Model) -> FreeMotion:
 def _unheld(model: Model) -> str:
     """A sentence on the modes that have no stationary motion, and on what they lack."""
     modes = model.modal
-    words = "stiffness and damping must hold every coordinate where nothing is hit"
+    words = "stiffness and damping must hold every coordinate without its stops"
     held = modes.squares > 0.0
     if not np.all(held):
         return (

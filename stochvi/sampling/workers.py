@@ -143,8 +143,8 @@ def packed(value: Any) -> bytes:
         _SmallPickler(file, pickle.HIGHEST_PROTOCOL).dump(value)
     except (pickle.PicklingError, AttributeError) as error:
         raise ValueError(
-            "executor must have threads for a scene whose functions no module holds, got other "
-            f"processes ({error}); define the functions in a module that they can import"
+            "executor must have threads for functions that no file holds, got processes "
+            f"({error}); write the functions into a file that they can import"
         ) from None
     return file.getvalue()
 

@@ -10,6 +10,7 @@ from .characteristics import (
     SpringTable,
     VanDerPol,
 )
+from .cross_densities import CrossDensity
 from .datasets import Profile, profiles, shipped_scene
 from .excitations import (
     ConstantLoad,
@@ -31,6 +32,7 @@ from .impact_laws import (
     SpeedRestitution,
     Viscoelastic,
 )
+from .phases import Phase
 from .records import Record, read_record
 from .scatter import Scatter
 from .scene import ImpactPair, Scene, load_scene
@@ -54,6 +56,7 @@ __all__ = [
     "BoucWen",
     "ConstantLoad",
     "Coulomb",
+    "CrossDensity",
     "Duffing",
     "Elastic",
     "FilteredNoise",
@@ -67,6 +70,7 @@ __all__ = [
     "Mount",
     "NonlinearOscillator",
     "Oscillator",
+    "Phase",
     "Plate",
     "PolynomialDamper",
     "PolynomialSpring",

@@ -55,6 +55,10 @@ class CrossDensity(Checked):
     phase_deg
         Phase beside the coherence, degrees, at each breakpoint or one number; by default 0.
 
+    See Also
+    --------
+    stochvi.TabulatedNoise : A noise with a density, which may have a name.
+
     Examples
     --------
     >>> cross = CrossDensity(

@@ -45,6 +45,10 @@ class Phase(Checked):
         Factors of the stiffness and of the damping constants of the mounts, which are warm or cold
         in this phase.
 
+    See Also
+    --------
+    stochvi.reliability : Probabilities of a mission of phases.
+
     Examples
     --------
     >>> road = Phase(name="road", duration="2 h", profile="mil-std-810h-truck-vertical-5hz")

@@ -336,7 +336,11 @@ def _coexisting(place: Place, run: Run) -> Attractors:
     BasinRun(silent, known, starts, known.phase, DECIDED).ends()
     if len(known.found) < 2 and not run.deadline.passed():
         raise NotApplicable(
-            "lifetimes", ["several motions must coexist without noise, got one alone"]
+            "lifetimes",
+            [
+                "several motions must coexist without noise, got one alone; change the sine or the "
+                "clearance (sine shows where several do)"
+            ],
         )
     return known
 

@@ -215,7 +215,10 @@ class PairMotion:
         """Numbers of the pairs whose gaps move: others are never hit."""
         (found,) = np.nonzero(self.displacement_std)
         if not len(found):
-            raise NotApplicable("first_crossings", ["excitation must move a gap of a pair"])
+            raise NotApplicable(
+                "first_crossings",
+                ["excitation must move at least one gap, got none that moves; check its on"],
+            )
         return found
 
     @cached_property

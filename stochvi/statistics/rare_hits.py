@@ -489,9 +489,11 @@ class Levels:
 
 
 class Repetition(NamedTuple):
-    """Probabilities that one repetition found for a trial: of an exceedance, at the sampling
-    interval and at twice that; of one in the second half of what counts alone; and of having a
-    score."""
+    """Probabilities that one repetition found for a trial.
+
+    They are those of an exceedance (at the sampling interval, and at twice that), of one in the
+    second half of the counted time, and of having a score.
+    """
 
     exceeded: float
     coarse: float

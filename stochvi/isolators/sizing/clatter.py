@@ -160,7 +160,10 @@ def _check(
     if stiffness_ratios is not None and not all(
         isinstance(stop.law, Elastic | Viscoelastic) for stop in model.stops
     ):
-        unmet.append("stiffness_ratios need elastic or viscoelastic stops")
+        unmet.append(
+            "law must be elastic or viscoelastic at every stop for stiffness_ratios, got "
+            + ", ".join(sorted({repr(stop.law.kind) for stop in model.stops}))
+        )
     if not model.moving_base or model.noise_on_mass:
         unmet.append("structure.kind must be 'isolator' with noise on its base only")
     if unmet:

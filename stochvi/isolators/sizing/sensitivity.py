@@ -390,7 +390,10 @@ def fast_peaks(
     model = model_of(scene)
     tables = model.acceleration_tables
     if not tables:
-        raise NotApplicable("fast_peaks", ["excitation must be tabulated (kind = 'psd')"])
+        raise NotApplicable(
+            "fast_peaks",
+            ["excitation must hold a table (kind = 'psd', 'road' or 'record'), got none; give one"],
+        )
     length = 2**RECORD_BITS
     highest = max(float(table.frequency_hz[-1]) for table in tables)
     frequency: Vector = np.fft.rfftfreq(length, 1.0 / (SAMPLES_PER_PERIOD * highest)).astype(float)

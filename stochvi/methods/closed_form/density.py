@@ -115,10 +115,10 @@ class ExactDensity:
         return np.asarray(self.law.peak_force_density(side, per_unit_mass) / self.mass)
 
     def _position(self, side: str) -> float:
-        for stop in (self.law.lower, self.law.upper):
-            if stop is not None and stop.name == side:
-                return stop.position
-        raise ValueError(f"side must be that of a stop of the scene, got {side!r}")
+        stops = {stop.name: stop for stop in (self.law.lower, self.law.upper) if stop is not None}
+        if side not in stops:
+            raise ValueError(f"side must be one with a stop ({', '.join(stops)}), got {side!r}")
+        return stops[side].position
 
 
 @calculation

@@ -84,7 +84,7 @@ def unmet(model: Model) -> list[str]:
         return found
     if model.tables and model.pairs:
         found.append(
-            "excitation must not be a tabulated density where there are stops with several "
+            "excitation must not be a tabulated density with stops where there are several "
             "coordinates, filtered noise or a sine"
         )
     if model.sines:
@@ -128,7 +128,10 @@ def _not_gibbs(model: Model) -> list[str]:
         return ["damping and noise must reach every motion, directly or through springs and stops"]
     directions = np.array([pair.direction for pair in model.pairs])
     if np.linalg.matrix_rank(directions) < len(directions):
-        return ["impact pairs must act on independent coordinates"]
+        return [
+            f"impact pairs must act on independent coordinates, got {len(directions)} pairs on "
+            f"{np.linalg.matrix_rank(directions)} of them"
+        ]
     try:
         solve(model)
     except (Intractable, ValueError) as reason:

@@ -510,8 +510,8 @@ class StationaryDensity:
     def _stop(self, side: str) -> Stop | None:
         """A stop of the scene; None if it is out of reach."""
         scaled = self.fine.scaled
-        if side not in {stop.name for stop in scaled.motion.stops}:
-            raise ValueError(f"side must be that of a stop of the scene, got {side!r}")
+        if side not in (names := [stop.name for stop in scaled.motion.stops]):
+            raise ValueError(f"side must be one with a stop ({', '.join(names)}), got {side!r}")
         return next((stop for stop in scaled.reached if stop.name == side), None)
 
     def __repr__(self) -> str:

@@ -86,7 +86,11 @@ class _Ray:
         wall = abs(motion.wall(self.side) - self.start)
         if away[0] > FARTHEST * motion.length and wall == math.inf:
             raise NotApplicable(
-                "fokker-planck", ["spring and stops must hold the mass on both sides"]
+                "fokker-planck",
+                [
+                    "the spring or a stop must hold the mass on either side, got nothing on its "
+                    f"{'upper' if self.side > 0 else 'lower'} side; give a stiffness or a stop"
+                ],
             )
         places = self.start + self.side * away[away < wall]
         if len(places) < self.at_once:
@@ -306,6 +310,9 @@ class Motion:
 MOST_STEPS = 400
 """Largest number of steps in the search for a scale, each by a factor e."""
 
+UNBOUNDED = "damping must take up the power of the noise at some energy, got none; raise damping"
+"""Condition of a stationary state, where no energy is found at which it holds."""
+
 
 def _root(function: Callable[[float], float], start: float) -> float:
     """The root of a rising function, searched for in steps that double."""
@@ -316,12 +323,12 @@ def _root(function: Callable[[float], float], start: float) -> float:
             break
         low, high = low - step, low
     else:
-        raise NotApplicable("fokker-planck", ["damping must take up the power of the noise"])
+        raise NotApplicable("fokker-planck", [UNBOUNDED])
     if low == start:
         for _ in range(MOST_STEPS):
             if function(high) >= 0.0:
                 break
             low, high = high, high + step
         else:
-            raise NotApplicable("fokker-planck", ["damping must take up the power of the noise"])
+            raise NotApplicable("fokker-planck", [UNBOUNDED])
     return float(brentq(function, low, high, xtol=1e-9)) if high > low else low

@@ -155,7 +155,8 @@ def first_passage(
     """P(a barrier is reached before t), its mean time and its decay rate, for one oscillator.
 
     The probability u of a passage before t, from (x, v), obeys the equation adjoint to (B 13.34):
-    u_t = v u_x - (b v + omega^2 x - load) u_v + S0 / 2 u_vv. It is 1 at the barriers. Meshes are refined until two of them agree.
+    u_t = v u_x - (b v + omega^2 x - load) u_v + S0 / 2 u_vv. It is 1 at the
+    barriers. Meshes are refined until two of them agree.
 
     Parameters
     ----------
@@ -210,7 +211,7 @@ def first_passage(
     check_rtol(rtol)
     moments = np.asarray(times, dtype=float).reshape(-1)
     if not (np.isfinite(moments).all() and (moments >= 0.0).all()):
-        raise ValueError("times must be finite and at least 0 s")
+        raise ValueError(f"times must be finite and at least 0 s, got {moments.tolist()}")
     model = model_of(scene)
     unmet = unmet_by_first_passage(model, lower, upper)
     if unmet:

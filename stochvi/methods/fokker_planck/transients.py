@@ -234,7 +234,9 @@ def transient(
     started, deadline = time.perf_counter(), Deadline.after(budget)
     moments = np.asarray(times, dtype=float).reshape(-1)
     if not (len(moments) and np.isfinite(moments).all() and (moments > 0.0).all()):
-        raise ValueError("times must be finite and greater than 0 s, at least one of them")
+        raise ValueError(
+            f"times must be one or more finite numbers above 0 (s), got {moments.tolist()}"
+        )
     check_rtol(rtol)
     model = model_of(scene)
     unmet = unmet_by_transient(model)
@@ -337,7 +339,8 @@ def _flight(
         beyond = start.beyond(lower, upper)
         if beyond > MOST_BEYOND:
             raise ValueError(
-                f"start must lie between the stops, got a law with a part {beyond:.2g} beyond"
+                f"start must lie between the stops, got a distribution with {100.0 * beyond:.2g} % "
+                "beyond them; give one that is narrower"
             )
         return 0.0, start
     if not lower < start.x < upper:

@@ -63,7 +63,9 @@ class LinearisedStructure:
             If there is no such coordinate.
         """
         if coordinate not in self.coordinates:
-            raise KeyError(f"coordinate must be one of {', '.join(self.coordinates)}")
+            raise KeyError(
+                f"coordinate must be one of {', '.join(self.coordinates)}, got {coordinate!r}"
+            )
         row = self.shapes[self.coordinates.index(coordinate)]
         f = np.asarray(frequency_hz, dtype=float)
         total = np.zeros(f.size)

@@ -76,7 +76,7 @@ def make_plan(
             f"about {seconds:.2g} s, of which {deadline.left:.2g} s are left; raise budget, or "
             "give tables of fewer lines"
         )
-    # where a stop gives way, filtered noises are tables, to which sines are added
+    # where a stop is compliant, filtered noises are tables, to which sines are added
     giving_way = bool(model.signals) and model.noisy and bool(model.not_rigid())
     # without a spring a load accelerates the mass, and tables move it freely: modal kernels
     loose = model.single and model.restoring is None and model.omega == 0.0

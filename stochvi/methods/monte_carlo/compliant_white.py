@@ -1,4 +1,4 @@
-"""Stops that give way under white noise: the plan of kick-flow-kick (step, start, lengths)."""
+"""Compliant stops under white noise: the plan of kick-flow-kick (step, start, lengths)."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ It equals GAP_PER_STEP for a uniform law, whose width is sqrt(12) standard devia
 
 @dataclass(frozen=True, kw_only=True)
 class CompliantPlan(WhitePlan):
-    """Steps, start and lengths where a stop gives way; `averages` begin with CONTACT_SUMS rows."""
+    """Steps, start and lengths with a compliant stop; `averages` begin with CONTACT_SUMS rows."""
 
     rows = CONTACT_SUMS
     sums_of_contacts = tuple(CONTACT_ROWS)
@@ -75,7 +75,7 @@ class CompliantPlan(WhitePlan):
 
     @cached_property
     def _law(self) -> GibbsLaw:  # type: ignore[override]
-        """The Gibbs law at the expected speed, from the rest position."""
+        """The Gibbs distribution at the expected speed, from the static equilibrium."""
         return _gibbs_law(self.model, self.speed, self.model.rest)
 
     @property
@@ -84,7 +84,7 @@ class CompliantPlan(WhitePlan):
 
 
 def _gibbs_law(model: Model, speed: float, rest: float = 0.0) -> GibbsLaw:
-    """Gibbs law at E v^2 = speed^2 with positions from `rest`, m, where the load is reduced
+    """Gibbs distribution at E v^2 = speed^2, positions from `rest`, m, where the load is reduced
     accordingly."""
     return GibbsLaw(
         theta=speed**2,
@@ -103,7 +103,7 @@ def _from_rest(stop: Stop | None, rest: float) -> Stop | None:
 def plan_compliant(
     model: Model, threshold: float | None, duration: float | None, slow_impacts: bool = False
 ) -> CompliantPlan:
-    """Choose step, burn-in and length for white noise and stops of which one gives way.
+    """Choose step, burn-in and length for white noise and stops of which one is compliant.
 
     Examples
     --------
@@ -123,7 +123,7 @@ def plan_compliant(
     """
     unmet = []
     if slow_impacts:
-        unmet.append("slow_impacts needs rigid stops, got one that gives way")
+        unmet.append("slow_impacts must be left out with compliant stops, which it does not refine")
     if model.omega == 0.0 and model.load != 0.0:
         unmet.append("a constant load needs stiffness > 0, got 0")
     try:
@@ -153,8 +153,10 @@ def plan_compliant(
 
 
 def _step(model: Model, speed: float, spread: float) -> float:
-    """The step, s: a part of a radian, of the loss of energy, of the width of the law, or of a
-    bounce."""
+    """Return the step, s: a part of the shortest of the times that it must resolve.
+
+    They are a radian of the motion, the loss of energy, the way across the spread, and a contact.
+    """
     limits = [SPREAD_PER_STEP * spread / speed]
     if model.omega > 0.0:
         limits.append((LARGEST_ANGLE if model.elastic else LOSSY_ANGLE) / model.omega)

@@ -1,4 +1,4 @@
-"""Motion of the gaps of a linear structure under Gaussian noise, without hits.
+"""Motion of the gaps of a linear structure under Gaussian noise, without impacts.
 
 The response is a sum over bins of frequency, as in `modal_tables`; white and filtered noise become
 tables, so that all of it is synthesised, and no step is taken.

@@ -27,8 +27,8 @@ MOST_PATHS = 256
 class HistoryPlan:
     """The plan by which records of a scene are made.
 
-    `fastest` is the largest frequency of a mode, a signal, the flight between two stops or the fall
-    of a mass without a spring back to its stop, rad/s; `speed` the largest rms speed of a gap, m/s.
+    `fastest`, rad/s, is the largest frequency of: modes, signals, motions from stop to stop, and
+    falls of an unrestrained mass back to its stop. `speed`, m/s, is the largest rms speed of a gap.
     """
 
     plan: Plan

@@ -32,7 +32,7 @@ class ImpactLog:
     """Impacts of one pair in a block of paths, by path and then by time.
 
     `path` is the number of the path within the block; `time` is in seconds from the start of the
-    counted part; `speed`, m/s, is negative at the lower stop. On a stop that gives way an impact is
+    counted part; `speed`, m/s, is negative at the lower stop. On a compliant stop an impact is
     the first touch.
     """
 

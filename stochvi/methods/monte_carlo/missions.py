@@ -60,8 +60,7 @@ LEAST_STEPS = 4
 """Smallest number of steps of a mission, so that it can be simulated at twice the step as well."""
 
 NEEDS_FORCE = (
-    "it needs stops that give way (law elastic, viscoelastic, hertz or table): a restitution alone "
-    "does not give a force"
+    "law must be elastic, viscoelastic, hertz or table: a restitution alone does not give a force"
 )
 """The reason why a scene with rigid stops has no peak acceleration."""
 
@@ -120,7 +119,7 @@ class MissionPlan:
     counted, before
         Steps of a mission, and of the motion before it in which energies above a level count.
     settled
-        Steps before these, in which a motion between lossy stops becomes stationary.
+        Steps before these, in which a motion between inelastic stops becomes stationary.
     """
 
     base: WhitePlan
@@ -277,7 +276,7 @@ def settling_time(model: Model) -> float:
 
 
 def _settling(base: WhitePlan) -> float:
-    """Seconds until a path that does not start in the stationary law itself is stationary."""
+    """Seconds until a path that does not start in the stationary state itself is stationary."""
     return CLIMB_RELAXATIONS / RELAXATIONS * base.burn_in if base.elastic else base.burn_in
 
 
@@ -305,7 +304,7 @@ def _plan(
     if mission < settling:
         climb = min(settling, max(mission, SHORT_CLIMB / RELAXATIONS * base.burn_in))
     before = math.ceil(climb * counted / mission)
-    # without losses at stops the start is drawn from the stationary law itself
+    # without losses at stops the start is drawn from the stationary distribution
     settled = 0 if base.elastic else math.ceil((settling - climb) * counted / mission)
     return MissionPlan(
         base=base,

@@ -96,8 +96,8 @@ SERIES_ERROR = 1e-13
 """Relative error of the Taylor series of the response to an impact."""
 
 MOST_CROSSED = 3
-"""Largest number of modes between all of which noise of one is multiplied with motion of another,
-as (modes squared) crossings are added up at every step; of more, each mode with itself."""
+"""Largest number of modes for which the noise of each is multiplied with the motion of every other.
+With more modes each is multiplied with itself alone: the products grow with their square."""
 
 SUMS_OF_PAIR = tuple(f"{what}_{side}" for side in ("lower", "upper") for what in ("n", "f1", "f2"))
 """Names of the sums over the impacts of a pair: their number n, the sum f1 of the impact speeds and
@@ -158,8 +158,8 @@ class ModalPlan(SteppedPlan):
 
     @property
     def elastic(self) -> bool:
-        """Whether the stationary law is exact at any step: all noise at one temperature, elastic
-        stops."""
+        """Whether the stationary distribution is exact at any step: all noise at one temperature,
+        and elastic stops."""
         return self.model.elastic and self.model.temperature is not None
 
     @property
@@ -677,9 +677,11 @@ class ModalPlan(SteppedPlan):
         )  # fmt: skip
 
     def _merged_noise(self, grown: Matrix, flow: Matrix) -> tuple[Matrix, Matrix]:
-        """Matrices from the normals of two steps of half the length, those of the first step first,
-        to the noise that a step adds to all states, and that its kick adds to the speeds of the
-        modes."""
+        """Matrices from the normal numbers of two half steps to the noise of one whole step.
+
+        The first gives the noise of all states, the second that of the kick on modal speeds. The
+        numbers of the first half step come first.
+        """
         n, half = self.modes.size, self.step / 2.0
         decay, brought = self._kick(half)
         signals, size = self._signal_noise(flow, half), self._size

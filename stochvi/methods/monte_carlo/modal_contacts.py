@@ -1,4 +1,4 @@
-"""Structures of several modes with stops that give way: the plan."""
+"""Structures of several modes with compliant stops: the plan."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ over contacts with linear, Hertzian and tabulated stops of all stiffnesses was 1
 
 @dataclass(frozen=True, kw_only=True)
 class ModalContactsPlan(ModalPlan):
-    """Steps, start and lengths where a stop of some pair gives way (SI units)."""
+    """Steps, start and lengths where a stop of some pair is compliant (SI units)."""
 
     @property
     def method(self) -> str:  # type: ignore[override]
@@ -42,7 +42,7 @@ class ModalContactsPlan(ModalPlan):
 
     @property
     def contacts(self) -> bool:  # type: ignore[override]
-        """Whether a stop gives way; pairs then have SUMS_OF_CONTACT_PAIR."""
+        """Whether a stop is compliant; pairs then have SUMS_OF_CONTACT_PAIR."""
         return bool(self.model.not_rigid())
 
     @property
@@ -69,7 +69,7 @@ class ModalContactsPlan(ModalPlan):
 def plan_modal_contacts(
     model: Model, threshold: float | None, duration: float | None
 ) -> ModalContactsPlan:
-    """Choose step, burn-in and length where a stop of some pair gives way.
+    """Choose step, burn-in and length where a stop of some pair is compliant.
 
     Raises
     ------
@@ -82,8 +82,10 @@ def plan_modal_contacts(
 
 
 def check_stiffness(plan: ModalContactsPlan) -> None:
-    """NotApplicable for stops whose contacts would take too many sub-steps and on which a mass
-    stays, because it is pressed onto them or comes to rest there."""
+    """Raise NotApplicable for a stop that is too stiff to be followed while a mass stays on it.
+
+    A mass stays where it is pressed onto the stop, or comes to rest there.
+    """
     unmet = []
     for pair, scale in zip(plan.model.pairs, plan.pairs, strict=True):
         for stop in pair.stops:

@@ -330,7 +330,7 @@ class ModalTablesPlan(ModalContactsPlan):
             Gets every impact that counts, at its time since the sample before the first.
         accelerations
             (paths, outputs), zeros that become the largest absolute accelerations of the outputs of
-            the model while a stop that gives way is touched, m/s^2; None for none.
+            the model while a compliant stop is touched, m/s^2; None for none.
         burn_in, counted
             Number of samples that do not count, and of those that do, by default all others.
         record

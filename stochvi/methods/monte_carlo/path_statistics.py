@@ -235,8 +235,10 @@ class StepPairs(PathMoments):
 def at_both_steps(
     pairs: StepPairs, whole: PathStatistics
 ) -> tuple[PathStatistics, PathStatistics, Vector]:
-    """The pairs at the step and at twice the step, and their joint covariance (2 rows, 2 rows) over
-    the paths, by the regression on noise with the slopes of the `whole`, which knows them best.
+    """Return the pairs at the step and at twice the step, and their covariance over the paths.
+
+    The covariance has the shape (2 rows, 2 rows). The regression on noise takes the slopes of the
+    `whole`, which knows them best.
 
     They are kept, as is what their derivatives need, since many quantities are asked for in a row.
     """

@@ -1,8 +1,8 @@
 """The protocol of a plan: how the paths of one scene are simulated, and what is averaged.
 
 A plan knows the model, the step and the lengths of a path; it does not depend on the number of
-paths or on the use of the averages. The averages of a block of paths are a function of the plan,
-the seed and the numbers of the paths alone, so that any worker may compute them.
+paths or on the use of the averages. The averages of a block of paths follow from the plan, the
+seed and the numbers of the paths alone. So any worker may compute them.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ class Plan(Protocol):
 
     @property
     def elastic(self) -> bool:
-        """Whether the stationary law is exact at any step, so that there is no bias."""
+        """Whether the stationary distribution is exact at any step, so that there is no bias."""
 
     @property
     def coarse_share(self) -> float:
@@ -316,7 +316,7 @@ def layout_of_one(
     controls: Mapping[str, float] | None = None,
 ) -> Layout:
     """Layout of one oscillator: moments of x from `origin`, sums over impacts, the named sums over
-    contacts with stops that give way, and controls by name with their expected values."""
+    contacts with compliant stops, and controls by name with their expected values."""
     (name,) = model.coordinates
     pair = model.pairs[0].name if model.pairs else ""
     rows = [(name, "x"), (name, "xx"), (name, "vv")]

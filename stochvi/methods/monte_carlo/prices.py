@@ -13,8 +13,8 @@ from stochvi.results.machine import thread_seconds
 from stochvi.sampling.blocks import FEWEST_AT_ONCE, PIECE_SECONDS, SHORTEST
 
 PRICE_SHARE, LEAST_PRICE, MOST_PRICE = 0.02, 0.05, 0.25
-"""A trial is long enough to predict the time of a path once it has taken this share of the time
-that is left, within these two numbers of seconds."""
+"""Fraction of the time left, with its smallest and largest value in s, after which a trial is long
+enough to predict the time of a path."""
 
 GROWN_SHARE = 0.25
 """A trial has enough steps if this share of its time comes on top of that of the first trial."""

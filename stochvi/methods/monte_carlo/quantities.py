@@ -88,9 +88,9 @@ def of_gap(pair: Pair) -> dict[str, Quantity]:
 
 
 def of_compliant_pair(pair: Pair) -> dict[str, Quantity]:
-    """Quantities of a pair with a stop that gives way, from the sums over its contacts.
+    """Quantities of a pair with a compliant stop, from the sums over its contacts.
 
-    The peak force is given only where all stops of the pair give way.
+    The peak force is given only where all stops of the pair are compliant.
     """
     name, mass = pair.name, pair.mass
     sides = [stop.name for stop in pair.stops if not stop.rigid]

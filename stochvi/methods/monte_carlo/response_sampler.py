@@ -111,10 +111,10 @@ def averages_in_time(
     """Averages of a block of paths; those of `paths_at_both_steps`, with the rows at twice the step
     after those at the step, of all paths if `all_pairs`; and the number of counted steps of each.
 
-    A deadline cuts the block in time. Of the first block of a run, without which there is no
-    answer, FULL_LANES paths come first: they go on until they have been counted for a relaxation
-    time, and end there if the deadline has passed. Where it passes later, paths are left out that
-    have not ended by then. `GivenUp` where there are no averages in time.
+    A deadline cuts the block in time. In the first block of a run FULL_LANES paths come first,
+    because there is no answer without them. They go on until they have been counted for a
+    relaxation time, and end there if the deadline has passed. After a later deadline the paths that
+    have not ended are left out. `GivenUp` where there are no averages in time.
     """
     size = paths if deadline == NEVER or first_path else FULL_LANES
     done: list[tuple[Averages, Averages, int]] = []

@@ -71,8 +71,8 @@ MOST_LEVELS = 10
 """Largest number of times that a step is halved near a stop."""
 
 GAP_PER_STEP = 0.35
-"""Share of the gap between two stops that the mass crosses in a step at its rms speed, so that two
-impacts in one step are rare."""
+"""Fraction of the gap between two stops that a mass crosses in a step at its rms speed. Two impacts
+in one step are then rare."""
 
 ELASTIC_GAP_PER_STEP = 0.5
 """The same share between elastic stops, where two impacts in a step cost time only: at 1 sigma 0.7
@@ -106,8 +106,8 @@ the bias is then about that which all paths would give with noise of their own: 
 sigma 1.2 times as large at R = 0.5, and 0.9 times at R = 0.2."""
 
 ENOUGH_STEPS = 2.0**14
-"""Default number of counted steps of a path that starts in the stationary law, if its
-burn-in and its usual length would need more than MOST_STEPS."""
+"""Default number of counted steps of a path that starts in the stationary state, where the usual
+length would need more than MOST_STEPS."""
 
 LONGEST_ANGLE = math.pi
 """omega h (rad) from which a mass may cross a stop and return within one step undetected."""
@@ -184,7 +184,7 @@ class WhitePlan(SteppedPlan):
 
     @property
     def elastic(self) -> bool:
-        """Whether no stop loses energy, so that any step leaves the stationary law exact."""
+        """Whether no stop loses energy, so that any step leaves the stationary state exact."""
         return self.model.elastic
 
     def step_bias(self, name: str, difference: float) -> float | None:
@@ -417,7 +417,7 @@ class WhitePlan(SteppedPlan):
 
     @cached_property
     def _law(self) -> TruncatedNormal:
-        """The Gibbs law at the expected speed, from the rest position."""
+        """The Gibbs distribution at the expected speed, from the static equilibrium."""
         return _law(self.model, self.speed, about_rest=True)
 
     @property
@@ -434,7 +434,7 @@ class WhitePlan(SteppedPlan):
     def _start(
         self, streams: NDArray[np.uint64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Independent draws of the Gibbs law at the expected speed, which is close to
+        """Independent draws of the Gibbs distribution at the expected speed, which is close to
         stationary."""
         first, second = np.empty((2, streams.shape[1]))
         normal_pairs(streams[0], streams[1], first, second)
@@ -536,7 +536,7 @@ def lengths(
 ) -> tuple[float, float]:
     """Burn-in and counted seconds of a path, from its slowest time constant.
 
-    Between elastic stops a path starts in the stationary law itself: one that would take too many
+    Between elastic stops a path starts in the stationary state itself: one that would take too many
     steps need not forget its start, and may be short.
     """
     burn_in = RELAXATIONS * slowest
@@ -565,14 +565,14 @@ def block_of(steps_per_path: int, longest: float) -> int:
 def default_threshold(elastic: bool, speed: float) -> float:
     """Default speed in m/s of the slowest impacts that rates count; F1 and F2 count all impacts.
 
-    At a stop that loses energy slow impacts come in bursts without end: their rate converges slowly
+    At an inelastic stop slow impacts come in clusters without end: their rate converges slowly
     with any resolution, and is infinite below R = exp(-pi / sqrt 3).
     """
     return 0.0 if elastic else 0.05 * speed
 
 
 def expected_speed(model: Model) -> float:
-    """Rms speed s in m/s from the energy balance of a Gibbs law at temperature s^2.
+    """Rms speed s in m/s from the energy balance of a Gibbs distribution at temperature s^2.
 
     b s^2 + sum (1 - R^2) F2(s) / 2 = S0 / 2. It is an estimate for the choice of steps and starts
     only.
@@ -602,7 +602,7 @@ def expected_speed(model: Model) -> float:
 
 
 def _law(model: Model, speed: float, *, about_rest: bool = False) -> TruncatedNormal:
-    """The Gibbs law between rigid stops at E v^2 = speed^2.
+    """The Gibbs distribution between rigid stops at E v^2 = speed^2.
 
     Positions are those from the unloaded spring, or from the rest position under the load.
     """

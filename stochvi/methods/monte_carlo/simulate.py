@@ -64,7 +64,7 @@ def simulate(
     stops); for a tabulated density the response without stops is synthesised and the impacts are
     added. The bias of a finite step is measured by running some of the paths at twice the step,
     with the same noise: |difference| / (2^order - 1). The order is 2, less where slow impacts on
-    lossy stops under white noise are missed (see `step_bias.extrapolated`); where it is not known
+    inelastic stops in white noise are missed (see `step_bias.extrapolated`); where it is not known
     the bias is None.
 
     Parameters
@@ -180,9 +180,8 @@ def record_path(
 
     `impact_speed` is the incident speed of an impact within the step that ends at `time`,
     positive at the upper stop, negative at the lower, 0 for none (several: their sum). The path
-    is not stationary at its start: it begins at a guess of the stationary law. Where the scene
-    has more than one oscillator under white or tabulated noise, the columns say of what they are,
-    as in "displacement of absorber".
+    is not stationary at its start: it begins at a guess of the stationary distribution. With
+    several coordinates each column names its own, as in "displacement of absorber".
 
     Parameters
     ----------

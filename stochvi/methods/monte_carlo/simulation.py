@@ -48,8 +48,8 @@ FEWEST_PATHS = 64
 uncertain."""
 
 MOST_REFINEMENTS = 4
-"""Largest number of times that a run halves its step (or begins to resolve slow impacts) because
-the bias significantly exceeds the relative error that was asked for."""
+"""Largest number of refinements of a run: it halves its step, or begins to resolve slow impacts,
+where the bias clearly exceeds the requested relative error."""
 
 PILOT_SEED = 2**63
 """Seed of the pilot that chooses the scheme of a run, which no run can have: the scheme must not
@@ -194,8 +194,10 @@ class Simulation:
     def _stated(
         self, name: str, fine: tuple[float, float], difference: Callable[[], tuple[float, float]]
     ) -> Estimate:
-        """The estimate of a quantity from its value and standard error, and from its difference to
-        twice the step, which is asked for only where the scheme has a bias."""
+        """Return the estimate of a quantity from its value, standard error and bias.
+
+        The difference to twice the step is calculated only where the scheme has a bias.
+        """
         value, error = fine
         # of events, `of_events` sees to it together with their number
         error *= 1.0 if name in EVENTS else student_factor(self.fine.count)
@@ -319,8 +321,8 @@ class Simulation:
     def _speed_mean(self, pair: Pair, known: Mapping[str, Estimate | None]) -> Estimate:
         """Mean impact speed, m/s, which is F1 over the rate.
 
-        The biases of F1 and the rate may cancel in the difference to twice the step without being
-        zero, so that their relative biases are added.
+        The relative biases of F1 and the rate are added: they may cancel in the difference to twice
+        the step without being zero.
         """
         mean = _of_few_impacts(self.estimate(speed_mean(pair.name), "impact_speed_mean"), known)
         parts = [known[name] for name in ("impact_speed_rate", "collision_rate")]
@@ -454,8 +456,10 @@ def _of_few_impacts(mean: Estimate, known: Mapping[str, Estimate | None]) -> Est
 
 
 def _with_largest_bias(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
-    """The same estimates, each with the largest relative bias among them, since the difference of a
-    single quantity between the two steps may vanish by chance."""
+    """Return the same estimates, each with the largest relative bias among them.
+
+    The difference of one quantity between the two steps may vanish by chance.
+    """
     if any(each.bias is None for each in group.values()):
         return dict(group)
     relative = [(each.bias or 0.0) / abs(each.value) for each in group.values() if each.value]
@@ -562,7 +566,7 @@ def largest_bias(run: Simulation, errors: float) -> float:
     """Largest relative bias of a governed quantity, less so many of its standard errors."""
     biases = [0.0]
     for key, quantity in governed(run.model).items():
-        # half the step would hardly improve the rates at lossy stops: their bias is stated only
+        # half the step would hardly improve the rates at inelastic stops: their bias is stated only
         if key[1] in RATES:
             continue
         value, _ = run.fine.evaluate(quantity)

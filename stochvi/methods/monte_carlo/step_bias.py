@@ -2,7 +2,7 @@
 
 Every plan simulates some of its paths at its step h and at 2 h. If a scheme is of order p, the bias
 at h is the difference of the two results over 2^p - 1. This module knows the order of each
-quantity, and the cases in which slow impacts on lossy stops make the bias unknown.
+quantity, and the cases in which slow impacts on inelastic stops make the bias unknown.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ the rate at which y crosses 3 sigma. The cubics between the samples add an error
 has power up to the cut: they cross 3 sigma too seldom, by at most 0.04 % for a 12 Hz mount on a
 truck (vertical) and 0.15 % for any profile.
 
-Stops that give way are integrated in sub-steps of the contact's own time scale, within the sampling
+Compliant stops are integrated in sub-steps of the contact's own time scale, within the sampling
 interval (`kernels.compliant_response`).
 """
 
@@ -170,7 +170,7 @@ class TabulatedPlan:
 
     @property
     def contacts(self) -> bool:
-        """Whether a stop gives way; `averages` then have CONTACT_SUMS rows."""
+        """Whether a stop is compliant; `averages` then have CONTACT_SUMS rows."""
         return bool(self.model.not_rigid())
 
     def step_bias(self, name: str, difference: float) -> float | None:
@@ -465,7 +465,7 @@ class TabulatedPlan:
         )
 
     def _stop(self, stop: Stop | None) -> RigidStop | ContactStop | None:
-        """A stop for the kernel, as a `ContactStop` if any stop gives way; None for none."""
+        """A stop for the kernel, as a `ContactStop` if any stop is compliant; None for none."""
         if stop is None:
             return None
         position = stop.position - self.model.rest
@@ -749,8 +749,10 @@ def _rate_for_gap(model: Model, speed: float) -> float:
 
 
 def _too_stiff(model: Model, speed: float, step: float) -> list[str]:
-    """Sentences about stops whose contacts would take too many sub-steps and on which a mass stays,
-    because it is pressed onto them or comes to rest there."""
+    """Return a sentence for each stop that is too stiff to be followed while a mass stays on it.
+
+    A mass stays where it is pressed onto the stop, or comes to rest there.
+    """
     found = []
     for stop in model.stops_per_unit_mass:
         if not isinstance(stop.law, CompliantLaw):

@@ -388,11 +388,21 @@ def lyapunov_exponent(
     (state,) = place.states.starts(start or {})
     flight = _watched(place.finder, place.sigma, state, settling, periods, 1)
     if flight is None:
-        raise NotApplicable("sine", ["impacts must not come too fast to be followed one by one"])
+        raise NotApplicable(
+            "sine",
+            [
+                "start must lead to impacts that can be followed one by one, got too many in a "
+                "period; give another start or a larger clearance"
+            ],
+        )
     how = f"growth of a perturbation over {periods} periods"
     found = rate_of(*exponent(flight.growth, settling), place.period, how)
     if found is None:
         raise NotApplicable(
-            "sine", ["the motion must not rest on a stop, where perturbations vanish at once"]
+            "sine",
+            [
+                "start must lead to a motion without rests on a stop, got one in whose rests every "
+                "perturbation ends: its exponent is minus infinity"
+            ],
         )
     return found

@@ -82,8 +82,8 @@ def even_regimes(numbers: Numbers, stops: Sequence[int], periods: int = 1) -> li
     steps = 2.0 * math.pi * periods / motion.omega / solver.step_of(motion)
     if not 0.0 < steps <= MOST_STEPS:
         raise ValueError(
-            "omega must not be so much slower than the structure: a period takes "
-            f"{steps:.3g} steps, at most {MOST_STEPS} are made; ask for a higher frequency"
+            f"a period of omega must take at most {MOST_STEPS} steps, got {steps:.3g}; ask for a "
+            "higher frequency"
         )
     pattern, speed, n = pattern_of(stops, periods), length / duration, len(shapes)
     states = np.empty((len(stops), 2 * n))

@@ -425,7 +425,11 @@ def _series(at: Callable[[float], Vector]) -> Matrix:
             break
     else:
         raise NotApplicable(
-            "sine", ["the numbers of the scene must be smooth functions of the key that is varied"]
+            "sine",
+            [
+                "vary must name a key on which the scene depends smoothly, got one with a jump or "
+                "a kink in its range; vary a shorter range"
+            ],
         )
     last = np.flatnonzero(np.any(np.abs(coefficients) > SERIES_END * size, axis=1)).max(initial=0)
     return np.ascontiguousarray(coefficients[: last + 1])

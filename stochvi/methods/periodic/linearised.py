@@ -173,7 +173,10 @@ def not_covered(model: Model) -> list[str]:
                 f"{gaps[0]:g} and {gaps[1]:g} m"
             )
         if model.lower.coefficient != model.upper.coefficient:
-            found.append("law.coefficient must be the same at both stops")
+            found.append(
+                f"law.coefficient must be the same at both stops, got {model.lower.coefficient:g} "
+                f"and {model.upper.coefficient:g}"
+            )
     return found
 
 

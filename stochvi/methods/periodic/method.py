@@ -259,9 +259,8 @@ def too_slow(finder: Finder) -> str:
         steps = 2.0 * np.pi / motion.omega / solver.step_of(motion)
         if not 0.0 < steps <= MOST_STEPS:
             return (
-                "the force must not be so much slower than the structure: a period at "
-                f"{float(finder.family.frequency_hz(sigma)):.3g} Hz takes {steps:.3g} steps, at "
-                f"most {MOST_STEPS} are made; ask for higher frequencies"
+                f"a period of the force must take at most {MOST_STEPS} steps, got {steps:.3g} at "
+                f"{float(finder.family.frequency_hz(sigma)):.3g} Hz; ask for higher frequencies"
             )
     return ""
 

@@ -232,7 +232,10 @@ class RandomResonance:
         if not 0.0 <= self.restitution <= 1.0:
             raise ValueError(f"restitution must be in [0, 1], got {self.restitution:g}")
         if not (self.frequency > 0.0 and self.omega >= 0.0 and self.damping_rate >= 0.0):
-            raise ValueError("frequency must be above 0, omega and damping_rate at least 0")
+            raise ValueError(
+                "frequency must be above 0, and omega and damping_rate at least 0, got "
+                f"{self.frequency:g}, {self.omega:g} and {self.damping_rate:g}"
+            )
         if self.both_sides and not (self.clearance > 0.0 and self.frequency > self.omega):
             raise ValueError("two stops need a clearance above 0 and a frequency above omega")
         swing = math.pi * self.omega / self.frequency
@@ -244,7 +247,9 @@ class RandomResonance:
                 "preloaded"
             )
         if self.damping_rate == 0.0 and self.restitution == 1.0:
-            raise ValueError("damping_rate or 1 - restitution must be above 0: nothing is lost")
+            raise ValueError(
+                "damping_rate must be above 0 or restitution below 1, got 0 and 1; give one"
+            )
 
     @cached_property
     def _regime(self) -> StructureResonance:

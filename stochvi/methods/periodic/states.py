@@ -59,8 +59,7 @@ class States:
         model, n = self.model, len(self.model.mass)
         if unknown := set(given) - set(self.names):
             raise ValueError(
-                f"a start must be given by some of {', '.join(self.names)}, got "
-                f"{', '.join(sorted(unknown))}"
+                f"start must name some of {', '.join(self.names)}, got {', '.join(sorted(unknown))}"
             )
         number = max((np.size(values) for values in given.values()), default=1)
         states = np.zeros((number, 2 * n))

@@ -111,7 +111,7 @@ class StructureResonance:
             raise ValueError(f"restitution must be in [0, 1], got {self._restitution.tolist()}")
         if not self.both_sides and not np.all(self._omega > 0.0):
             raise ValueError(
-                "omega must be above 0 where pairs have one stop: nothing returns them"
+                "omega must be above 0 where pairs have one stop, got 0; give a spring"
             )
         if np.abs(self._divisor).min() < NEARLY_SINGULAR:
             raise ValueError(
@@ -315,7 +315,9 @@ class StructureResonance:
         lost = float(np.sum(share * self.impulse * self.impact_speed)) * impacts
         found = float(np.sum(np.asarray(self.damping) * self.velocity_products)) + lost
         if found == 0.0:
-            raise ValueError("damping or 1 - restitution must be above 0: nothing is lost")
+            raise ValueError(
+                "damping must be above 0 or restitution below 1, got 0 and 1; give one"
+            )
         return found
 
     def random_power(self, duration: float) -> float:
@@ -387,7 +389,7 @@ def _unmet(model: Model, pairs: Sequence[Pair]) -> list[str]:
     ):
         found.append("excitation must be white or tabulated noise of one axis")
     if len({len(pair.stops) for pair in pairs}) > 1:
-        found.append("each pair must have as many stops as the others: one, or two")
+        found.append("pairs must all have one stop or all have two, got both; name some by pairs")
     for pair in pairs:
         if any(stop.coefficient is None and stop.law.rigid for stop in pair.stops):
             found.append(f"restitution must be one number, got another law at {pair.name}")
@@ -396,7 +398,13 @@ def _unmet(model: Model, pairs: Sequence[Pair]) -> list[str]:
         number = [each.name for each in model.pairs].index(pair.name)
         low, high = (stop.distance for stop in (pair.lower, pair.upper))
         if abs(high - low - 2.0 * model.mean_gaps[number]) > NEARLY_EVEN * abs(high + low):
-            found.append(f"the stops of {pair.name} must lie evenly about its mean position")
+            found.append(
+                f"the stops of {pair.name} must lie evenly about its mean position, got distances "
+                f"of {high - model.mean_gaps[number]:g} and {low + model.mean_gaps[number]:g} m"
+            )
         if pair.lower.law.restitution != pair.upper.law.restitution:
-            found.append(f"the stops of {pair.name} must have one restitution")
+            found.append(
+                f"restitution must be the same at both stops of {pair.name}, got "
+                f"{pair.lower.law.restitution:g} and {pair.upper.law.restitution:g}"
+            )
     return found

@@ -46,7 +46,11 @@ def first_hit(
     if not (below > 0.0 and above > 0.0):
         if surely:
             raise NotApplicable(
-                "first crossings", ["the rest position must lie between the stops or barriers"]
+                "first crossings",
+                [
+                    "the static equilibrium must lie between the stops or barriers, got one that "
+                    f"is {max(-below, -above):.4g} m beyond; move them, or leave out way"
+                ],
             )
         return None
     started = time.process_time()

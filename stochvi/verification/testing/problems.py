@@ -230,8 +230,14 @@ def _unmet(model: Model) -> list[str]:
             "structure.damping must be above 0, and damp every motion of the structure without "
             "its stops"
         )
-    if any(stop.deflection(0.0) > 0.0 for stop in model.stops) and not model.single:
-        unmet.append("impact pairs must be open where all displacements are 0")
+    if not model.single:
+        unmet += [
+            f"impact_pair {pair.name} must be open where all displacements are 0, got a preload of "
+            f"its {stop.name} stop; move that stop"
+            for pair in model.pairs
+            for stop in pair.stops
+            if stop.deflection(0.0) > 0.0
+        ]
     return unmet
 
 

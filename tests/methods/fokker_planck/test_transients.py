@@ -257,12 +257,12 @@ def test_the_document_is_plain_and_complete() -> None:
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
-        ({"times": []}, "times must be finite and greater than 0 s"),
-        ({"times": [0.0]}, "times must be finite and greater than 0 s"),
+        ({"times": []}, "times must be one or more finite numbers above 0"),
+        ({"times": [0.0]}, "times must be one or more finite numbers above 0"),
         ({"rtol": -1.0}, "rtol must be at least 1e-12, got -1"),
         ({"start": "stationary"}, "start must be 'rest', a point or a Gaussian"),
         ({"start": (1.0, 0.0)}, "start must lie between the stops"),
-        ({"start": FLYING}, "got a law with a part 0.25 beyond"),
+        ({"start": FLYING}, "got a distribution with 25 % beyond"),
     ],
     ids=lambda value: str(value)[:30],
 )

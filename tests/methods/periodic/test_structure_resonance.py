@@ -203,7 +203,7 @@ def test_a_faster_regime_of_a_beam_is_harder_to_maintain() -> None:
         ),
         (
             chain(stop("one", upper=1.0), stop("two", "a", clearance=1.0)), {},
-            "each pair must have as many stops as the others",
+            "pairs must all have one stop or all have two",
         ),
     ],
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Stops that give way in the response domain: one sampling interval with contacts in it.
+"""Compliant stops in the response domain: one sampling interval with contacts in it.
 
 Without the force of the stop the mass would follow the cubic z through the ends of the interval.
 The force adds d, with d = d' = 0 when the interval, or the contact, begins:
@@ -60,9 +60,9 @@ CONTACT_ERROR = 3e-6
 Hertz stop in such sub-steps: the largest error among a thousand random contacts."""
 
 KINK_ERROR = 6e-4
-"""Relative error of the same quantities for a viscoelastic stop, due to the kink where its force
-becomes zero, and for a table whose slope changes by a factor of some tens. It is 2e-3 for a table
-whose slope falls to zero."""
+"""Relative error of the same quantities with kinks: where the force of a viscoelastic stop becomes
+zero, and where the slope of a table changes by a factor of some tens. It is 2e-3 for a table whose
+slope falls to zero."""
 
 MOST_NEWTON = 40
 """Largest number of Newton steps to the time at which a contact ends; each repeats a sub-step."""

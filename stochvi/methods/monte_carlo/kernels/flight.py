@@ -6,8 +6,9 @@ The oscillator x'' + b x' + w0^2 x = f + g is split in two parts that are both s
     flow   x'' + w0^2 x = g, with its stops  a rotation, and impacts v <- -R v
 
 One step is a kick over h and a flow over h. With elastic stops both parts preserve the density
-exp(-(v^2 + w0^2 x^2) / 2 theta), so the stationary law is exact for any h; else the scheme is of
-second order. The flow draws no random numbers, so nothing about an impact has to be sampled.
+exp(-(v^2 + w0^2 x^2) / 2 theta), so the stationary distribution is exact for any h. Else the
+scheme is of second order. The flow draws no random numbers, so nothing about an impact has to be
+sampled.
 
 Symbols: x is measured from the rest position under the load g, u and l are the stops from there;
 (C, S) = (cos w0 h, sin w0 h / w0), so that a flow over h is x1 = C x + S v, v1 = C v - w0^2 S x,

@@ -2,8 +2,8 @@
 
 The step is that of `compliant`: a kick by noise and damping, then the undamped motion with the
 stops in it. A mission ends with its event, with its time, or where its energy first reaches a
-level, from where splitting goes on with copies of it. Paths that move together fill lanes; a lane
-whose path has ended takes the next one, so that no lane waits for the longest path.
+splitting level. Splitting goes on from there with copies. Paths that move together fill lanes.
+A lane whose path has ended takes the next one, so that no lane waits for the longest path.
 
 Symbols: x is measured from the rest position under the load; E2 = v^2 + w0^2 x^2 is twice the
 energy per unit mass, without that stored in a stop.

@@ -161,7 +161,7 @@ class ModalPaths(NamedTuple):
         they are to be taken from the state, and the largest forces so far of contacts that last, of
         the lower and the upper stops.
     sums : (rows, paths), added to: q; q q' and p p' by rows of the upper triangle; then the rows of
-        each pair, ROWS_OF_CONTACT_PAIR where stops give way, else ROWS_OF_PAIR; with `Passes.pulls`
+        each pair, ROWS_OF_CONTACT_PAIR with compliant stops, else ROWS_OF_PAIR; with `Passes.pulls`
         alpha and the upper triangle of alpha alpha', contact forces included; then three rows of
         each spring or damper that is a function (`kick_all`). Where there are more
         rows, they are added to from: `add_noise`, if there are kicks; moments of Y, and its

@@ -8,7 +8,7 @@ stops, synthesised from its own spectrum, and e a free decay that every impact c
 Only y and y' at the samples enter. Within a sampling interval x is the cubic through the end
 values and slopes (error of fourth order); an impact takes the first upward root of x - u, and
 changes the end of the interval by -(1 + R) w times the second column of A(remaining time). Where a
-stop gives way, `compliant_response` takes the interval instead.
+stop is compliant, `compliant_response` takes the interval instead.
 
 All paths move together from sample to sample: a loop without branches advances those that stay
 clear of the stops, which most do, and marks the others, which are then advanced one by one. To that
@@ -169,7 +169,7 @@ def run_response(free, sampling, lower, upper, state, peaks, sums, record, extre
         those from the mean position.
     state : (4, paths), replaced: what impacts have changed of position and velocity before the
         first sample, then position and velocity.
-    peaks : None, or (paths, 2) where a stop gives way: the largest forces so far of contacts that
+    peaks : None, or (paths, 2) with a compliant stop: the largest forces so far of contacts that
         last, of the lower and the upper stop.
     sums : (SUMS, paths), with `peaks` (CONTACT_SUMS, paths), added to.
     record : (counted, paths, 3). Without samples there is no record.

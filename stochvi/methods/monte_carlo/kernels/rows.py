@@ -23,7 +23,7 @@ speeds (F1, m/s) and the squares of their speeds (F2, m^2/s^2)."""
 CONTACT_LOWER = SUMS
 CONTACT_UPPER = SUMS + ROWS_OF_STOP
 CONTACT_SUMS = SUMS + 2 * ROWS_OF_STOP
-"""Rows of one oscillator with stops that give way: those of rigid stops, then those of the contacts
+"""Rows of one oscillator with compliant stops: those of rigid stops, then those of the contacts
 with the lower stop, and with the upper stop."""
 
 FASTEST, SHARPEST, FORCE_SQUARE, POSITION_FORCE = range(4)

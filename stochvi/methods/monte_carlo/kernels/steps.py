@@ -1,7 +1,7 @@
 """Arguments of the kernels of one oscillator, as named tuples; all quantities per unit mass.
 
 Numba compiles a named tuple as it does a plain one. Parts that may be absent are arguments of their
-own, because numba leaves out the code of an argument that is `None`, not that of an empty field.
+own: numba leaves out the code of an argument that is `None`, but not that of an empty field.
 """
 
 from typing import NamedTuple
