@@ -51,6 +51,7 @@ from .statistics.histories import history
 from .statistics.impacts import impacts
 from .statistics.reliability import reliability
 from .statistics.spectra import spectrum
+from .statistics.stability import stability
 from .sweeps import sweep
 from .verification.check import check
 from .verification.cost import cost
@@ -115,6 +116,7 @@ __all__ = [
     "simulate",
     "size",
     "spectrum",
+    "stability",
     "statistics",
     "sweep",
     "testing",

@@ -26,7 +26,7 @@ from stochvi.results.response import PairResponse, Response
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.sampling.sampler import ListSampler
-from stochvi.scenes.excitations import BASE, ConstantLoad, Excitation
+from stochvi.scenes.excitations import BASE, Excitation
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Matrices
@@ -359,7 +359,7 @@ def without_absorber(scene: Scene) -> Scene:
 
 
 def _require_shaking(excitations: Sequence[Excitation]) -> None:
-    if all(isinstance(each, ConstantLoad) for each in excitations):
+    if not any(each.shakes for each in excitations):
         raise NotApplicable(
             "absorber",
             [
@@ -579,7 +579,7 @@ def _wall_peaks(model: Model, row: int, record: pd.DataFrame) -> Vector:
 
 
 def _shaken_by_base(scene: Scene) -> bool:
-    shaking = [each for each in scene.excitations if not isinstance(each, ConstantLoad)]
+    shaking = [each for each in scene.excitations if each.shakes]
     return all(scene.place(each) == BASE for each in shaking)
 
 

@@ -169,6 +169,7 @@ CHANGES = {
     "ResponseSpectrum": Change(
         {"spectra": Mapping[str, Mapping[str, dict[str, Any]]]}, renamed={"curves": None}
     ),
+    "Stability": Change(METHOD),
     "Screening": Change(
         optional=METHOD
         | dict.fromkeys(("displacement_std", "velocity_std"), float)

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from stochvi.statistics.damage import Damage
     from stochvi.statistics.impacts import ImpactStatistics
     from stochvi.statistics.spectra import ResponseSpectrum
+    from stochvi.statistics.stability import Stability
 
 
 @main.command()
@@ -64,6 +65,33 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
 
         options.show(answer, print_spectrum, "spectrum")
         options.draw("spectrum", picture)
+
+    shown(found, show, asked)
+
+
+@main.command()
+@click.argument("scene")
+@click.option("--rel-error", type=float, help="Error of the exponent, relative [0.02].")
+@keeping
+@common("open budget", "seed", "threads", "json", "out", "quiet")
+def stability(options: Common, scene: str, **asked: Any) -> None:
+    """Find whether the motion of a modulated structure grows."""
+    from stochvi.scenes.scene import load_scene
+    from stochvi.statistics.stability import stability as solve
+    from stochvi.views.stability import plot_stability, print_stability
+
+    loaded = load_scene(scene)
+
+    def found() -> Stability:
+        with options.progress("simulating") as report:
+            return solve(
+                loaded, budget=options.rest, seed=options.seed,
+                threads=options.threads, progress=report, **asked,
+            )  # fmt: skip
+
+    def show(answer: Stability) -> None:
+        options.show(answer, print_stability, "stability")
+        options.draw("stability", lambda: plot_stability(answer))
 
     shown(found, show, asked)
 

@@ -10,6 +10,7 @@ from stochvi.mathematics.spectra import response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.model.coverage import functions
 from stochvi.model.model import Model
+from stochvi.model.modulation import heavy_tails
 
 FAR_STOPS = 20.0
 """Clearance, in standard deviations of the motion without stops, above which a wrong unit is more
@@ -33,11 +34,12 @@ def scene_notes(model: Model) -> list[str]:
     """Warnings on a scene that concern every method: those of its excitations; for one mass numbers
     that are probably in a wrong unit, a resonance outside the table, stops out of reach; for
     several coordinates modes below the tables."""
+    known = [*model.cautions, *heavy_tails(model)]
     if len(model.coordinates) > 1:
-        return [*model.cautions, *_modes_below_tables(model)]
+        return [*known, *_modes_below_tables(model)]
     if model.rates is None or model.omega == 0.0 or model.damping_rate == 0.0:
-        return list(model.cautions)
-    found = list(model.cautions)
+        return known
+    found = known
     tables = model.acceleration_tables
     shaken = math.sqrt(sum(table.mean_square() for table in tables)) / STANDARD_GRAVITY
     if shaken > LARGEST_INPUT and model.moving_base and not model.noise_on_mass:

@@ -40,11 +40,7 @@ def scattered(model: Model) -> list[str]:
 def nonlinear(model: Model) -> list[str]:
     """The sentences that a model must be linear between its stops, if it is not."""
     if model.functions:
-        return [
-            f"structure.{'damper' if part.law.is_damper else 'spring'} must be linear, got kind "
-            f"{part.law.kind!r} ({part.name})"
-            for part in model.functions
-        ]
+        return [part.law.refusal(part.name) for part in model.functions]
     return functions_of_arrays(model)
 
 
@@ -59,13 +55,18 @@ def functions_of_arrays(model: Model) -> list[str]:
 def not_apart(model: Model) -> list[str]:
     """A sentence for each spring or damper whose force depends on more than the displacement or
     the velocity alone."""
-    return [
+    return modulated(model) + [
         f"structure.{'damper' if part.law.is_damper else 'spring'} must be a function of "
         "displacement alone or velocity alone, got "
         f"{'hysteresis' if part.law.remembers else 'both'} of kind {part.law.kind!r} ({part.name})"
         for part in model.functions
-        if part.law.needs == "both"
+        if part.law.needs == "both" and part.modulation is None
     ]
+
+
+def modulated(model: Model) -> list[str]:
+    """A sentence for each modulation, for methods whose structure does not change in time."""
+    return [part.law.refusal(part.name) for part in model.modulations]
 
 
 def not_compiled(model: Model) -> list[str]:
@@ -160,7 +161,7 @@ def without_noise(model: Model, *, with_sines: bool = False) -> list[str]:
     with_sines
         Whether the method takes a sine in place of noise.
     """
-    if model.noisy or (with_sines and model.sines):
+    if model.noisy or (with_sines and (model.sines or model.modulations)):
         return []
     wanted = "noise or a sine" if with_sines else "noise"
     got = "a sine" if model.sines else "a constant load"

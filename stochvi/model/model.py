@@ -27,6 +27,7 @@ from stochvi.scenes.excitations import (
     DensityNoise,
     Excitation,
     FilteredNoise,
+    Modulation,
     RecordedNoise,
     Sine,
     WhiteNoise,
@@ -38,6 +39,7 @@ from stochvi.scenes.impact_laws import (
     RigidLaw,
     not_rigid,
 )
+from stochvi.scenes.modulated_force import ModulatedForce, changed_by
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import NonlinearOscillator
 from stochvi.scenes.structures.base import Placed
@@ -190,6 +192,7 @@ class FunctionOfMotion:
     Its force, N, is `count` times that of the `law`. `mass` is the reduced mass
     1 / (direction . M^-1 direction), kg. A part k y + c y' + f of the force may be in the matrices
     and constant forces of the model; `affine` holds k, c and f per unit of the reduced mass.
+    `signal` is the number of the signal of the model that a modulation follows.
     """
 
     name: str
@@ -198,6 +201,19 @@ class FunctionOfMotion:
     law: Characteristic
     count: int = 1
     affine: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    signal: int | None = None
+
+    @property
+    def modulation(self) -> Modulation | None:
+        """What modulates a spring or a damper; None for a function of the motion."""
+        return self.law.modulation if isinstance(self.law, ModulatedForce) else None
+
+    @property
+    def white_modulation(self) -> float:
+        """Intensity of the white noise of a modulation, s; 0 for any other function."""
+        known = self.modulation
+        white = known is not None and self.signal is None
+        return (known.intensity or 0.0) if white and known is not None else 0.0
 
     def force_left_out(self, displacement: ArrayLike, rate: ArrayLike) -> Vector:
         """Force, N, less that which matrices and constants hold, of a law without a memory.
@@ -417,8 +433,23 @@ class Model:
 
     @property
     def remembers(self) -> bool:
-        """Whether a spring has hysteresis, so that its force does not follow from the motion."""
+        """Whether a spring has hysteresis or is modulated, so that its force does not follow from
+        the motion."""
         return any(part.law.remembers for part in self.functions)
+
+    @property
+    def modulations(self) -> tuple[FunctionOfMotion, ...]:
+        """The forces by which springs and dampers are modulated."""
+        return tuple(part for part in self.functions if part.modulation is not None)
+
+    @property
+    def shaken(self) -> bool:
+        """Whether noise or a sine forces the structure: with modulations alone it may rest."""
+        return bool(
+            self.tables
+            or any(intensity for intensity, _ in self.whites)
+            or any(np.any(signal.direction) for signal in self.signals)
+        )
 
     @property
     def scattered(self) -> bool:
@@ -440,13 +471,18 @@ class Model:
         inertia = [inertia_of(self.mass, each) for each in self.base.values()]
         shaken = [
             *(direction for _, direction in self.whites),
-            *(signal.direction for signal in self.signals),
+            *(signal.direction for signal in self.signals if np.any(signal.direction)),
             *(direction for _, direction in self.tables),
         ]
-        return self.moving_base and all(
-            isinstance(direction, InputMatrix)
-            or any(np.array_equal(direction, each) for each in inertia)
-            for direction in shaken
+        known = not any(part.white_modulation for part in self.functions)
+        return (
+            known
+            and self.moving_base
+            and all(
+                isinstance(direction, InputMatrix)
+                or any(np.array_equal(direction, each) for each in inertia)
+                for direction in shaken
+            )
         )
 
     def shaken_by_base(self) -> Model:
@@ -650,8 +686,9 @@ def _build_model(scene: Scene) -> Model:
     else:
         mass, damping, stiffness = structure.matrices
     rates = structure.rates
-    directions = [_direction(scene, excitation, mass) for excitation in scene.excitations]
-    shaken = list(zip(scene.excitations, directions, strict=True))
+    acting = [each for each in scene.excitations if not isinstance(each, Modulation)]
+    directions = [_direction(scene, excitation, mass) for excitation in acting]
+    shaken = list(zip(acting, directions, strict=True))
     model = Model(
         coordinates=structure.coordinates,
         mass=mass,
@@ -679,6 +716,8 @@ def _build_model(scene: Scene) -> Model:
     )
     if structure.functions:
         model = _with_functions(model, structure.functions)
+    if scene.modulations:
+        model = _with_modulations(model, scene)
     records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
     if records and structure.linear and not model.functions:
         model = replace(model, cautions=(*model.cautions, *_lost_motion(model, records)))
@@ -731,6 +770,33 @@ def _with_functions(model: Model, placed: Sequence[Placed]) -> Model:
         drag=drag if dampers else None,
         rates=(0.0 if springs else omega, 0.0 if dampers else b),
     )
+
+
+def _with_modulations(model: Model, scene: Scene) -> Model:
+    """A model with the forces by which springs and dampers are modulated. The relative change is a
+    signal that forces nothing by itself; white noise has no state."""
+    signals, functions = list(model.signals), list(model.functions)
+    still = np.zeros(len(model.coordinates))
+    words = [each.effect_word for each in scene.modulations]
+    for number, each in enumerate(scene.modulations):
+        row, strength = changed_by(each, scene.structure)
+        mass = float(1.0 / (row @ np.linalg.solve(model.mass, row)))
+        rates = (strength, 0.0) if each.of == "stiffness" else (0.0, strength)
+        name = each.effect_word
+        if words.count(name) > 1:
+            name += f" {words[: number + 1].count(name)}"
+        law = ModulatedForce(
+            kind=each.kind, stiffness=rates[0], damping=rates[1], mass=mass, modulation=each
+        )
+        signal = None
+        if each.source != "white noise":
+            signal, made = len(signals), each.filter
+            if made is None:
+                signals.append(Signal(each.omega, 0.0, 0.0, each.amplitude or 0.0, still))
+            else:
+                signals.append(Signal(*made, 0.0, still))
+        functions.append(FunctionOfMotion(name, row, mass, law, signal=signal))
+    return replace(model, signals=tuple(signals), functions=tuple(functions))
 
 
 def _lost_motion(model: Model, records: Sequence[RecordedNoise]) -> list[str]:
@@ -817,7 +883,7 @@ def _seen_from(model: Model, references: list[int], motions: Matrix) -> Model:
     )
 
 
-def _signals(scene: Scene, shaken: list[tuple[Excitation, Vector]]) -> Iterator[Signal]:
+def _signals(scene: Scene, shaken: Sequence[tuple[Excitation, Vector]]) -> Iterator[Signal]:
     for excitation, direction in shaken:
         match excitation:
             case FilteredNoise():
@@ -829,7 +895,7 @@ def _signals(scene: Scene, shaken: list[tuple[Excitation, Vector]]) -> Iterator[
                 wave = cmath.rect(1.0, math.radians(excitation.phase_deg))
                 wave *= _crank_force(scene, excitation, direction) or excitation.peak
                 yield Signal(omega, 0.0, 0.0, abs(wave), direction, cmath.phase(wave), on_base)
-            case WhiteNoise() | ConstantLoad() | DensityNoise():
+            case WhiteNoise() | ConstantLoad() | DensityNoise() | Modulation():
                 pass  # `Model` has other fields for these
             case _:
                 assert_never(excitation)
@@ -848,7 +914,9 @@ def _crank_force(scene: Scene, sine: Sine, direction: Vector) -> complex:
     return complex(-sine.crank * (stiffness[first, second] + rate * damping[first, second]))
 
 
-def _tables(scene: Scene, shaken: list[tuple[Excitation, Vector]]) -> Iterator[tuple[Table, Force]]:
+def _tables(
+    scene: Scene, shaken: Sequence[tuple[Excitation, Vector]]
+) -> Iterator[tuple[Table, Force]]:
     """Densities with the forces per unit of each; correlated noises are expressed by independent
     sources."""
     together = scene.correlated()
@@ -871,7 +939,7 @@ def _tables(scene: Scene, shaken: list[tuple[Excitation, Vector]]) -> Iterator[t
 
 
 def _constants(
-    scene: Scene, shaken: list[tuple[Excitation, Vector]]
+    scene: Scene, shaken: Sequence[tuple[Excitation, Vector]]
 ) -> Iterator[tuple[float, Vector]]:
     """Size and direction of every constant load, those of gravity first."""
     yield from scene.structure.constant_forces()

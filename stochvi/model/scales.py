@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -57,6 +58,9 @@ def scales_of(
     treated as rigid ones with their restitution or, if `compliant`, by the energy that they store.
     `method` is the name of the method in error messages.
     """
+    if not model.shaken and model.modulations:
+        model = stirred(model)
+        modes = model.modal
     substitutes = [_first_guess(modes, pair) for pair in model.pairs]
     scales: tuple[PairScale, ...] = ()
     law = following = linear_law(modes, substitutes)
@@ -83,6 +87,24 @@ def scales_of(
         scales = tuple(each[1] for each in found if each)
         following = linear_law(modes, substitutes)
     return None if law is None else (law, scales)
+
+
+STIRRING = 0.1
+"""Damping rate of the noise that stands for a modulation, relative to the frequency of a gap."""
+
+
+def stirred(model: Model) -> Model:
+    """A modulated structure with white noise and a damper in the place of the modulations, by which
+    its gaps move as wide as to their stops."""
+    frequency = math.sqrt(float(model.modal.squares[-1]))
+    widths = [(pair.mass, max(abs(stop.distance) for stop in pair.stops)) for pair in model.pairs]
+    energy = max((mass * (frequency * width) ** 2 for mass, width in widths), default=1.0)
+    intensity = 2.0 * STIRRING * frequency * energy
+    roots = np.linalg.cholesky(model.mass).T
+    return replace(
+        model, whites=tuple((intensity, root) for root in roots), functions=(),
+        damping=model.damping + STIRRING * frequency * model.mass,
+    )  # fmt: skip
 
 
 def scales_of_free_motion(

@@ -15,6 +15,7 @@ from .datasets import Profile, profiles, shipped_scene
 from .excitations import (
     ConstantLoad,
     FilteredNoise,
+    Modulation,
     RecordedNoise,
     RoadNoise,
     Sine,
@@ -67,6 +68,7 @@ __all__ = [
     "Isolator",
     "Matrices",
     "Modes",
+    "Modulation",
     "Mount",
     "NonlinearOscillator",
     "Oscillator",

@@ -74,6 +74,8 @@ def key_unit(document: Mapping[str, Any], part: Mapping[str, Any], name: str) ->
             return str(part.get("unit", ""))
         case "hertz", "coefficient":
             return "N/m^1.5"
+        case "modulation", "intensity":
+            return "s"
         case "van-der-pol", "amplitude":
             return "m"
         case "sine", "amplitude":

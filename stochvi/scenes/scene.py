@@ -25,6 +25,7 @@ from stochvi.scenes.excitations import (
     DensityNoise,
     Excitation,
     Excitations,
+    Modulation,
     RoadNoise,
     Sine,
     check_unit,
@@ -32,6 +33,7 @@ from stochvi.scenes.excitations import (
 from stochvi.scenes.excitations.base import Density, StrengthNoise
 from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelastic
 from stochvi.scenes.impact_laws.rubber_data import AS_WRITTEN
+from stochvi.scenes.modulated_force import changed_by
 from stochvi.scenes.phases import Phase
 from stochvi.scenes.structures import Matrices, NonlinearOscillator, Oscillator, Structure
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody, Triple
@@ -566,13 +568,15 @@ class Scene(Checked):
                     for column in (table.frequency_hz, table.density):
                         for size in (float(column.min()), float(column.max())):
                             yield "excitation", "the table per unit mass", size
-                case Sine():
-                    pass  # it checks its own amplitude
+                case Sine() | Modulation():
+                    pass  # they check their own numbers
                 case _:
                     assert_never(excitation)
 
     def _misfit(self, excitation: Excitation) -> str:
         """Fault of the place of an excitation; empty if nothing is."""
+        if isinstance(excitation, Modulation):
+            return self._misfit_of_modulation(excitation)
         if excitation.between is not None or excitation.weights is not None:
             return self._misfit_of_several(excitation)
         rigid = isinstance(self.structure, RigidBody)
@@ -632,6 +636,14 @@ class Scene(Checked):
                 )
             return excitation.misplaced(where)
         return _misfit_unit(excitation, where)
+
+    def _misfit_of_modulation(self, modulation: Modulation) -> str:
+        """Fault of what a modulation changes; empty if nothing is."""
+        try:
+            changed_by(modulation, self.structure)
+        except SceneError as error:
+            return error.problems[0][1]
+        return ""
 
     def _joined(self, first: str, second: str) -> bool:
         """Whether a spring or damper of matrices joins two coordinates."""
@@ -697,6 +709,8 @@ class Scene(Checked):
         """
         if words := self.words_of(excitation):
             return words
+        if isinstance(excitation, Modulation):
+            return next(iter(self.structure.places))
         if isinstance(self.structure, RigidBody):
             return "" if excitation.axis is None else BASE
         if isinstance(excitation, ConstantLoad) and isinstance(
@@ -712,6 +726,11 @@ class Scene(Checked):
         """Where an excitation acts: a coordinate or "base", with the axis along which it moves."""
         along = f" along {excitation.axis}" if excitation.axis else ""
         return self.place(excitation) + along
+
+    @property
+    def modulations(self) -> tuple[Modulation, ...]:
+        """What changes the structure in time."""
+        return tuple(each for each in self.excitations if isinstance(each, Modulation))
 
     def effects(self) -> tuple[str, ...]:
         """The effects of this scene; nothing else is simulated."""

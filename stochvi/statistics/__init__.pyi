@@ -6,6 +6,7 @@ from .impacts import Exponent, Histogram, ImpactStatistics, PairStatistics, Rate
 from .lifetimes import Destination, LifeTime, LifeTimes, lifetimes
 from .reliability import Chance, Reliability
 from .spectra import ResponseSpectrum
+from .stability import Stability
 
 __all__ = [
     "Bursts",
@@ -26,5 +27,6 @@ __all__ = [
     "ResponseSpectrum",
     "Shocks",
     "SpectrumValues",
+    "Stability",
     "lifetimes",
 ]

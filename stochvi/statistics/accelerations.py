@@ -17,7 +17,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
 from stochvi.model.model import Model, Pair
-from stochvi.scenes.excitations import BASE, ConstantLoad
+from stochvi.scenes.excitations import BASE
 from stochvi.scenes.scene import Scene
 
 Records = NDArray[np.float64]
@@ -48,7 +48,7 @@ class Accelerations(NamedTuple):
 def places_shaken(scene: Scene) -> tuple[bool, bool]:
     """Whether something that varies in time acts on the base, and whether on a mass."""
     whole = scene.expanded
-    places = [whole.place(each) for each in whole.excitations if not isinstance(each, ConstantLoad)]
+    places = [whole.place(each) for each in whole.excitations if each.shakes]
     return BASE in places, any(place != BASE for place in places)
 
 

@@ -32,6 +32,7 @@ from stochvi.views.screening import plot_screening
 from stochvi.views.sine import plot_sine
 from stochvi.views.sizing import plot_risk
 from stochvi.views.spectra import draw_spectrum, plot_curve
+from stochvi.views.stability import plot_stability
 from stochvi.views.tables import value_with_error
 from stochvi.views.verification import (
     WORK_TITLES,
@@ -340,6 +341,7 @@ PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "ResponseSpectrum": plot_spectrum,
     "Screening": plot_screening,
     "Sizing": plot_risk,
+    "Stability": plot_stability,
     "Transient": plot_transient,
     "WorkPrecision": plot_cost,
 }

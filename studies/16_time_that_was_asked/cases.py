@@ -38,6 +38,7 @@ QUESTIONS: Mapping[str, Mapping[str, tuple[str, ...]]] = {
     "basins": {"": ("--periods", "10000")},
     "bifurcation": {"": ("--from", "0.5", "--to", "20", "--points", "4000")},
     "lifetimes": {"": TIGHT},
+    "stability": {"": TIGHT},
     "jolt": {"": ("--speeds", "0.1,0.2,0.3", "--paths", "100000")},
     "check": {"": TIGHT},
     "cost": {"": ()},

@@ -30,7 +30,7 @@ from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.sampling.workers import WorkerPool, packed, unpacked
 from stochvi.scenes.datasets import shipped_scene
-from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
+from stochvi.scenes.excitations import Modulation, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import Elastic, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Oscillator
@@ -43,6 +43,7 @@ from stochvi.statistics.lifetimes import lifetimes
 from stochvi.statistics.rare_hits import rare_hits
 from stochvi.statistics.reliability import reliability
 from stochvi.statistics.spectra import spectrum
+from stochvi.statistics.stability import stability
 from stochvi.sweeps import sweep
 from stochvi.verification.cost import cost
 from support.pairs import pair, uncoupled
@@ -161,6 +162,13 @@ def _lifetimes(**how: Any) -> object:
     return found.regimes
 
 
+MODULATED = FREE.model_copy(update={"excitations": (Modulation(of="stiffness", intensity=0.2),)})
+
+
+def _stability(**how: Any) -> object:
+    return stability(MODULATED, **{"rel_error": 0.05, "seed": 3, "budget": None} | how).rates
+
+
 def _basins(**how: Any) -> object:
     number = 20 if how.pop("rel_error", None) is None else 200
     found = basins(
@@ -240,6 +248,7 @@ SAMPLERS = {
     "impacts": _impacts,
     "reliability": _reliability,
     "lifetimes": _lifetimes,
+    "stability": _stability,
     "basins": _basins,
     "sweep": _sweep,
     "size": _size,

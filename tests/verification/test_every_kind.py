@@ -74,12 +74,13 @@ KEYS_OF_EXCITATIONS: dict[str, dict[str, Any]] = {
     "record": {"unit": "m/s2", "fs": 100.0},
     "sine": {"amplitude": 0.3, "frequency_hz": 10.0},
     "constant": {"acceleration": 0.3},
+    "modulation": {"of": "stiffness", "amplitude": 0.3, "frequency_hz": 10.0},
 }
 """Keys of one member of each kind; a new kind needs an entry, or its tests fail."""
 
 KEYS_WITHOUT_UNIT = {
-    "restitution.coefficient", "damping_ratio", "zeta", "phase_deg", "intensity", "numerator",
-    "denominator", "C",
+    "restitution.coefficient", "modulation.amplitude", "damping_ratio", "zeta", "phase_deg",
+    "intensity", "numerator", "denominator", "C",
 }  # fmt: skip
 """Keys of numbers without a unit, of an angle, which has one unit only, and of the strength of
 white noise, whose unit depends on what is shaken."""
@@ -370,15 +371,18 @@ def test_the_fokker_planck_equation_follows_any_damper_beside_any_spring() -> No
 def test_an_excitation_is_named_wherever_it_is_spoken_of(excitation: Excitation) -> None:
     scene = scene_of(excitation, members(Law)[0](**KEYS_OF_LAWS["restitution"]))
     found = explain(scene)
-    assert f"{excitation.effect_word} on base" in found.effects
+    where = "base" if excitation.shakes or excitation.kind == "constant" else "x"
+    assert f"{excitation.effect_word} on {where}" in found.effects
     assert excitation.family not in found.absent
     assert excitation.facts("base", excitation.numbers())
     assert excitation.kind in TEMPLATE
 
 
-def test_an_excitation_is_raised_by_a_level_unless_it_is_constant(excitation: Excitation) -> None:
+def test_an_excitation_is_raised_by_a_level_unless_it_shakes_nothing(
+    excitation: Excitation,
+) -> None:
     raised = excitation.louder(6.0)
-    assert (raised == excitation) == (excitation.kind == "constant")
+    assert (raised == excitation) == (not excitation.shakes)
     back = raised.louder(-6.0).model_dump()
     kept = {name: value for name, value in back.items() if isinstance(value, float)}
     assert kept == pytest.approx({name: getattr(excitation, name) for name in kept}, rel=1e-12)

@@ -11,7 +11,7 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.state_space import stationary_covariance
 from stochvi.methods.linearisation.structure_closure import closure_of, solutions
 from stochvi.model.build_response import build_response
-from stochvi.model.coverage import functions_of_arrays, speed_restitutions, without_noise
+from stochvi.model.coverage import functions_of_arrays, modulated, speed_restitutions, without_noise
 from stochvi.model.linear_part import (
     Motion,
     between,
@@ -66,7 +66,7 @@ def linearised_functions(scene: Scene, deadline: Deadline = NEVER) -> tuple[Resp
     started = time.perf_counter()
     model = model_of(scene)
     conditions = [
-        *functions_of_arrays(model), *speed_restitutions(model),
+        *functions_of_arrays(model), *speed_restitutions(model), *modulated(model),
         *without_noise(model, with_sines=not model.remembers),
     ]  # fmt: skip
     if model.remembers:

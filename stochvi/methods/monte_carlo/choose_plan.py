@@ -21,6 +21,7 @@ from stochvi.model.coverage import (
 )
 from stochvi.model.linear_part import with_linear_part
 from stochvi.model.model import Model
+from stochvi.model.modulation import unstable
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 
@@ -28,7 +29,7 @@ from stochvi.results.errors import NotApplicable, NotConverged
 def unmet(model: Model) -> list[str]:
     """The conditions of `simulate` that a model does not meet, as far as the model alone shows."""
     found = [*functions_of_arrays(model), *speed_restitutions(model), *not_compiled(model)]
-    return [*found, *without_noise(model, with_sines=True)]
+    return [*found, *without_noise(model, with_sines=True), *unstable(model)]
 
 
 def make_plan(

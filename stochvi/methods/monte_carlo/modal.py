@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from stochvi.engine.alone import MOST_SWEEPS
@@ -56,6 +57,7 @@ from stochvi.model.coverage import without_noise
 from stochvi.model.linear_part import fastest_rate, motions_of
 from stochvi.model.modal import LinearLaw, ModalForm
 from stochvi.model.model import UPPER, Model, Pair
+from stochvi.model.modulation import slowest_of
 from stochvi.model.no_stationary_state import not_stationary
 from stochvi.model.scales import PairScale, Scales, scales_of
 from stochvi.results.errors import NotApplicable
@@ -169,8 +171,14 @@ class ModalPlan(SteppedPlan):
 
     @property
     def _memories(self) -> int:
-        """Number of springs with a memory, which is the last of the states of each."""
-        return sum(part.law.remembers for part in self.model.functions)
+        """Number of springs with a memory or white modulation, which are the last states."""
+        return sum(part.law.remembers for part in self.model.functions if part.signal is None)
+
+    @cached_property
+    def _white_modulations(self) -> list[tuple[int, float]]:
+        """Number among the memories, and intensity, s, of each white modulation."""
+        own = [p for p in self.model.functions if p.law.remembers and p.signal is None]
+        return [(k, p.white_modulation) for k, p in enumerate(own) if p.white_modulation]
 
     @cached_property
     def layout(self) -> Layout:
@@ -249,7 +257,8 @@ class ModalPlan(SteppedPlan):
         for rates of slow impacts under white noise (`step_bias`)."""
         if not self.modes.kicked and any(part.law.sticks for part in self.model.functions):
             return bias_of_sticking(difference)
-        if not self.modes.kicked or not self.model.stops:
+        kicked = self.modes.kicked or bool(self._white_modulations)
+        if not kicked or not self.model.stops:
             return bias_of_smooth_motion(difference)
         pressed = any(scale.pressing > 0.0 for scale in self.pairs)
         return bias_of_plain_step(name, difference, lossiest(self.model), not pressed)
@@ -414,11 +423,19 @@ class ModalPlan(SteppedPlan):
 
         `state` (states, paths) and `streams` (2, paths) are replaced by those at the end.
         """
-        sums = np.zeros((self._rows_of_sums, state.shape[1]))
-        self._advance(self.paths_of(state, streams, sums), Steps(0, steps, steps))
+        sums = self.simulate_on(state, streams, steps)
         return self._of_pairs(sums)[
             :, [self.sums_of_pair.index("n_lower"), self.sums_of_pair.index("n_upper")]
         ]
+
+    def simulate_on(self, state: Matrix, streams: NDArray[np.uint64], steps: int) -> Matrix:
+        """Simulate the paths on for `steps` steps: the sums of the kernel (rows, paths).
+
+        `state` (states, paths) and `streams` (2, paths) are replaced by those at the end.
+        """
+        sums = np.zeros((self._rows_of_sums, state.shape[1]))
+        self._advance(self.paths_of(state, streams, sums), Steps(0, steps, steps))
+        return sums
 
     def at_whole_periods(self, period: float) -> Self:
         """The plan with a whole number of steps in a period, s, at about the same step."""
@@ -594,7 +611,7 @@ class ModalPlan(SteppedPlan):
             kicked, quiet = np.eye(len(flow)), 0.0
         passes = Passes(
             states=_table(self._with_memories(grown @ kicked)),
-            states_drawn=_table(self._with_memories(after, drawn=True)),
+            states_drawn=_table(self._with_drawn_memories(after, half=1)),
             normals=normals,
             merged=self.merged,
             speeds_kicked=_table(speed @ kicked),
@@ -617,16 +634,31 @@ class ModalPlan(SteppedPlan):
             crossed=self._crossed,
         )
 
-    def _with_memories(self, matrix: Matrix, *, drawn: bool = False) -> Matrix:
-        """The matrix of a pass to all states from all states, or from normals if `drawn`: neither
-        changes the memories of springs."""
+    def _with_memories(self, matrix: Matrix) -> Matrix:
+        """The matrix of a pass to all states from all states. It does not change the memories of
+        springs, and forgets white modulations."""
         if not self._memories:
             return matrix
-        rows, columns = matrix.shape
-        kept = 0 if drawn else self._memories
-        found = np.zeros((rows + self._memories, columns + kept))
-        found[:rows, :columns] = matrix
-        found[rows:, columns:] = np.eye(self._memories, kept)
+        kept = np.ones(self._memories)
+        kept[[number for number, _ in self._white_modulations]] = 0.0
+        return np.asarray(scipy.linalg.block_diag(matrix, np.diag(kept)))
+
+    def _with_drawn_memories(self, matrix: Matrix, half: int) -> Matrix:
+        """The matrix of a pass to all states from normals, with the white modulations of the kick
+        before the flow (`half` 0) or after it (1).
+
+        Each is the mean of the white noise over half a step; their normals are the last of a step,
+        or of both of its halves where two steps are merged.
+        """
+        found = np.vstack([matrix, np.zeros((self._memories, matrix.shape[1]))])
+        white = self._white_modulations
+        block = matrix.shape[1] // (2 if self.merged else 1)
+        for order, (number, intensity) in enumerate(white):
+            columns = np.array([2 * order + half - 2 * len(white)]) + block
+            if self.merged:  # both normals of one half
+                columns = np.array([2 * order, 2 * order + 1]) - 2 * len(white) + block * (1 + half)
+            size = math.sqrt(2.0 * intensity / self.step / len(columns))
+            found[len(matrix) + number, columns] = size
         return found
 
     def _noise_after_kicks(self, flow: Matrix) -> Matrix:
@@ -664,8 +696,10 @@ class ModalPlan(SteppedPlan):
         masses = np.array([[part.mass] for part in parts])
         free, memories = len(flow), []
         for part in parts:
-            memories.append(free if part.law.remembers else -1)
-            free += part.law.remembers
+            followed = None if part.signal is None else 2 * n + 2 * part.signal
+            own = free if part.law.remembers else -1
+            memories.append(own if followed is None else followed)
+            free += followed is None and part.law.remembers
         known = Characteristics.of(
             [part.law.compiled(part.mass / part.count) for part in parts],
             [Affine(*part.affine) for part in parts],
@@ -673,7 +707,7 @@ class ModalPlan(SteppedPlan):
         )  # fmt: skip
         return Kicks(
             known, _table(self._with_memories(kicked)),
-            _table(self._with_memories(drawn, drawn=True)),
+            _table(self._with_drawn_memories(drawn, half=0)),
         )  # fmt: skip
 
     def _merged_noise(self, grown: Matrix, flow: Matrix) -> tuple[Matrix, Matrix]:
@@ -695,16 +729,17 @@ class ModalPlan(SteppedPlan):
 
     def _signal_noise(self, flow: Matrix, h: float) -> Matrix:
         """Matrix from independent normals to the noise that the signals add to all states in a time
-        h, s."""
+        h, s. The last columns are 0: two normals of each white modulation, for either kick."""
         modes = self.modes
+        modulated = np.zeros((len(flow), 2 * len(self._white_modulations)))
         if not np.any(modes.signal_noise):
-            return np.zeros((len(flow), 0))
+            return modulated
         size = self._size
         intensity = modes.noise(np.zeros_like(modes.white)) / np.outer(size, size)
         values, vectors = np.linalg.eigh(step_covariance(flow * size / size[:, None], intensity, h))
         kept = values > NEGLIGIBLE
         columns: Matrix = size[:, None] * vectors[:, kept] * np.sqrt(values[kept])
-        return columns
+        return np.hstack([columns, modulated])
 
     @property
     def _size(self) -> Vector:
@@ -868,6 +903,7 @@ def basis(
             "simulate", [f"{each} (no stationary state was found)" for each in missing]
         )
     law, pairs = found
+    law = law._replace(slowest=slowest_of(model, law.slowest))
     step = _step(model, modes, law, pairs)
     burn_in = RELAXATIONS * law.slowest
     length = DURATION * burn_in if duration is None else duration

@@ -90,6 +90,11 @@ class Characteristic(Checked):
         """What `explain` says of it."""
         return f"{self.word} {'damper' if self.is_damper else 'spring'}"
 
+    def refusal(self, name: str) -> str:
+        """What a method for linear structures says of it, of the name that it has there."""
+        part = "damper" if self.is_damper else "spring"
+        return f"structure.{part} must be linear, got kind {self.kind!r} ({name})"
+
     def potential_at(self, displacement: ArrayLike) -> Vector:
         """Energy at displacements, less that at 0, J; ValueError where there is none."""
         raise ValueError(f"a {self.effect} has no potential energy")

@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field
 from stochvi.scenes.excitations.base import BASE, BaseExcitation, DensityNoise, check_unit
 from stochvi.scenes.excitations.constant import ConstantLoad
 from stochvi.scenes.excitations.filtered import FilteredNoise
+from stochvi.scenes.excitations.modulation import Modulation
 from stochvi.scenes.excitations.recorded import RecordedNoise
 from stochvi.scenes.excitations.road import RoadNoise
 from stochvi.scenes.excitations.shaped import (
@@ -34,6 +35,7 @@ Excitation = (
     | RecordedNoise
     | Sine
     | ConstantLoad
+    | Modulation
 )
 """Every excitation that a scene may hold."""
 
@@ -65,6 +67,7 @@ __all__ = [
     "Excitation",
     "Excitations",
     "FilteredNoise",
+    "Modulation",
     "RecordedNoise",
     "RoadNoise",
     "ShapedNoise",

@@ -102,6 +102,9 @@ class BaseExcitation(Checked):
     axis: Literal["x", "y", "z"] | None = None
     name: str | None = None
 
+    shakes: ClassVar[bool] = True
+    """Whether it shakes the structure."""
+
     effect_word: ClassVar[str]
     """Name of the excitation in the effects of a scene."""
 

@@ -37,6 +37,7 @@ class ConstantLoad(BaseExcitation):
 
     effect_word: ClassVar[str] = "constant load"
     family: ClassVar[str] = "constant load"
+    shakes: ClassVar[bool] = False
 
     kind: Literal["constant"] = "constant"
     on: str | None = None

@@ -13,7 +13,7 @@ from stochvi.methods.monte_carlo.history_plans import HistoryPlan
 from stochvi.methods.monte_carlo.plan import Histories
 from stochvi.methods.monte_carlo.quantities import gap_of
 from stochvi.model.model import FunctionOfMotion, Model, Pair
-from stochvi.scenes.excitations import BASE, ConstantLoad
+from stochvi.scenes.excitations import BASE
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.spectra.segments import Quantity
 
@@ -104,7 +104,7 @@ def quantities_of(
 
 def _present(scene: Scene) -> list[str]:
     """Whether all that shakes acts on a base, so that what springs carry is all of M x''."""
-    shaking = [each for each in scene.excitations if not isinstance(each, ConstantLoad)]
+    shaking = [each for each in scene.excitations if each.shakes]
     return ["acceleration"] if all(scene.place(each) == BASE for each in shaking) else []
 
 
