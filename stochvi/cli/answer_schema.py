@@ -13,6 +13,8 @@ from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 import numpy as np
 import pandas as pd
 
+from stochvi.isolators.production_risk.answer import Production
+from stochvi.isolators.production_risk.spreads import Spread
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
 from stochvi.isolators.sizing.answer import RoundedClearance
@@ -53,7 +55,7 @@ PLAIN: dict[Any, Schema] = {
 
 TYPES = {
     "pd": pd, "Scene": Scene, "Response": Response, "Screening": Screening,
-    "HarmonicResonance": HarmonicResonance,
+    "HarmonicResonance": HarmonicResonance, "Production": Production, "Spread": Spread,
 }  # fmt: skip
 """Types by the names that annotations use in modules which import them for type checking only."""
 
@@ -156,8 +158,11 @@ CHANGES = {
     "PairsSizing": Change(
         METHOD | {"verdict": str, "made": Mapping[str, RoundedClearance]}, renamed={"method": "by"}
     ),
+    "Production": Change(
+        METHOD | {"summary": str, "made": Mapping[str, RoundedClearance]}, renamed={"method": "by"}
+    ),
     "Reliability": Change(
-        {"no_hit": Estimate | None}, RECORD,
+        {"no_hit": Estimate | None}, RECORD | {"production": Production},
         {"hits": "expected_hits", "hits_interval": "expected_hits_interval"},
     ),
     "Replay": Change(

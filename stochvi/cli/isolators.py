@@ -21,6 +21,7 @@ from stochvi.cli.options import (
     shown,
 )
 from stochvi.cli.program import FAILED, main, stop
+from stochvi.cli.tolerances import tolerances_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,9 +29,7 @@ if TYPE_CHECKING:
 
     from stochvi.isolators import Jolts, Sizing
     from stochvi.isolators.record_verdict import RecordVerdict
-    from stochvi.isolators.sizing.changes import Tolerances
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
-    from stochvi.scenes.scene import Scene
 
 
 def fail_unless_gaussian(record: RecordVerdict | None) -> None:
@@ -176,6 +175,10 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     help="Pair that is sized where there are several; the others stay as they are.",
 )
 @click.option(
+    "--common", metavar="LIST",
+    help="Pairs that are made with one clearance in common: corner1,corner2.",
+)  # fmt: skip
+@click.option(
     "--rel-error",
     type=float,
     default=0.05,
@@ -191,13 +194,14 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     "--tolerances", metavar="LIST",
     help="Tolerances within which the clearance keeps its goal: usual (frequency=10%, "
     "damping=30%, level=3dB, stiffness=20%), or some, as frequency=5%,level=1dB; a rigid body "
-    "also takes centre=5mm [those that the scene states, as structure.frequency_tolerance].",
+    "also takes centre=5mm. Or distributions between units, as frequency=normal:3% (std), "
+    "clearance=uniform:0.1mm [those that the scene states, as structure.frequency_tolerance].",
 )  # fmt: skip
 @keeping
 @common("kept budget", "seed", "threads", "json", "out", "force", "quiet")
 def size(
     options: Common, scene: str, peak_acceleration: str | None, sensitivity: bool,
-    tolerances: str | None, **asked: Any,
+    tolerances: str | None, common: str | None, **asked: Any,
 ) -> None:  # fmt: skip
     """Find the clearance that keeps a stated risk."""
     from stochvi.isolators.sizing.method import size as solve
@@ -210,7 +214,7 @@ def size(
 
     loaded = load_scene(scene)
     # wrong tolerances are refused before the work
-    allowed = None if tolerances is None else _tolerances_of(loaded, tolerances)
+    allowed, spreads = tolerances_of(loaded, tolerances)
     deadline = options.until(options.budget, REPORT_SECONDS)
     fell_short: list[str] = []
     judged: list[RecordVerdict | None] = []
@@ -222,6 +226,7 @@ def size(
         with options.progress("sizing") as report:
             return solve(
                 loaded, peak_acceleration=acceleration(peak_acceleration), tolerances=allowed,
+                spreads=spreads, common=[] if common is None else _names(common),
                 progress=report, **sampling, **asked,
             )  # fmt: skip
 
@@ -266,41 +271,17 @@ def size(
         stop(f"not as accurate as asked for: {fell_short[0]}{more}", FAILED)
 
 
+def _names(text: str) -> list[str]:
+    """Names that are separated by commas."""
+    return [name.strip() for name in text.split(",")]
+
+
 REPORT_SECONDS = 3.0
 """Time that the tables, the first picture and the calculations of a report take, s (measured on a
 busy machine)."""
 
 FIRST, BEFORE_REPORT = 0.5, 0.7
 """Shares of the budget for the sizing itself if --sensitivity or only a report follows."""
-
-TOLERANCE_UNITS = {
-    "frequency": ("%", 0.01), "damping": ("%", 0.01), "level": ("dB", 1.0),
-    "stiffness": ("%", 0.01), "centre": ("mm", 1e-3),
-}  # fmt: skip
-"""Tolerances that --tolerances may state, each with its unit and the factor of that unit."""
-
-
-def _tolerances_of(scene: Scene, text: str) -> Tolerances:
-    """The tolerances of "usual" or "frequency=5%,level=2dB", and those of the scene."""
-    from stochvi.isolators.sizing.changes import Tolerances
-
-    parts = [part.strip() for part in text.split(",")]
-    found: dict[str, float] = {}
-    for part in parts:
-        if part == "usual":
-            continue
-        name, _, number = part.partition("=")
-        try:
-            unit, factor = TOLERANCE_UNITS[name.strip()]
-            value = factor * float(number.strip().removesuffix(unit))
-        except (KeyError, ValueError):
-            raise ValueError(
-                "--tolerances must be usual, or frequency=10%,damping=30%,level=3dB,stiffness=20%,"
-                f"centre=5mm or some of these, got {part!r}"
-            ) from None
-        found["level_db" if name.strip() == "level" else name.strip()] = value
-    return Tolerances.of(scene, usual="usual" in parts, **found)
-
 
 JOLT_COLUMNS = {
     "jolt": "jolt (m/s)",

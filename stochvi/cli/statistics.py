@@ -19,11 +19,13 @@ from stochvi.cli.options import (
     shown,
 )
 from stochvi.cli.program import main
+from stochvi.cli.tolerances import tolerances_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from rich.console import Console
 
+    from stochvi.isolators.production_risk.answer import Production
     from stochvi.statistics.damage import Damage
     from stochvi.statistics.impacts import ImpactStatistics
     from stochvi.statistics.spectra import ResponseSpectrum
@@ -272,26 +274,47 @@ def history(
 @click.option(
     "--rel-error", type=float, default=0.05, show_default=True, help="Relative standard error."
 )
+@click.option(
+    "--tolerances", metavar="LIST",
+    help="Distributions between the units of a production, for the mean probability of any impact: "
+    "frequency=normal:3% (std), clearance=uniform:0.1mm.",
+)  # fmt: skip
 @keeping
 @common("kept budget", "seed", "threads", "json", "out", "force", "quiet")
 def reliability(
     options: Common, scene: str, barrier: str | None, peak_acceleration: str | None,
-    way: str | None, **asked: Any,
+    way: str | None, tolerances: str | None, **asked: Any,
 ) -> None:  # fmt: skip
     """Find probabilities of impacts in a mission, to 1e-9.
 
     Example: stochvi reliability box.toml --mission 3600 --impact-speed 0.5 --start rest
     """
     from stochvi.cli.isolators import fail_unless_gaussian
+    from stochvi.isolators.production_risk.method import production
     from stochvi.isolators.record_verdict import record_verdict
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.reliability import Reliability
     from stochvi.statistics.reliability import reliability as solve
     from stochvi.views.isolator_tables import print_record
+    from stochvi.views.production import print_production
     from stochvi.views.statistics_tables import print_reliability
+    from stochvi.views.tables import print_line
 
     loaded = load_scene(scene)
+    allowed, spreads = tolerances_of(loaded, tolerances)
+    if tolerances is not None and spreads is None:
+        raise ValueError(
+            "--tolerances must hold a distribution between units, as frequency=normal:3%, got "
+            f"{tolerances}; limits are for size"
+        )
+    if spreads and (barrier is not None or asked["start"] == "rest"):
+        raise ValueError(
+            "--tolerances must be left out with --barrier and --start rest: the mean over units is "
+            "found for stops, from a stationary start"
+        )
+    deadline = options.until(options.budget)
     phases = [phase.of(loaded) for phase in loaded.phases] or [loaded]
+    units: list[Production] = []
     limit_in_g = peak_acceleration if (peak_acceleration or "").endswith("g") else None
 
     def found() -> Reliability:
@@ -302,7 +325,7 @@ def reliability(
                 peak_acceleration=acceleration(peak_acceleration),
                 way=way and way.replace("-", " "),  # type: ignore[arg-type]
                 progress=report,
-                **options.sampling,
+                **options.sampling | {"budget": deadline.part(0.5 if spreads else 1.0)},
                 **asked,
             )
 
@@ -312,9 +335,22 @@ def reliability(
     def tell(console: Console, answer: Reliability) -> None:
         print_record(console, record)
         print_reliability(console, answer, limit_in_g)
+        for each in units:
+            print_line(console, each.summary())
+            print_production(console, each)
 
     def show(answer: Reliability) -> None:
         judged = {} if record is None else {"record": record.to_dict()}
+        if spreads:
+            with options.progress("units") as report:
+                units.append(
+                    production(
+                        loaded, spreads, mission=answer.mission, pair=asked["pair"],
+                        tolerances=allowed, rel_error=asked["rel_error"], progress=report,
+                        seed=options.seed, threads=options.threads, budget=deadline.part(1.0),
+                    )
+                )  # fmt: skip
+            judged["production"] = units[0].to_dict()
         options.show(answer, tell, "reliability", answer.to_dict() | judged)
         if options.out is not None:
             from stochvi.isolators.scene_at_rest import scene_at_rest
@@ -322,8 +358,9 @@ def reliability(
 
             origin = options.origin(scene, answer.provenance)
             write_reliability_report(
-                answer, phases[0], scene_at_rest(phases[0]), record, options.out, origin
-            )
+                answer, phases[0], scene_at_rest(phases[0]), record, options.out, origin,
+                *units,
+            )  # fmt: skip
 
     shown(found, show, asked)
     fail_unless_gaussian(record)

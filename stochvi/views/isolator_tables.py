@@ -18,6 +18,7 @@ from stochvi.views.pairs import (
     tolerances_in_rows,
     worst_places,
 )
+from stochvi.views.production import print_production
 from stochvi.views.tables import (
     LAST_DIGITS,
     new_table,
@@ -102,6 +103,8 @@ def print_sizing(
         _print_pairs(console, sizing)
     else:
         _print_one(console, sizing)
+    if sizing.production is not None:
+        print_production(console, sizing.production)
     if sensitivity is not None:
         _print_changes(console, sensitivity, "one thing changed at a time")
     print_line(console, f"method: {sizing.method}")

@@ -26,6 +26,7 @@ from stochvi.views.damage import plot_damage
 from stochvi.views.first_passage import plot_first_passage
 from stochvi.views.impacts import draw_impacts, plot_histogram
 from stochvi.views.pairs import plot_pairs_risk
+from stochvi.views.production import plot_production
 from stochvi.views.replay import plot_clearances, plot_history
 from stochvi.views.report.missions import plot_chances
 from stochvi.views.screening import plot_screening
@@ -335,6 +336,7 @@ PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "Judgement": plot_judgement,
     "LifeTimes": plot_lifetimes,
     "PairsSizing": plot_pairs_risk,
+    "Production": plot_production,
     "Reliability": plot_chances,
     "Replay": plot_replay,
     "Response": plot_response,

@@ -24,6 +24,8 @@ from stochvi.scenes.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
+    from stochvi.isolators.production_risk.answer import Production
+
 
 HITS_PER_FIRST_HIT = (
     "impacts per first impact: the first one and those that follow from it, impacts above the "
@@ -231,6 +233,9 @@ class Sizing(Result):
         from the static equilibrium; None elsewhere, as `curve` holds it.
     worst_case
         The table of `worst_case`; None without tolerances, or where the calculation ended before.
+    production
+        The risk of the production whose units differ, and the clearance that it needs, which `made`
+        then has; None without distributions of tolerances.
     fell_short
         Those of the warnings that name an accuracy for which the budget did not suffice.
 
@@ -259,12 +264,16 @@ class Sizing(Result):
     allowed: Tolerances = field(default_factory=Tolerances)
     probability_of_stops: Estimate | None = None
     worst_case: pd.DataFrame | None = None
+    production: Production | None = None
     fell_short: tuple[str, ...] = ()
 
     @property
     def made(self) -> RoundedClearance | None:
         """The clearance to make: the calculated one or, where tolerances were asked for, the
-        largest within them, rounded up. None where the largest was not found."""
+        largest within them, rounded up; for a production the one that its mean risk needs. None
+        where the largest was not found."""
+        if self.production is not None:
+            return next(iter(self.production.made.values()))
         needed = self.clearance.value
         if self.allowed != Tolerances():
             needed = math.nan
@@ -292,6 +301,8 @@ class Sizing(Result):
 
     def _to_make(self) -> str:
         """The clearance to make and the risk that it keeps, in words."""
+        if self.production is not None:
+            return self.production.summary()
         made, target, mission = self.made, self.target, self.mission
         within = (
             f" within all tolerances ({self.allowed.in_words()})"
@@ -373,7 +384,8 @@ class Sizing(Result):
     def _answer(self) -> str:
         """The calculated clearance with its interval, in words."""
         mm, c = 1e3, self.clearance
-        stated = "" if self.allowed == Tolerances() else " as stated"
+        varies = self.production is not None or self.allowed != Tolerances()
+        stated = " as stated" if varies else ""
         first = f"calculated{stated}: {mm * c.value:.4g} mm"
         in_sigma = f"{c.value / self.sigma:.3g} sigma"
         if self.kept_with is None:

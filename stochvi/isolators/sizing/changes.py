@@ -105,7 +105,8 @@ CENTRE = "centre "
 
 
 class Change(NamedTuple):
-    """One quantity that is off by an amount: relative, dB, or m of a centre of mass."""
+    """One quantity that is off by an amount: relative, dB, m of a centre of mass, or a number that
+    is added to the restitution."""
 
     quantity: str
     amount: float
@@ -123,6 +124,8 @@ class Change(NamedTuple):
                 return f"level {amount:+.3g} dB"
             case "stiffness":
                 return f"stiffness of the stops {100.0 * amount:+.3g} %"
+            case "restitution":
+                return f"restitution {amount:+.3g}"
         axis = self.quantity.removeprefix(CENTRE)
         return f"centre of mass {1e3 * amount:+.3g} mm along {axis}"
 
@@ -137,6 +140,8 @@ class Change(NamedTuple):
                 return scene.at_level(self.amount)
             case "stiffness":
                 return changed_stops(scene, stiffness=1.0 + self.amount)
+            case "restitution":
+                return changed_stops(scene, restitution=self.amount)
         axis = self.quantity.removeprefix(CENTRE)
         return moved_centre(scene, [self.amount * (axis == each) for each in AXES])
 

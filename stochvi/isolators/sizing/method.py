@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Unpack
+from typing import TYPE_CHECKING, Unpack
 
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.changes import Tolerances
@@ -16,9 +17,13 @@ from stochvi.isolators.sizing.targets import target_of
 from stochvi.isolators.sizing.worst_case import worst_case
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
+from stochvi.results.errors import NotApplicable
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from stochvi.isolators.production_risk.spreads import Spread
 
 
 @calculation
@@ -33,7 +38,9 @@ def size(
     exceedance: float = ACCEPTED,
     at: str | None = None,
     pair: str | None = None,
+    common: Sequence[str] = (),
     tolerances: Tolerances | None = None,
+    spreads: Mapping[str, Spread] | None = None,
     mission: float = 3600.0,
     **options: Unpack[AccuracyOptions],
 ) -> Sizing | PairsSizing:
@@ -62,9 +69,14 @@ def size(
         The one of several pairs whose clearance is searched for; the stops of the others stay where
         they are. By default all pairs share the risk equally: each alone would be hit with the same
         probability.
+    common
+        Names of pairs that are made with one clearance in common, which is found for all of them.
     tolerances
         Tolerances within all of which the clearance to make keeps the target; by default those
         that the scene states (`Tolerances.of`), which may be none.
+    spreads
+        Distributions of tolerances between the units of a production, as `production` takes them:
+        the clearance to make then keeps the probability for the mean over the units.
     mission
         Seconds of exposure, from a stationary start.
     **options
@@ -110,6 +122,16 @@ def size(
     if pair is not None and (model.single or pair not in [each.name for each in model.pairs]):
         names = ", ".join(each.name for each in model.pairs) or "none"
         raise ValueError(f"pair must be the name of one of several pairs ({names}), got {pair!r}")
+    if common and (model.single or not set(common) <= {each.name for each in model.pairs}):
+        names = ", ".join(each.name for each in model.pairs) or "none"
+        raise ValueError(
+            f"common must name some of several pairs ({names}), got {', '.join(common)}"
+        )
+    if common and pair is not None:
+        raise ValueError(f"common must be left out where one pair is sized, got pair = {pair!r}")
+    if spreads:
+        shape = Question(target=target, mission=mission, pair=pair, common=common, run=run)
+        return _of_production(scene, shape, spreads, tolerances)
     allowed = tolerances or Tolerances.of(scene)
     by_hits = target.name != "probability"
     worst = model.single and allowed.felt(scene, by_hits=by_hits) != Tolerances()
@@ -118,12 +140,42 @@ def size(
         share = 1.0 - SEARCH.share_of_tolerances
         nominal = run.part(0.0, share, deadline=run.deadline.share(share))
     asked = Question(
-        target=target, mission=mission, run=nominal, at=at, pair=pair, tolerances=allowed
-    )
+        target=target, mission=mission, run=nominal, at=at, pair=pair, common=common,
+        tolerances=allowed,
+    )  # fmt: skip
     found = nominal_sizing(scene, asked)
     if not worst or isinstance(found, PairsSizing):
         return found
     return _within_tolerances(found, run)
+
+
+def _of_production(
+    scene: Scene, asked: Question, spreads: Mapping[str, Spread], tolerances: Tolerances | None
+) -> Sizing | PairsSizing:
+    """A sizing of the scene as stated, with the clearance that its production needs."""
+    from stochvi.isolators.production_risk.method import SHARE_OF_NOMINAL, Start, about
+    from stochvi.isolators.production_risk.spreads import bands_beside, check_spreads
+
+    check_spreads(scene, spreads)
+    run, name = asked.run, asked.target.name
+    if name != "probability":
+        raise NotApplicable(
+            "size",
+            [f"the target must be a probability of any impact where tolerances have a "
+             f"distribution, got {name}; give them as limits, as frequency=5%"],
+        )  # fmt: skip
+    share = SHARE_OF_NOMINAL
+    first = run.part(0.0, share, deadline=run.deadline.share(share))
+    found = nominal_sizing(scene, replace(asked, run=first, tolerances=Tolerances()))
+    allowed = tolerances or bands_beside(scene, spreads)
+    production = about(Start.of_sizing(found), spreads, allowed, run.part(share, 1.0))
+    return replace(
+        found,
+        production=production,
+        fell_short=(*found.fell_short, *production.warnings),
+        warnings=(*found.warnings, *production.warnings),
+        cost=replace(found.cost, wall_time=run.cost().wall_time),
+    )
 
 
 def _within_tolerances(found: Sizing, run: Run) -> Sizing:

@@ -124,7 +124,7 @@ def size_pairs(scene: Scene, limit: Limit | None, asked: Question) -> PairsSizin
     target without one; see `size`."""
     return _PairsJob(
         scene=scene, target=asked.target, limit=limit, mission=asked.mission, pair=asked.pair,
-        run=asked.run,
+        run=asked.run, common=asked.common,
         # by linear theory, which knows no stop
         tolerances=(asked.tolerances or Tolerances.of(scene)).felt(scene, by_hits=False),
     ).sizing()  # fmt: skip
@@ -141,6 +141,7 @@ class _PairsJob:
     pair: str | None
     run: Run
     tolerances: Tolerances
+    common: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         self.deadline, self.rel_error = self.run.deadline, self.run.accuracy
@@ -152,6 +153,7 @@ class _PairsJob:
         self.sized = [self.names.index(name) for name in sized]
         self.fixed = [k for k in range(len(self.names)) if k not in self.sized]
         self.own = np.array(own_distances(self.model))
+        self.shared = [number for number, name in enumerate(sized) if name in self.common]
         others = np.isin(np.arange(len(self.names)), self.fixed)
         pressed = pressed_pairs(self.model, *np.where(others, self.own, math.inf))
         if pressed:
@@ -191,7 +193,7 @@ class _PairsJob:
         }
         answer = self._stops_of_risk(risk)
         alone = np.empty(len(self.names))
-        alone[self.sized] = -math.expm1(-risk)
+        alone[self.sized] = self._alone(risk)
         alone[self.fixed] = [each.value for each in fixed]
         chance = total.at(risk) if by_hits else total.probability(self.target.value)
         counts = self._hits_at(answer, _at(risks, overlaps, risk))
@@ -205,6 +207,7 @@ class _PairsJob:
             target=self.target,
             mission=self.mission,
             pair=self.pair,
+            common=tuple(self.common),
             clearances=clearances,
             probability=chance,
             expected_hits=None if counts is None else counts.rate * self.mission,
@@ -421,8 +424,17 @@ class _PairsJob:
         return np.geomspace(self._least_risk, most, max(steps, 2) + 1)
 
     def _clearance(self, number: int, risk: float) -> float:
-        """The clearance at which a sized pair alone has a risk, m."""
-        return self.curves[number].place(risk)
+        """The clearance at which a sized pair alone has a risk, m; of pairs with one clearance in
+        common, the largest of theirs."""
+        shared = self.shared if number in self.shared else [number]
+        return max(self.curves[each].place(risk) for each in shared)
+
+    def _alone(self, risk: float) -> Vector:
+        """Probability that each sized pair alone is hit, at the clearances of a risk."""
+        found = np.full(len(self.sized), -math.expm1(-risk))
+        for each in self.shared:
+            found[each] = self.curves[each].probability(self._clearance(each, risk))
+        return found
 
     def _stops_of_risk(self, risk: float) -> Matrix:
         """Distances of all stops (2, pairs) where each sized pair alone has this risk."""
@@ -496,7 +508,7 @@ class _PairsJob:
                 "probability": [each.value for each in known],
                 "probability_low": [each.lower for each in known],
                 "probability_high": [each.upper for each in known],
-                "independent": 1.0 - free * np.exp(-len(self.sized) * risks),
+                "independent": [1.0 - free * np.prod(1.0 - self._alone(risk)) for risk in risks],
             }
         )
 

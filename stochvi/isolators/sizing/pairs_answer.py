@@ -25,6 +25,8 @@ from stochvi.scenes.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
+    from stochvi.isolators.production_risk.answer import Production
+
 
 MOST_NAMED = 3
 """Most pairs whose clearances a sentence lists; beyond that it names the smallest and the
@@ -63,6 +65,8 @@ class PairsSizing(Result):
     pair
         The one pair that was sized, the stops of the others fixed as in the scene; None where all
         pairs share the risk equally.
+    common
+        Pairs that were given one clearance in common: the largest that any of them needs.
     clearances
         By pair, m per side from the mean gap, each with the 95 % interval of the calculation; of
         the sized pair alone where there is one.
@@ -104,6 +108,9 @@ class PairsSizing(Result):
     allowed
         The tolerances that were asked for, within all of which the clearances of `made` keep the
         risk.
+    production
+        The risk of the production whose units differ, and the clearances that it needs, which
+        `made` then has; None without distributions of tolerances.
     worst_at
         By sized pair, where within the tolerances its clearance is largest, in words.
     fell_short
@@ -133,7 +140,9 @@ class PairsSizing(Result):
     method: str
     box: BoxOverview | None = None
     allowed: Tolerances = field(default_factory=Tolerances)
+    common: tuple[str, ...] = ()
     worst_at: Mapping[str, str] = field(default_factory=dict)
+    production: Production | None = None
     fell_short: tuple[str, ...] = ()
 
     def extremes(self) -> tuple[str, str]:
@@ -153,7 +162,10 @@ class PairsSizing(Result):
 
     def made(self) -> dict[str, RoundedClearance]:
         """The clearance to make of each sized pair: the calculated one or, where tolerances were
-        asked for, the largest within them, rounded up."""
+        asked for, the largest within them, rounded up; for a production the one that its mean risk
+        needs."""
+        if self.production is not None:
+            return self.production.made
         needed = {name: each.value for name, each in self.clearances.items()}
         if len(self.tolerances) > 1:
             needed = {name: float(self.tolerances[name].iloc[-1]) for name in needed}
@@ -182,14 +194,9 @@ class PairsSizing(Result):
     def verdict(self) -> str:
         """The clearances to make and the risk that they keep, in one sentence; for many pairs the
         smallest and the largest clearance."""
-        made = self.made()
-        named = list(made)
-        first = ""
-        if len(named) > MOST_NAMED:
-            first = f"{len(named)} pairs, each with its own (see the table), from "
-            named = sorted(made, key=lambda name: made[name].value)[:: len(made) - 1]
-        joint = " to " if first else ", "
-        mm = first + joint.join(f"{name} {made[name]}" for name in named)
+        if self.production is not None:
+            return self.production.summary()
+        mm = places_in_words(self.made())
         fixed = "" if self.pair is None else ", with the other stops as they are,"
         within = (
             f" within all tolerances ({self.allowed.in_words()})"
@@ -206,7 +213,8 @@ class PairsSizing(Result):
         impacts to expect there, and what three sigma would do."""
         mission = spoken_mission(self.mission)
         low, high = (self.clearances[name] for name in self.extremes())
-        stated = " as stated" if len(self.tolerances) > 1 else ""
+        varies = self.production is not None or len(self.tolerances) > 1
+        stated = " as stated" if varies else ""
         text = f"calculated{stated}: {1e3 * low.value:.4g} mm"
         text += f" to {1e3 * high.value:.4g} mm" if high.value > low.value else ""
         if self.expected_hits is not None and self.target.name != "rate":
@@ -247,3 +255,12 @@ class PairsSizing(Result):
 
     def __repr__(self) -> str:
         return f"<size: {self.verdict()}>"
+
+
+def places_in_words(made: Mapping[str, RoundedClearance]) -> str:
+    """The clearances of several pairs; of many pairs the smallest and the largest."""
+    if len(made) <= MOST_NAMED:
+        return ", ".join(f"{name} {place}" for name, place in made.items())
+    low, *_, high = sorted(made, key=lambda name: made[name].value)
+    first = f"{len(made)} pairs, each with its own (see the table)"
+    return f"{first}, from {low} {made[low]} to {high} {made[high]}"

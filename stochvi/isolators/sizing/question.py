@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from stochvi.isolators.sizing.answer import Target
@@ -19,4 +20,5 @@ class Question:
     run: Run
     at: str | None = None
     pair: str | None = None
+    common: Sequence[str] = ()
     tolerances: Tolerances | None = None

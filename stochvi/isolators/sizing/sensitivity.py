@@ -239,7 +239,7 @@ class Resizing:
         of_pairs: dict[str, Any] = {}
         if isinstance(sizing, PairsSizing):
             called = sizing.provenance.get("call", {}).get("arguments", {})
-            of_pairs = {"pair": sizing.pair, "at": called.get("at")}
+            of_pairs = {"pair": sizing.pair, "at": called.get("at"), "common": sizing.common}
         # the change is the tolerance: those that the scene states are not added to it
         asked = Question(
             target=target, mission=sizing.mission, run=run, tolerances=Tolerances(), **of_pairs

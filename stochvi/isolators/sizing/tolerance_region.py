@@ -204,13 +204,16 @@ class Region:
     def _frequencies(self) -> Vector:
         """Shares of the tolerance of the frequency, close enough to each other for the narrowest
         resonance of the region."""
-        modes = model_of(self.scene).modal
-        held = modes.squares > 0.0
-        ratio = 0.5 * np.diag(modes.damping)[held] / np.sqrt(modes.squares[held])
-        narrowest = float(np.min(ratio)) * (1.0 - self.limits.get("damping", 0.0))
+        narrowest = self.narrowest() * (1.0 - self.limits.get("damping", 0.0))
         half = PER_RESONANCE * self.limits["frequency"] / max(narrowest, 1e-9)
         count = min(2 * math.ceil(half) + 1, MOST_FREQUENCIES)
         return np.linspace(-1.0, 1.0, max(count, 3))
+
+    def narrowest(self) -> float:
+        """The smallest damping ratio of a mode as stated: its relative half width."""
+        modes = model_of(self.scene).modal
+        held = modes.squares > 0.0
+        return float(np.min(0.5 * np.diag(modes.damping)[held] / np.sqrt(modes.squares[held])))
 
     @staticmethod
     def _combinations(names: list[str]) -> list[tuple[float, ...]]:

@@ -1,4 +1,4 @@
-"""Sections of a clearance report on changed scenes: tolerances and sensitivity."""
+"""Sections of a clearance report on changed scenes: tolerances, production and sensitivity."""
 
 from __future__ import annotations
 
@@ -6,7 +6,16 @@ import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
+from stochvi.isolators.production_risk.spreads import in_words
 from stochvi.isolators.sizing.answer import spoken_percent
+from stochvi.views.production import (
+    COSTS,
+    plot_production,
+    risk_in_words,
+    tolerances_in_rows,
+    units_heading,
+    units_in_rows,
+)
 from stochvi.views.report.pages import Grid, Picture, Section, shown
 from stochvi.views.sizing import plot_sensitivity
 from stochvi.views.words import MM, UNKNOWN, clearances_of_changes, four_digits
@@ -14,6 +23,7 @@ from stochvi.views.words import MM, UNKNOWN, clearances_of_changes, four_digits
 if TYPE_CHECKING:
     import pandas as pd
 
+    from stochvi.isolators.production_risk.answer import Production
     from stochvi.isolators.sizing.review import Review
 
 
@@ -33,6 +43,36 @@ def worst_case_section(review: Review) -> Section:
         pictures=_change_bars(table),
         notes=_notes_of(table),
     )
+
+
+def production_section(found: Production | None) -> Section:
+    """The risk of the production; empty without distributions of tolerances."""
+    if found is None:
+        return Section(title="Production")
+    return Section(
+        title="Production",
+        lead=f"Units differ: {in_words(found.spreads)}. "
+        + " ".join(f"{line[0].upper()}{line[1:]}." for line in risk_in_words(found)),
+        grids=[
+            _grid_of(COSTS, tolerances_in_rows(found)),
+            _grid_of(units_heading(found), units_in_rows(found)),
+        ],
+        pictures=[
+            shown(
+                lambda: plot_production(found),
+                "Probability of any impact over the units, and the clearance that each tolerance "
+                "costs.",
+            )
+        ],
+        notes=[f"{found.method[0].upper()}{found.method[1:]}."],
+    )
+
+
+def _grid_of(caption: str, table: pd.DataFrame) -> Grid:
+    return Grid(
+        caption=f"{caption[0].upper()}{caption[1:]}", headings=[str(name) for name in table],
+        rows=table.to_numpy().tolist(),
+    )  # fmt: skip
 
 
 def sensitivity_section(table: pd.DataFrame | None) -> Section:

@@ -12,6 +12,7 @@ from stochvi.results.origin import Origin, origin_of
 from stochvi.views.axes import PAGE, axes_or_new, label_for_page
 from stochvi.views.colours import COLOURS
 from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history
+from stochvi.views.report.changes import production_section
 from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
 from stochvi.views.schematic import draw_problem
 from stochvi.views.statistics_tables import NEAR_ONE, SURELY
@@ -21,6 +22,7 @@ from stochvi.views.words import MM, UNKNOWN, G, count_of, four_digits
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from stochvi.isolators.production_risk.answer import Production
     from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.isolators.scene_at_rest import SceneAtRest
     from stochvi.methods.replay import Replay
@@ -50,16 +52,20 @@ def write_reliability_report(
     record: RecordVerdict | None,
     folder: str | Path,
     origin: Origin | None = None,
+    production: Production | None = None,
 ) -> Path:
-    """Write `report.html` and `reliability.json`, its numbers; returns the path of the page."""
-    page = reliability_page(found, scene, hung, record, origin or origin_of(found.provenance))
-    document = found.to_dict() | ({} if record is None else {"record": plain(record)})
+    """Write `report.html` and `reliability.json`, its numbers; returns the path of the page. The
+    risk of a production whose units differ may stand beside."""
+    origin = origin or origin_of(found.provenance)
+    page = reliability_page(found, scene, hung, record, origin, production)
+    beside = {"record": record, "production": production}
+    document = found.to_dict() | {k: plain(each) for k, each in beside.items() if each is not None}
     return write_page(page, document, "reliability", Path(folder))
 
 
 def reliability_page(
     found: Reliability, scene: Scene, hung: SceneAtRest, record: RecordVerdict | None,
-    origin: Origin,
+    origin: Origin, production: Production | None = None,
 ) -> Page:  # fmt: skip
     """The page of the probabilities of a mission."""
     mission = spoken_mission(found.mission)
@@ -109,6 +115,7 @@ def reliability_page(
                 else [],
                 notes=[f"{_event(each)}: {each.why}" for each in chances],
             ),
+            production_section(production),
             _scene_section(scene, hung),
             Section(
                 title="Limits",

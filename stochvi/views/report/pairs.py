@@ -26,7 +26,7 @@ from stochvi.views.pairs import (
     tolerances_in_rows,
     worst_places,
 )
-from stochvi.views.report.changes import sensitivity_section
+from stochvi.views.report.changes import production_section, sensitivity_section
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
 from stochvi.views.schematic import draw_gaps
 from stochvi.views.words import MM, NO_TOLERANCES
@@ -124,6 +124,7 @@ def pairs_page(
             ),
             _screening(sizing.screening),
             _tolerances(sizing),
+            production_section(sizing.production),
             sensitivity_section(sensitivity),
             Section(
                 title="Limits",

@@ -14,7 +14,11 @@ from stochvi.results.response import Response
 from stochvi.views.axes import PAGE, axes_or_new
 from stochvi.views.column_units import named_with_units
 from stochvi.views.files import try_picture, write_table
-from stochvi.views.report.changes import sensitivity_section, worst_case_section
+from stochvi.views.report.changes import (
+    production_section,
+    sensitivity_section,
+    worst_case_section,
+)
 from stochvi.views.report.environment import environment_section, gap_section, mount_section
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
 from stochvi.views.report.stops import (
@@ -115,6 +119,7 @@ def clearance_page(review: Review, origin: Origin) -> Page:
         sections=[
             _risk(review),
             worst_case_section(review),
+            production_section(review.sizing.production),
             stops_section(review),
             hard_hits_section(review),
             peaks_section(review),

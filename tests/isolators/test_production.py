@@ -1,0 +1,294 @@
+"""The risk of a production: against closed forms, and brute force unit by unit."""
+
+from __future__ import annotations
+
+import math
+from io import StringIO
+
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+from rich.console import Console
+from scipy.stats import norm
+
+from stochvi import (
+    ConstantLoad,
+    ImpactPair,
+    Isolator,
+    Matrices,
+    NotApplicable,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+    WhiteNoise,
+    load_scene,
+)
+from stochvi.cli.tolerances import tolerances_of
+from stochvi.isolators import Spread, production, size
+from stochvi.isolators.production_risk import method
+from stochvi.isolators.production_risk.method import Start, chance_of
+from stochvi.isolators.production_risk.units import Units
+from stochvi.isolators.sizing import pairs
+from stochvi.isolators.sizing.answer import Target, spoken_percent
+from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.isolators.sizing.tolerance_region import Region
+from stochvi.results.deadline import NEVER
+from stochvi.sampling.options import DEFAULTS
+from stochvi.sampling.run import Run
+from stochvi.scenes.datasets import shipped_scene
+from stochvi.views.production import print_production
+from stochvi.views.report.changes import production_section
+from support.accuracies import quick_cases
+
+WHITE = [WhiteNoise(density=0.01, unit="g2/Hz")]
+LAW = Restitution(coefficient=0.5)
+ONE_STOP = Scene(
+    structure=Isolator(frequency_hz=10.0, zeta=0.05),
+    impact_pairs=[ImpactPair(upper=0.01, law=LAW)],
+    excitations=WHITE,
+)
+MISSION = 3600.0
+
+
+def run_of(seed: int, rel_error: float) -> Run:
+    return Run.of({**DEFAULTS, "seed": seed, "rel_error": rel_error})
+
+
+def units_of(scene: Scene, spreads: dict[str, Spread], place: float) -> Units:
+    stops = np.array([[math.inf], [place]])
+    mean = Region(scene, Tolerances()).nominal.mean
+    found = Units(scene=scene, spreads=spreads, mean=mean, stops=stops)
+    found.solve(NEVER)
+    return found
+
+
+def test_the_mean_of_rices_rate_over_gaussian_clearances_is_closed() -> None:
+    sigma = float(Region(ONE_STOP, Tolerances()).nominal.sigma[0])
+    place, std = 4.0 * sigma, 0.3 * sigma
+    units = units_of(ONE_STOP, {"clearance": Spread(std=std)}, place)
+    points = (np.arange(200_000)[:, None] + 0.5) / 200_000
+    gaps = units.gaps(units.drawn(points))
+    # E exp(-(c + e)^2 / (2 s^2)) of a Gaussian e
+    both = sigma**2 + std**2
+    exact = gaps.rate[0, 0] * sigma / math.sqrt(both) * math.exp(-0.5 * place**2 / both)
+    assert gaps.rice(units.stops).mean() == pytest.approx(exact, rel=1e-4)
+    # the control: a unit as stated has far less
+    assert gaps.rate[0, 0] * math.exp(-0.5 * (place / sigma) ** 2) < 0.6 * exact
+
+
+def test_gaps_of_units_are_those_of_changed_scenes() -> None:
+    spreads = {
+        "frequency": Spread(std=0.05), "damping": Spread(half_width=0.4), "level": Spread(std=1.0),
+        "clearance": Spread(std=1e-4),
+    }  # fmt: skip
+    hung = ONE_STOP.replace(excitations=[*WHITE, ConstantLoad(acceleration=-9.81)])
+    units = units_of(hung, spreads, 0.01)
+    amounts = units.drawn(np.random.default_rng(1).random((5, 4)))
+    gaps = units.gaps(amounts)
+    nominal = Region(hung, Tolerances()).nominal
+    for row, sigma, rate, farther in zip(amounts, *gaps, strict=True):
+        changed = Region(units.unit(row), Tolerances()).nominal
+        # interpolated between mounts a quarter of a half width apart
+        assert sigma == pytest.approx(changed.sigma, rel=2e-4)
+        assert rate == pytest.approx(changed.rate, rel=2e-4)
+        # a mount that hangs lower is farther from its upper stop; its own error is added
+        moved = float(nominal.mean[0] - changed.mean[0])
+        assert float(farther[1, 0]) == pytest.approx(moved + row[3], rel=1e-3)
+        assert float(farther[0, 0]) == pytest.approx(-moved, rel=1e-3)
+
+
+def test_shares_of_variance_and_units_above_the_target_are_closed() -> None:
+    std_db, std = 0.6, 6e-4
+    spreads = {"level": Spread(std=std_db), "clearance": Spread(std=std)}
+    found = production(
+        ONE_STOP, spreads, probability=0.01, mission=MISSION, rel_error=0.1, seed=2, threads=1
+    )
+    place = found.stated["stops"]
+    # a unit needs c 10^(level / 20) - e, c the clearance that it needs at the stated level
+    log_std = std_db * math.log(10.0) / 20.0
+    by_level = place**2 * math.exp(log_std**2) * math.expm1(log_std**2)
+    for row, share in zip(found.tolerances.to_dict("records"), (by_level, std**2), strict=True):
+        wanted = share / (by_level + std**2)
+        assert row["first_order"] == pytest.approx(wanted, abs=4.5 * row["first_order_error"])
+        assert row["total"] == pytest.approx(wanted, abs=4.5 * row["total_error"])
+        assert row["total_error"] < 0.05
+    # with the clearance alone, a unit is above the target where e is below what is kept in reserve
+    alone = production(
+        ONE_STOP, {"clearance": Spread(std=std)}, probability=0.01, mission=MISSION, rel_error=0.1,
+        seed=2, threads=1,
+    )  # fmt: skip
+    reserve = alone.clearances["stops"].value - alone.stated["stops"]
+    assert alone.share_above is not None
+    # the correction is that of the mean, and moves the reserve by its own error
+    error = 4.5 * alone.share_above.standard_error + 0.1 * norm.pdf(reserve / std)
+    assert alone.share_above.value == pytest.approx(norm.cdf(-reserve / std), abs=error)
+    # E exp(-(c + e)^2 / (2 s^2)) of the production is exp(-c^2 / (2 s^2)) of a unit as stated
+    sigma = float(Region(ONE_STOP, Tolerances()).nominal.sigma[0])
+    both = sigma**2 + std**2
+    level = (alone.stated["stops"] / sigma) ** 2 + math.log(sigma**2 / both)
+    clearance = alone.clearances["stops"]
+    half = clearance.upper - clearance.value
+    assert clearance.value == pytest.approx(math.sqrt(both * level), abs=4.5 / 1.96 * half)
+    assert reserve > 10.0 * half
+
+
+BOX = load_scene(shipped_scene("rigid-box"))
+TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+
+
+def two_masses() -> Scene:
+    stops = {"lower": -0.02, "upper": 0.02, "law": LAW}
+    return Scene(
+        structure=Matrices(
+            coordinates=("x", "z"), mass=[[1.0, 0.0], [0.0, 1.0]],
+            damping=[[3.0, -1.0], [-1.0, 3.0]], stiffness=[[4000.0, -500.0], [-500.0, 6000.0]],
+        ),
+        impact_pairs=[
+            ImpactPair(name="one", on="x", **stops), ImpactPair(name="two", on="z", **stops)
+        ],
+        excitations=[WhiteNoise(intensity=0.3, on="x"), WhiteNoise(intensity=0.3, on="z")],
+    )  # fmt: skip
+
+
+def mount(frequency: float, zeta: float, **more: object) -> Isolator:
+    return Isolator(frequency_hz=frequency, zeta=zeta, **more)  # type: ignore[arg-type]
+
+
+def between(structure: Isolator, noise: object = WHITE[0]) -> Scene:
+    return Scene(
+        structure=structure, impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=LAW)],
+        excitations=[noise],
+    )  # fmt: skip
+
+
+FREQUENCY, DAMPING, LEVEL = Spread(std=0.04), Spread(half_width=0.3), Spread(std=0.4)
+SCENES: list[tuple[Scene, dict[str, Spread]]] = [
+    (between(mount(10.0, 0.05)), {"frequency": FREQUENCY, "clearance": Spread(std=3e-4)}),
+    (two_masses(), {"frequency": Spread(std=0.02), "clearance": Spread(half_width=5e-4)}),
+    (between(mount(10.0, 0.05)), {"damping": DAMPING}),
+    (between(mount(12.0, 0.1), TRUCK), {"frequency": Spread(half_width=0.1), "damping": DAMPING}),
+    (between(mount(12.0, 0.1, gravity=True), TRUCK), {"frequency": FREQUENCY, "level": LEVEL}),
+    (between(mount(25.0, 0.02)), {"frequency": FREQUENCY, "damping": Spread(std=0.15)}),
+    (ONE_STOP, {"damping": DAMPING, "clearance": Spread(half_width=4e-4)}),
+    (between(mount(6.0, 0.15)), {"frequency": FREQUENCY, "level": LEVEL, "damping": DAMPING}),
+    (two_masses(), {"damping": Spread(std=0.2), "level": LEVEL}),
+    (BOX, {"frequency": Spread(std=0.03), "damping": Spread(std=0.1)}),
+    (BOX, {"centre": Spread(std=3e-3), "clearance": Spread(std=1e-4)}),
+    (between(mount(8.0, 0.3)), {"frequency": Spread(std=0.03, mean=0.05), "level": LEVEL}),
+]
+
+
+@quick_cases("scene, spreads", SCENES, keep=(0,))
+def test_the_mean_over_units_is_that_of_each_unit_calculated(
+    scene: Scene, spreads: dict[str, Spread], request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    quick = request.node.get_closest_marker("verify") is None
+    number = 16 if quick else 200
+    if quick:
+        monkeypatch.setattr(method, "SIMULATED", 4)
+    found = production(
+        scene, spreads, probability=0.02, mission=600.0, rel_error=0.1, seed=3, threads=1
+    )
+    assert found.probability.value == pytest.approx(0.02, rel=1e-6)
+    target = Target(name="probability", value=0.02, unit="1")
+    start = Start.of_target(scene, target, 600.0, None, run_of(3, 0.1))
+    names = {name: place.value / found.stated[name] for name, place in found.clearances.items()}
+    stops = start.stops * np.array([names[each] for each in start.names])
+    mean = Region(scene, Tolerances()).nominal.mean
+    units = Units(scene=scene, spreads=spreads, mean=mean, stops=stops)
+    units.solve(NEVER)
+    amounts = units.drawn(np.random.default_rng(17).random((number, len(units.columns))))
+    farther = units.gaps(amounts).farther
+    chances = [
+        chance_of(units.unit(row), stops + far, 600.0, run_of(100 + k, 0.2)).value
+        for k, (row, far) in enumerate(zip(amounts, farther, strict=True))
+    ]
+    error = math.hypot(
+        float(np.std(chances, ddof=1)) / math.sqrt(number), found.probability.standard_error
+    )
+    assert abs(float(np.mean(chances)) - 0.02) < 4.5 * error + (found.probability.bias or 0.0)
+    # the control: units as stated have another risk
+    assert quick or abs(found.probability_as_stated - 0.02) > 4.5 * error
+
+
+def test_what_is_printed_drawn_and_written_is_the_answer() -> None:
+    spreads = {"frequency": Spread(std=0.02), "clearance": Spread(half_width=2e-4, mean=1e-4)}
+    found = production(ONE_STOP, spreads, mission=60.0, rel_error=0.3, threads=1)
+    document = found.to_dict()
+    assert document["method"] == "production" and document["target"] is None
+    assert document["spreads"]["clearance"] == {"std": None, "half_width": 2e-4, "mean": 1e-4}
+    assert document["clearances"]["stops"]["value"] == pytest.approx(0.01)
+    text = StringIO()
+    print_production(Console(file=text, width=200), found)
+    told = text.getvalue()
+    assert "uniform, ± 0.2 mm, mean +0.1 mm" in told and found.dearest() in told
+    assert spoken_percent(found.probability.value) in found.summary()
+    ax = found.plot()
+    drawn = ax.get_lines()[0].get_xdata()
+    assert set(drawn) <= set(found.units["probability"])
+    plt.close("all")
+    assert production_section(None).empty and not production_section(found).empty
+
+
+def test_tolerances_of_the_command_line() -> None:
+    scene = Scene(structure=Isolator(frequency_hz=10.0, zeta=0.05, frequency_tolerance=0.1),
+                  excitations=WHITE)  # fmt: skip
+    limits, spreads = tolerances_of(
+        scene, "usual, frequency=normal:3%:+1%, clearance=uniform:0.1mm"
+    )
+    assert spreads == {
+        "frequency": Spread(std=0.03, mean=0.01), "clearance": Spread(half_width=1e-4)
+    }  # fmt: skip
+    # a quantity with a distribution has no limit besides
+    assert limits == Tolerances(damping=0.3, level_db=3.0, stiffness=0.2)
+    assert tolerances_of(scene, None) == (None, None)
+    assert tolerances_of(scene, "level=2dB") == (Tolerances(frequency=0.1, level_db=2.0), None)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("frequency=norm:3%", "--tolerances must be usual, or"),
+        ("level=normal:1dB:0dB:0dB", "got 'level=normal:1dB:0dB:0dB'"),
+        ("clearance=0.1mm", "the tolerance of clearance must be a distribution"),
+    ],
+)
+def test_tolerances_that_nobody_understands_are_refused(text: str, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        tolerances_of(ONE_STOP, text)
+
+
+def test_spreads_that_a_scene_does_not_have_are_refused() -> None:
+    with pytest.raises(ValueError, match="exactly one of std and half_width"):
+        Spread()
+    with pytest.raises(ValueError, match="spreads must be of frequency"):
+        production(ONE_STOP, {"mass": Spread(std=0.1)}, probability=0.01)
+    with pytest.raises(ValueError, match="must stay above -100 %, got -120 %"):
+        production(ONE_STOP, {"damping": Spread(half_width=1.2)}, probability=0.01)
+    with pytest.raises(ValueError, match="rigid-body"):
+        production(ONE_STOP, {"centre": Spread(std=1e-3)}, probability=0.01)
+    with pytest.raises(NotApplicable, match="probability of any impact"):
+        size(ONE_STOP, rate=0.1, spreads={"clearance": Spread(std=1e-4)})
+    with pytest.raises(ValueError, match="common must name some of several pairs"):
+        size(ONE_STOP, probability=0.01, common=["stops"])
+
+
+@pytest.mark.verify
+def test_pairs_with_one_clearance_in_common_keep_the_target(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def not_counted(*_: object) -> None:
+        raise NotApplicable("impacts", ["impacts are not counted in this test"])
+
+    monkeypatch.setattr(pairs, "count_impacts", not_counted)
+    scene, asked = two_masses(), {"probability": 0.05, "mission": 60.0, "threads": 1}
+    each = size(scene, rel_error=0.2, **asked)
+    both = size(scene, rel_error=0.2, common=["one", "two"], **asked)
+    place = both.clearances["one"]
+    assert both.clearances["two"] == place and both.probability.value == pytest.approx(0.05)
+    assert min(c.value for c in each.clearances.values()) < place.value
+    assert place.value < max(c.value for c in each.clearances.values())
+    chance = chance_of(scene, np.full((2, 2), place.value), 60.0, run_of(11, 0.05))
+    error = math.hypot(chance.standard_error, 0.2 * 0.05)
+    assert abs(chance.value - 0.05) < 4.5 * error + (chance.bias or 0.0)
