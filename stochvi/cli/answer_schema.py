@@ -13,6 +13,7 @@ from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 import numpy as np
 import pandas as pd
 
+from stochvi.isolators.bumpers.answer import MapPoint
 from stochvi.isolators.production_risk.answer import Production
 from stochvi.isolators.production_risk.spreads import Spread
 from stochvi.isolators.record_verdict import RecordVerdict
@@ -116,12 +117,14 @@ CHANGES = {
         renamed=WARNINGS_ALONE | dict.fromkeys(("checks", "seeds")),
     ),
     "Chance": Change({"crude_seconds": float | None}),
+    "BumperMap": Change(METHOD | {"feasible": np.ndarray, "best": MapPoint | None}),
     "Damage": Change(
         METHOD | SPECTRA | LISTS | lists_with_errors("equivalent_density")
         | {"damage_ratio": LIST_OR_NONE, "without_stops": EITHER},
         {f"damage_ratio_{error}": LIST for error in ("standard_error", "bias")},
         {"with_stops": None},
     ),
+    "DamageSizing": Change(METHOD | {"verdict": str, "made": RoundedClearance}),
     "Design": Change(METHOD),
     "Environment": Change({"spectra": COLUMNS, "breakpoints": COLUMNS}),
     "Explanation": Change(METHOD),
@@ -155,6 +158,7 @@ CHANGES = {
         {"faster_hits": COLUMNS, "impacts": COLUMNS, "transmissibility": COLUMNS},
         renamed={"scene": None},
     ),
+    "MissionSizing": Change(METHOD | {"verdict": str, "made": RoundedClearance}),
     "PairsSizing": Change(
         METHOD | {"verdict": str, "made": Mapping[str, RoundedClearance]}, renamed={"method": "by"}
     ),

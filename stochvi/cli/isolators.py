@@ -13,8 +13,10 @@ from stochvi.cli.options import (
     SPEED,
     TIME,
     Common,
+    Quantity,
     acceleration,
     common,
+    equipped,
     keeping,
     lengths,
     numbers,
@@ -160,10 +162,8 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
 @click.option(
     "--mission",
     type=TIME,
-    default=3600.0,
-    show_default=True,
     metavar="TIME",
-    help="Time of exposure: 3600 (s), 30min, 10h.",
+    help="Time of exposure: 3600 (s), 30min, 10h [1h; left out where the scene has phases].",
 )
 @click.option(
     "--at", metavar="NAME",
@@ -179,12 +179,27 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     help="Pairs that are made with one clearance in common: corner1,corner2.",
 )  # fmt: skip
 @click.option(
-    "--rel-error",
-    type=float,
-    default=0.05,
-    show_default=True,
-    help="Relative standard error of the risk.",
-)
+    "--rel-error", type=float,
+    help="Relative standard error of the risk [0.05], of a map or of the damage [0.1].",
+)  # fmt: skip
+@click.option(
+    "--map", "wanted", metavar="clearance,stiffness",
+    help="Instead: peak acceleration, force, rattle space and energy over both, or over "
+    "clearance=2mm:9mm:20,stiffness=1e4:1e6:20; --peak-acceleration is then a limit of it.",
+)  # fmt: skip
+@click.option(
+    "--pad-force", type=Quantity("force"), metavar="F",
+    help="With --map: largest force on a stop, N.",
+)  # fmt: skip
+@click.option(
+    "--rattle-space", type=Quantity("length"), metavar="D",
+    help="With --map: largest distance from the static equilibrium, m or 8mm.",
+)  # fmt: skip
+@click.option(
+    "--damage-ratio", type=float, metavar="R",
+    help="Instead: damage of equipment with stops over that without, at most R at all frequencies.",
+)  # fmt: skip
+@equipped("with --damage-ratio: ")
 @click.option(
     "--sensitivity",
     is_flag=True,
@@ -204,7 +219,9 @@ def size(
     tolerances: str | None, common: str | None, **asked: Any,
 ) -> None:  # fmt: skip
     """Find the clearance that keeps a stated risk."""
+    from stochvi.cli.other_sizings import OTHER, other_sizing
     from stochvi.isolators.sizing.method import size as solve
+    from stochvi.isolators.sizing.missions import MissionSizing
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
     from stochvi.results.base import plain
@@ -213,6 +230,12 @@ def size(
     from stochvi.views.isolator_tables import print_sizing
 
     loaded = load_scene(scene)
+    other = {name: asked.pop(name) for name in OTHER}
+    asked = {name: each for name, each in asked.items() if name != "rel_error" or each is not None}
+    alone = {"peak_acceleration": acceleration(peak_acceleration), "sensitivity": sensitivity,
+             "tolerances": tolerances, "common": common}  # fmt: skip
+    if other_sizing(options, loaded, asked | alone, other):
+        return
     # wrong tolerances are refused before the work
     allowed, spreads = tolerances_of(loaded, tolerances)
     deadline = options.until(options.budget, REPORT_SECONDS)
@@ -224,11 +247,13 @@ def size(
         share = FIRST if sensitivity else BEFORE_REPORT if options.out is not None else 1.0
         sampling = options.sampling | {"budget": deadline.part(share)}
         with options.progress("sizing") as report:
-            return solve(
+            answer = solve(
                 loaded, peak_acceleration=acceleration(peak_acceleration), tolerances=allowed,
                 spreads=spreads, common=[] if common is None else _names(common),
                 progress=report, **sampling, **asked,
             )  # fmt: skip
+        assert not isinstance(answer, MissionSizing)  # phases were shown before
+        return answer
 
     def show(answer: Sizing | PairsSizing) -> None:
         fell_short.extend(answer.fell_short)

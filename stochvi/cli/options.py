@@ -389,6 +389,33 @@ def keeping(command: Callable[..., None]) -> Callable[..., None]:
     return command
 
 
+def equipped(condition: str = "") -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command --equipment, --q and --exponent; `condition` says when they count."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        for option in (
+            click.option(
+                "--exponent", type=float, default=6.0, show_default=True,
+                help=_sentence(f"{condition}exponent of its fatigue."),
+            ),
+            click.option(
+                "--q", type=float, default=10.0, show_default=True,
+                help=f"{condition}Q of the equipment.",
+            ),
+            click.option(
+                "--equipment", default="20:2000", show_default=True, metavar="LOW:HIGH[:NUMBER]",
+                help=_sentence(
+                    f"{condition}natural frequencies of the equipment, Hz; without a number six in "
+                    "each octave."
+                ),
+            ),
+        ):  # fmt: skip
+            command = option(command)
+        return command
+
+    return decorate
+
+
 def how_to_go_on(given: Mapping[str, Any]) -> str:
     """The remedy of a command that ended early and has kept its work; empty for others."""
     kept = given.get("checkpoint") or given.get("resume")

@@ -14,6 +14,7 @@ from stochvi.cli.options import (
     band,
     barriers,
     common,
+    equipped,
     keeping,
     numbers,
     shown,
@@ -144,14 +145,7 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
 @click.option(
     "--mission", type=TIME, required=True, metavar="TIME", help="Duration: 600 (s) or 10h."
 )
-@click.option(
-    "--equipment", default="20:2000", show_default=True, metavar="LOW:HIGH[:NUMBER]",
-    help="Natural frequencies of the equipment, Hz; without a number six in each octave.",
-)  # fmt: skip
-@click.option("--q", type=float, default=10.0, show_default=True, help="Q of the equipment.")
-@click.option(
-    "--exponent", type=float, default=6.0, show_default=True, help="Exponent of its fatigue."
-)
+@equipped()
 @click.option(
     "--at", metavar="NAME",
     help="Coordinate or named point on which it stands; default: the first coordinate.",

@@ -1,19 +1,26 @@
+from .bumpers import BumperMap, bumper_map
 from .clearance import clearance_curve
 from .jolt_response import Jolts, jolts
 from .production_risk import Production, Spread, production
 from .screening import Screening, screen
 from .sizing import Sizing, size
+from .sizing.by_damage import DamageSizing, size_by_damage
 from .sizing.clatter import clatter
+from .sizing.missions import MissionSizing
 from .sizing.pairs_answer import PairsSizing
 from .sizing.sensitivity import sensitivity
 
 __all__ = [
+    "BumperMap",
+    "DamageSizing",
     "Jolts",
+    "MissionSizing",
     "PairsSizing",
     "Production",
     "Screening",
     "Sizing",
     "Spread",
+    "bumper_map",
     "clatter",
     "clearance_curve",
     "jolts",
@@ -21,4 +28,5 @@ __all__ = [
     "screen",
     "sensitivity",
     "size",
+    "size_by_damage",
 ]

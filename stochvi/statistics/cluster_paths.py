@@ -12,6 +12,7 @@ pair, the engine in modal coordinates simulates what all stops change in that mo
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -199,10 +200,25 @@ class ClusterPaths:
         soft = tables.base_alone_moves and not any(stop.rigid for stop in model.stops)
         self.outputs = model.outputs if soft else ()
 
+    def between(self, model: Model) -> ClusterPaths:
+        """The same motions between stops at the same places with other laws, those of a model."""
+        found, tables = copy.copy(self), shaken_by_tables(model)
+        found.model = model
+        found.plans = {stride: replace(plan, model=tables) for stride, plan in self.plans.items()}
+        return found
+
     @property
     def together(self) -> int:
         """Number of paths that are made together."""
         return self.motion.modes.block(self.motion.modes.gaps)
+
+    def whole(self, free: Records) -> Records:
+        """The records of one block as motions for `follow`, which go on from their ends to their
+        starts."""
+        motion = np.empty((free.shape[1], free.shape[2] // 2, 2 * len(free)))
+        motion[:, :, 0::2] = free[:, :, 0::2].transpose(1, 2, 0)
+        motion[:, :, 1::2] = free[:, :, 1::2].transpose(1, 2, 0) / self.plans[1].scale
+        return motion
 
     def free(self, first_path: int) -> Records:
         """Motion of all modes without stops (paths, samples, 2 modes) of one block of paths."""

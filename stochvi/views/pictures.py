@@ -21,6 +21,7 @@ from stochvi.views.axes import (
     thinned,
 )
 from stochvi.views.basins import draw_bifurcation, plot_basins, plot_lifetimes
+from stochvi.views.bumper_map import plot_bumper_map
 from stochvi.views.colours import COLOURS, GRID_COLOUR, OWNERS
 from stochvi.views.damage import plot_damage
 from stochvi.views.first_passage import plot_first_passage
@@ -31,6 +32,7 @@ from stochvi.views.replay import plot_clearances, plot_history
 from stochvi.views.report.missions import plot_chances
 from stochvi.views.screening import plot_screening
 from stochvi.views.sine import plot_sine
+from stochvi.views.sized_missions import plot_damage_sizing, plot_mission_sizing
 from stochvi.views.sizing import plot_risk
 from stochvi.views.spectra import draw_spectrum, plot_curve
 from stochvi.views.stability import plot_stability
@@ -323,9 +325,11 @@ PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "AbsorberSine": plot_absorber_sine,
     "Basins": plot_basins,
     "Bifurcation": draw_bifurcation,
+    "BumperMap": plot_bumper_map,
     "Check": plot_check,
     "Checks": draw_scores,
     "Damage": plot_damage,
+    "DamageSizing": plot_damage_sizing,
     "Design": draw_design,
     "Explanation": plot_explanation,
     "FirstPassage": plot_first_passage,
@@ -335,6 +339,7 @@ PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "Jolts": plot_jolts,
     "Judgement": plot_judgement,
     "LifeTimes": plot_lifetimes,
+    "MissionSizing": plot_mission_sizing,
     "PairsSizing": plot_pairs_risk,
     "Production": plot_production,
     "Reliability": plot_chances,

@@ -110,6 +110,14 @@ ANSWERS: dict[str, Callable[[], Result]] = {
         tune={"absorber.play": [1.0]},
         most_impacts=2,
     ),
+    "BumperMap": lambda: stochvi.isolators.bumper_map(
+        scene_between_stops(), clearances=[6e-3], stiffness_factors=[1.0, 2.0], rel_error=0.5,
+        threads=1, limits={"peak_acceleration": 1000.0},
+    ),
+    "MissionSizing": lambda: stochvi.size(
+        scene_between_stops().replace(phase=[{"name": "road", "duration": 600.0}]), probability=0.1,
+        rel_error=0.5, threads=1,
+    ),
     "History": lambda: stochvi.history(lossy(), duration=2.0),
     "PairsSizing": lambda: stochvi.size(
         uncoupled(pair("x", "x", 3.0)), probability=0.1, mission=200.0, rel_error=0.5, threads=1
@@ -140,7 +148,7 @@ def test_every_kind_of_answer_is_tested_here_or_where_it_is_made() -> None:
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
     names = {each.__name__ for each in kinds(Result) if each.__module__.startswith("stochvi.")}
-    assert names == {*ANSWERS, "Damage", "Design", "Jolts", "LifeTimes"}
+    assert names == {*ANSWERS, "Damage", "DamageSizing", "Design", "Jolts", "LifeTimes"}
 
 
 def test_answers_are_equal_if_their_documents_are(answer: Result) -> None:

@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Unpack
 
-from stochvi.isolators.sizing.answer import Sizing
+from stochvi.isolators.sizing.answer import Sizing, Target
 from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.isolators.sizing.missions import MissionSizing, size_mission
 from stochvi.isolators.sizing.nominal import ACCEPTED, SEARCH, nominal_sizing
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.question import Question
@@ -24,6 +25,8 @@ from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from stochvi.isolators.production_risk.spreads import Spread
+HOUR = 3600.0
+"""The mission where none is given, s."""
 
 
 @calculation
@@ -41,9 +44,9 @@ def size(
     common: Sequence[str] = (),
     tolerances: Tolerances | None = None,
     spreads: Mapping[str, Spread] | None = None,
-    mission: float = 3600.0,
+    mission: float | None = None,
     **options: Unpack[AccuracyOptions],
-) -> Sizing | PairsSizing:
+) -> Sizing | PairsSizing | MissionSizing:
     """The clearance per side that an isolator, or each of several pairs, needs for one target.
 
     Parameters
@@ -78,7 +81,8 @@ def size(
         Distributions of tolerances between the units of a production, as `production` takes them:
         the clearance to make then keeps the probability for the mean over the units.
     mission
-        Seconds of exposure, from a stationary start.
+        Seconds of exposure, from a stationary start, by default an hour; left out where the scene
+        has phases, of which one oscillator is sized for a probability.
     **options
         `AccuracyOptions`: `rel_error` is that of the risk (probability, rate) at the clearance, by
         default 0.05. Where the `budget` ends first, the interval of a probability or of a rate is
@@ -86,8 +90,9 @@ def size(
 
     Returns
     -------
-    Sizing | PairsSizing
-        The clearance, its interval and its evidence; with several pairs, for each of them.
+    Sizing | PairsSizing | MissionSizing
+        The clearance, its interval and its evidence; with several pairs, for each of them; with
+        phases, for all of them together.
 
     Raises
     ------
@@ -116,9 +121,16 @@ def size(
     5.6
     """
     target = target_of(probability, rate, impact_speed, peak_acceleration, exceedance)
+    run = Run.of(options)
+    if scene.phases:
+        return _of_phases(
+            scene, target, mission, run, at=at, pair=pair, tolerances=tolerances,
+            spreads=spreads or None, common=common or None,
+        )  # fmt: skip
+    mission = HOUR if mission is None else mission
     if not 0.0 < mission < math.inf:
         raise ValueError(f"mission must be a positive number of seconds, got {mission}")
-    model, run = model_of(scene), Run.of(options)
+    model = model_of(scene)
     if pair is not None and (model.single or pair not in [each.name for each in model.pairs]):
         names = ", ".join(each.name for each in model.pairs) or "none"
         raise ValueError(f"pair must be the name of one of several pairs ({names}), got {pair!r}")
@@ -176,6 +188,19 @@ def _of_production(
         warnings=(*found.warnings, *production.warnings),
         cost=replace(found.cost, wall_time=run.cost().wall_time),
     )
+
+
+def _of_phases(
+    scene: Scene, target: Target, mission: float | None, run: Run, **others: object
+) -> MissionSizing:
+    """The sizing of a scene with phases; refuses arguments that are not for phases."""
+    for name, value in {"mission": mission, **others}.items():
+        if value is not None:
+            raise ValueError(f"{name} must be left out where the scene has phases, got {value}")
+    found = size_mission(scene, target, run)
+    if found.warnings:
+        raise run.deadline.fell_short(found.warnings[0], "raise budget or rel_error", found)
+    return found
 
 
 def _within_tolerances(found: Sizing, run: Run) -> Sizing:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from stochvi.isolators.contact import contact_on_mount
+from stochvi.isolators.contact import hardest_contact
 from stochvi.isolators.environment import (
     columns_of,
     frequencies,
@@ -203,19 +203,17 @@ def _impacts(scene: Scene, speeds: Vector, settings: PathSettings) -> pd.DataFra
     """Percentiles of impact speed and, of compliant stops, what the mass then feels."""
     model = model_of(scene)
     stops = [
-        (abs(stop.position - model.rest), stop.law)
+        (stop.law, abs(stop.position - model.rest))
         for stop in model.stops_per_unit_mass
         if isinstance(stop.law, CompliantLaw)
     ]
-    rows = []
-    for percentile in settings.percentiles:
-        speed = float(np.percentile(speeds, percentile))
-        row = {"percentile": percentile, "impact_speed": speed}
-        if stops:
-            contacts = [contact_on_mount(model, law, place, speed) for place, law in stops]
-            row |= max(contacts, key=lambda contact: contact.peak_acceleration)._asdict()
-        rows.append(row)
-    return pd.DataFrame(rows)
+    met = np.percentile(speeds, settings.percentiles)
+    found = pd.DataFrame({"percentile": settings.percentiles, "impact_speed": met})
+    if stops:
+        hit = hardest_contact(model, stops, met)
+        found["peak_acceleration"], found["deflection"] = hit.peak_acceleration, hit.deflection
+        found["contact_time"] = hit.contact_time
+    return found
 
 
 WHITE_SAMPLES = 40

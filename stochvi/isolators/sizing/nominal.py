@@ -190,9 +190,12 @@ def nominal_sizing(scene: Scene, asked: Question) -> Sizing | PairsSizing:
         raise NotApplicable("size", reason.conditions) from reason
 
 
-def risk_curve(scene: Scene, target: Target, mission: float, run: Run) -> RiskCurve:
+def risk_curve(
+    scene: Scene, target: Target, mission: float, run: Run, shift: float = 0.0
+) -> RiskCurve:
     """Probability of any impact against clearance, from 1 sigma to a clearance that is more than
-    the target needs."""
+    the target needs; the stops lie uneven where the static equilibrium is shifted, m, and the
+    clearance is that of the nearer one."""
     motion = free_motion(one_gap(model_of(scene)))
     (s_x,), (s_v,) = motion.deviations(np.eye(1))
     chances = [*SEARCH.required, target.exceedance or 1.0]
@@ -205,11 +208,12 @@ def risk_curve(scene: Scene, target: Target, mission: float, run: Run) -> RiskCu
     )
     pair = scene.impact_pairs[0] if scene.impact_pairs else None
     one_sided = pair is not None and (pair.lower is None or pair.upper is None)
+    farther = levels + 2.0 * abs(shift)
     found = partial_result(
         first_crossings,
         scene,
-        None if one_sided else levels,
-        upper=levels if one_sided else None,
+        lower=None if one_sided else (farther if shift > 0.0 else levels),
+        upper=levels if one_sided or shift >= 0.0 else farther,
         mission=mission,
         **run.options(rel_error=run.rel_error),
     )

@@ -15,7 +15,7 @@ from scipy.optimize import brentq
 from stochvi.isolators.sizing.answer import Clearance
 from stochvi.mathematics.arrays import Vector
 from stochvi.results.estimates import Estimate
-from stochvi.statistics.crossing_ages import FirstCrossings
+from stochvi.statistics.crossing_ages import FirstCrossings, largest_error
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -121,6 +121,20 @@ class RiskCurve:
         if clearance < self.clearances[usable][0]:
             return 1.0
         return -math.expm1(-math.exp(self._interpolated(usable, logs)(clearance)))
+
+    def hazard(self, clearance: float) -> tuple[float, float]:
+        """-ln(1 - P) at a clearance, and half its 95 % interval; beyond the levels, the ratio to
+        Rice's rate is held constant."""
+        usable, logs, errors = self._logarithms()
+        first = float(self.clearances[usable][0])
+        value = math.exp(self._interpolated(usable, logs)(max(clearance, first)))
+        value *= self.rice_rate(clearance) / self.rice_rate(max(clearance, first))
+        return value, value * float(np.interp(clearance, self.clearances[usable], errors))
+
+    @property
+    def reached(self) -> float:
+        """Largest relative standard error of the probabilities."""
+        return largest_error(self.crossings, self.mission)
 
     def first_rate(self, clearance: float) -> float:
         """Limiting rate of first impacts, 1/s."""

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpectrumValues:
-    """A quantity at every frequency of the equipment: value, standard error and bias, all (F,).
+    """A quantity at many frequencies or points: value, standard error and bias, of one shape.
 
     See Also
     --------
@@ -31,13 +31,16 @@ class SpectrumValues:
 
     def half_width_95(self) -> Vector:
         """Half the width of the 95 % intervals, as that of an `Estimate`."""
-        return np.array([each.half_width_95() for each in self.estimates()])
+        found = np.array([each.half_width_95() for each in self.estimates()])
+        return found.reshape(self.value.shape)
 
     def estimates(self) -> list[Estimate]:
         """The values one by one."""
         return [
             Estimate(value=float(value), standard_error=float(error), bias=float(bias))
-            for value, error, bias in zip(self.value, self.standard_error, self.bias, strict=True)
+            for value, error, bias in zip(
+                self.value.flat, self.standard_error.flat, self.bias.flat, strict=True
+            )
         ]
 
 

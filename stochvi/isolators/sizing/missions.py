@@ -1,0 +1,308 @@
+"""The clearance of a mission of several phases: one for all of them, at the risk of them together.
+
+Phases are independent and each starts in its own stationary motion, so that their hazards
+-ln(1 - P) add up. The hazard of each follows from its own curve of risk. A phase whose crossings by
+Rice's formula do not matter has none. Stops stay where they are while the mount of a phase is
+softer or carries another load: a phase that hangs lower has uneven distances.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from stochvi.isolators.moved_stops import at_clearances
+from stochvi.isolators.sizing.answer import (
+    Clearance,
+    RoundedClearance,
+    Target,
+    spoken_mission,
+    spoken_percent,
+)
+from stochvi.isolators.sizing.nominal import risk_curve
+from stochvi.isolators.sizing.risk_curve import RiskCurve
+from stochvi.mathematics.impact_rates import rice_rate
+from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.free_motion import free_motion
+from stochvi.model.model import model_of
+from stochvi.results.base import Result
+from stochvi.results.errors import NotApplicable
+from stochvi.results.estimates import provenance
+from stochvi.sampling.run import Run
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.reliability.phases import INDEPENDENT, NEGLIGIBLE
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+POINTS, AROUND = 41, 0.35
+"""Number of clearances of the curve of an answer, and how far it reaches from the clearance that
+was found, as a share of it."""
+
+FARTHEST = 20.0
+"""Largest clearance that is tried, in the largest rms displacement of a phase."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class MissionSizing(Result):
+    """The clearance of a mission of several phases.
+
+    Parameters
+    ----------
+    scene
+        The scene with its phases; stops are at the places that the scene states.
+    target
+        Probability of any impact in the whole mission.
+    mission
+        Duration of all phases, s.
+    clearance
+        Metres per side from the static equilibrium of the mount as stated, with the 95 % interval.
+    phases
+        By phase its `duration` (s), `displacement_std` and `shift` of its static equilibrium (m),
+        `probability` of an impact at the clearance, its `share` of the hazard, and `clearance`,
+        which the phase alone needs for the target (NaN where it does not matter).
+    curve
+        `probability` of an impact in the mission over `clearance`, with its 95 % limits
+        `probability_low` and `probability_high`.
+
+    See Also
+    --------
+    stochvi.size : The calculation.
+    """
+
+    not_in_document = ("scene",)  # it is in the provenance
+
+    scene: Scene
+    target: Target
+    mission: float
+    clearance: Clearance
+    phases: pd.DataFrame
+    curve: pd.DataFrame
+    assumptions: tuple[str, ...] = ()
+
+    @property
+    def made(self) -> RoundedClearance:
+        """The clearance to make, rounded up."""
+        return RoundedClearance.of(self.clearance.value)
+
+    @property
+    def fell_short(self) -> tuple[str, ...]:
+        """Warnings of an accuracy that was not reached."""
+        return tuple(self.warnings)
+
+    def sized(self, clearance: float | None = None) -> Scene:
+        """The scene with its stops at a clearance, by default the calculated one."""
+        place = self.clearance.value if clearance is None else clearance
+        moved = at_clearances(as_stated(self.scene), place).impact_pairs
+        return self.scene.replace(impact_pairs=moved)
+
+    def stops_to_copy(self) -> str:
+        """The stops at the clearance to make, as lines of a scene file have them."""
+        found = self.sized(self.made.value).impact_pairs
+        sides = {"lower": found[0].lower, "upper": found[0].upper} if found else {}
+        return ", ".join(f"{side} = {x:.9g}" for side, x in sides.items() if x is not None)
+
+    def to_frame(self) -> pd.DataFrame:
+        """The phases."""
+        return self.phases
+
+    def verdict(self) -> str:
+        """The clearance to make and the risk that it keeps, in one sentence."""
+        return (
+            f"clearance: {self.made} per side from the static equilibrium keeps "
+            f"{self.target.kept(self.mission)}, over {len(self.phases)} phases"
+        )
+
+    def summary(self) -> str:
+        """The same as `verdict`."""
+        return self.verdict()
+
+    def calculated(self) -> str:
+        """The clearance before rounding, and the phase that decides."""
+        mm, c = 1e3, self.clearance
+        most = self.phases.iloc[int(np.argmax(self.phases["share"]))]
+        return (
+            f"calculated: {mm * c.value:.4g} mm ({mm * c.lower:.4g} to {mm * c.upper:.4g} mm, "
+            f"95 %); phase {most['phase']} of {spoken_mission(most['duration'])} has "
+            f"{spoken_percent(most['share'])} of the hazard"
+        )
+
+    def _document(self) -> dict[str, Any]:
+        return {
+            "method": "size", "verdict": self.verdict(), "made": self.made, **super()._document()
+        }  # fmt: skip
+
+
+def as_stated(scene: Scene) -> Scene:
+    """The first phase with the mount as the scene states it, neither warm nor cold."""
+    factors = {"stiffness_factor": 1.0, "damping_factor": 1.0}
+    return scene.phases[0].model_copy(update=factors).of(scene)
+
+
+def size_mission(scene: Scene, target: Target, run: Run) -> MissionSizing:
+    """The clearance of a scene with phases, see `size`."""
+    import pandas as pd
+
+    if target.name != "probability":
+        raise NotApplicable(
+            "size",
+            [f"the target must be a probability where the scene has phases, got {target.name}; "
+             "size one phase, named as FILE.toml#PHASE, or take a scene without phases"],
+        )  # fmt: skip
+    phases = {
+        phase.name: _Phase.of(phase.of(scene), phase.duration, scene) for phase in scene.phases
+    }
+    hazard = -math.log1p(-target.value)
+    sigma = max(phase.sigma for phase in phases.values())
+    guess = brentq(
+        lambda c: sum(phase.expected(c) for phase in phases.values()) - hazard,
+        max(abs(phase.shift) for phase in phases.values()), FARTHEST * sigma,
+    )  # fmt: skip
+    most = max(phase.expected(guess) for phase in phases.values())
+    busy = [name for name, phase in phases.items() if phase.expected(guess) > NEGLIGIBLE * most]
+    ends = np.cumsum([0.0, *(phases[name].duration for name in busy)]) / sum(
+        phases[name].duration for name in busy
+    )
+    for number, (name, (low, high)) in enumerate(zip(busy, pairwise(ends), strict=True)):
+        # records of their own, so that the errors of phases are independent
+        part = run.part(
+            low, high, f"phase {name}", run.deadline.share(1.0 / (len(busy) - number)),
+            seed=run.seed + number,
+        )  # fmt: skip
+        phases[name] = phases[name].simulated(target, part)
+    joint = _Joint(phases)
+    clearance = joint.clearance(hazard, guess)
+    rows = []
+    total, _ = joint.hazard(clearance.value)
+    for name, phase in phases.items():
+        own, _ = phase.hazard(clearance.value)
+        alone = math.nan
+        if phase.curve is not None:
+            alone = _Joint({name: phase}).clearance(hazard, guess).value
+        rows.append(
+            {"phase": name, "duration": phase.duration, "displacement_std": phase.sigma,
+             "shift": phase.shift, "probability": -math.expm1(-own), "share": own / total,
+             "clearance": alone}
+        )  # fmt: skip
+    idle = [name for name in phases if name not in busy]
+    return MissionSizing(
+        scene=scene, target=target, mission=sum(phase.duration for phase in phases.values()),
+        clearance=clearance, phases=pd.DataFrame(rows), curve=joint.curve(clearance.value),
+        assumptions=(
+            INDEPENDENT,
+            *(f"phase {name} hardly matters, and counts by Rice's crossings" for name in idle),
+        ),
+        warnings=joint.short(run.accuracy), cost=run.cost(),
+        provenance=provenance(scene.document(), run.seed),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Phase:
+    """A phase: its scene, and what is known of its risk. Distances in m."""
+
+    scene: Scene
+    duration: float
+    sigma: float
+    speed: float
+    shift: float
+    sides: tuple[float, ...]
+    curve: RiskCurve | None = None
+
+    @classmethod
+    def of(cls, scene: Scene, duration: float, whole: Scene) -> _Phase:
+        model = model_of(scene)
+        if conditions := beyond_one_oscillator(model, with_filters=True):
+            raise NotApplicable("size", [f"{each} (in phases)" for each in conditions])
+        (sigma,), (speed,) = free_motion(model).deviations(np.eye(1))
+        sides = tuple(float(stop.side) for stop in model.stops) or (-1.0, 1.0)
+        shift = model.rest - model_of(as_stated(whole)).rest
+        return cls(
+            scene=scene, duration=duration, sigma=float(sigma), speed=float(speed), shift=shift,
+            sides=sides,
+        )  # fmt: skip
+
+    def expected(self, clearance: float) -> float:
+        """Rice's number of crossings."""
+        distances = [max(clearance - side * self.shift, 0.0) for side in self.sides]
+        return self.duration * sum(rice_rate(each, self.sigma, self.speed) for each in distances)
+
+    def simulated(self, target: Target, run: Run) -> _Phase:
+        """The phase with its curve of risk."""
+        return replace(self, curve=risk_curve(self.scene, target, self.duration, run, self.shift))
+
+    def hazard(self, clearance: float) -> tuple[float, float]:
+        """-ln(1 - P) at a clearance, and half its 95 % interval."""
+        if self.curve is None:
+            return self.expected(clearance), 0.0
+        return self.curve.hazard(min(clearance - side * self.shift for side in self.sides))
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """The risk of several phases together."""
+
+    phases: Mapping[str, _Phase]
+
+    def hazard(self, clearance: float) -> tuple[float, float]:
+        """The sum of the hazards, and half its 95 % interval."""
+        values, halves = zip(
+            *(each.hazard(clearance) for each in self.phases.values()), strict=True
+        )
+        return sum(values), math.hypot(*halves)
+
+    def clearance(self, hazard: float, guess: float) -> Clearance:
+        """The clearance at which the hazard is this one."""
+
+        def excess(place: float) -> float:
+            return math.log(max(self.hazard(place)[0], 1e-300) / hazard)
+
+        low, high = guess, guess
+        step = 0.1 * guess
+        while excess(low) < 0.0:
+            low -= step
+            if low <= 0.0:
+                raise NotApplicable(
+                    "size", ["probability must be smaller: any clearance keeps it"],
+                )  # fmt: skip
+        while excess(high) > 0.0:
+            high += step
+        value = float(brentq(excess, low, high, xtol=1e-12 * guess, rtol=1e-12))
+        width = 1e-3 * guess
+        slope = (excess(value + width) - excess(value - width)) / (2.0 * width)
+        total, half = self.hazard(value)
+        reach = half / total / abs(slope)
+        return Clearance(value=value, lower=value - reach, upper=value + reach)
+
+    def curve(self, place: float) -> pd.DataFrame:
+        """The table of `MissionSizing.curve`."""
+        import pandas as pd
+
+        places = place * np.linspace(1.0 - AROUND, 1.0 + AROUND, POINTS)
+        found = np.array([self.hazard(each) for each in places])
+        low, high = found[:, 0] - found[:, 1], found[:, 0] + found[:, 1]
+        return pd.DataFrame(
+            {"clearance": places, "probability": -np.expm1(-found[:, 0]),
+             "probability_low": -np.expm1(-np.maximum(low, 0.0)),
+             "probability_high": -np.expm1(-high)}
+        )  # fmt: skip
+
+    def short(self, accuracy: float) -> list[str]:
+        """Sentences on the phases whose risk is not known as accurately as asked for."""
+        found = []
+        for name, phase in self.phases.items():
+            if phase.curve is None:
+                continue
+            reached = phase.curve.reached
+            if reached > 1.3 * accuracy:
+                found.append(
+                    f"the budget ended at a relative error of {reached:.3g} of the probability of "
+                    f"an impact in phase {name}"
+                )
+        return found

@@ -1,0 +1,165 @@
+"""The bumper map on a terminal, and its picture."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+
+from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.mathematics.arrays import Matrix
+from stochvi.results.estimates import Estimate
+from stochvi.views.axes import axes_or_new, plain_ticks
+from stochvi.views.colours import CLEARANCES
+from stochvi.views.tables import new_table, print_line, print_table, value_with_error
+from stochvi.views.words import MM, G
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from stochvi.isolators.bumpers import BumperMap
+
+SIZE = (10.0, 7.6)
+"""Size of the picture, inches."""
+
+LINES = 7
+"""Number of lines of equal values in a panel."""
+
+CORNERS = 4
+"""Number of clearances, and of stiffnesses, of the table on a terminal; the file has all."""
+
+
+class Panel(NamedTuple):
+    """A quantity of the map in words, with the factor and the name of its unit."""
+
+    name: str
+    words: str
+    factor: float
+    unit: str
+
+
+def panels(found: BumperMap) -> list[Panel]:
+    """The four panels of the picture."""
+    per = "/kg" if found.scene_without_mass else ""
+    return [
+        Panel("peak_acceleration", "peak acceleration", G, "g"),
+        Panel("pad_force", "largest force on a stop", 1.0, f"N{per}"),
+        Panel("rattle_space", "rattle space per side", MM, "mm"),
+        Panel("energy_per_hit", "mean energy of an impact", 1.0, f"J{per}"),
+    ]
+
+
+def print_bumper_map(console: Console, found: BumperMap) -> None:
+    """Print the quantities at some points, and the best one."""
+    console.print(found.summary(), style="bold", highlight=False)
+    headings = ["clearance (mm)", "stiffness (N/m)" if _in_units(found) else "stiffness, times"]
+    shown = panels(found)
+    headings += [f"{panel.words} ({panel.unit})" for panel in shown] + ["limits"]
+    table = new_table(f"exceeded in {_risk(found)}", headings)
+    rows, columns = found.feasible.shape
+    for row in np.unique(np.linspace(0, rows - 1, CORNERS).astype(int)):
+        for column in np.unique(np.linspace(0, columns - 1, CORNERS).astype(int)):
+            cells = [f"{MM * found.clearance[row]:.3g}", f"{_stiffness(found)[column]:.3g}"]
+            for panel in shown:
+                cells.append(_one(found, panel, row, column))
+            cells.append("kept" if found.feasible[row, column] else "exceeded")
+            table.add_row(*cells if found.limits else [*cells[:-1], ""])
+    print_table(console, table)
+    print_line(console, f"assumptions: {'; '.join(found.assumptions)}")
+    print_line(console, f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads")
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def _risk(found: BumperMap) -> str:
+    return f"{spoken_percent(found.exceedance)} of missions of {spoken_mission(found.mission)}"
+
+
+def _in_units(found: BumperMap) -> bool:
+    return found.stiffness is not None
+
+
+def _stiffness(found: BumperMap) -> Matrix:
+    return found.stiffness_factor if found.stiffness is None else found.stiffness
+
+
+def _one(found: BumperMap, panel: Panel, row: int, column: int) -> str:
+    """A value with its errors."""
+    values = getattr(found, panel.name)
+    value, error, bias = (
+        float(each[row, column]) for each in (values.value, values.standard_error, values.bias)
+    )
+    if not np.isfinite(value):
+        return "not known"
+    return value_with_error(
+        Estimate(value=value, standard_error=error, bias=bias) * panel.factor, with_bias=False
+    )
+
+
+def draw_bumper_map(found: BumperMap, title: str = "") -> Axes:
+    """Peak acceleration, force, rattle space and energy over clearance and stiffness, each with
+    what the limits leave."""
+    figure, axes = plt.subplots(2, 2, figsize=SIZE, sharex=True, sharey=True, layout="constrained")
+    for ax, panel in zip(axes.ravel(), panels(found), strict=True):
+        _draw_panel(found, panel, ax)
+    for ax in axes[1]:
+        ax.set_xlabel("clearance per side (mm)")
+    for ax in axes[:, 0]:
+        ax.set_ylabel(_stiffness_label(found))
+    words = f"exceeded in {_risk(found)}; mean energy"
+    figure.suptitle(f"{title}\n{words}" if title else words, fontsize="medium")
+    first: Axes = axes[0, 0]
+    return first
+
+
+def plot_bumper_map(found: BumperMap, ax: Axes | None = None) -> Axes:
+    """All panels, or the peak acceleration alone in given Axes."""
+    if ax is None:
+        return draw_bumper_map(found)
+    ax = axes_or_new(ax)
+    _draw_panel(found, panels(found)[0], ax)
+    ax.set_xlabel("clearance per side (mm)")
+    ax.set_ylabel(_stiffness_label(found))
+    return ax
+
+
+def _stiffness_label(found: BumperMap) -> str:
+    return "stiffness of a stop (N/m)" if _in_units(found) else "stiffness of a stop, times its own"
+
+
+def _draw_panel(found: BumperMap, panel: Panel, ax: Axes) -> None:
+    """One quantity in colours, with lines of equal values; what no limit allows is hatched."""
+    values = panel.factor * getattr(found, panel.name).value.T
+    x, y = MM * found.clearance, _stiffness(found)
+    known = np.ma.masked_invalid(np.where(values > 0.0, values, np.nan))
+    low, high = float(known.min()), float(known.max())
+    wide = high > 3.0 * low
+    norm = LogNorm(low, high) if wide else Normalize(low, high)
+    mesh = ax.pcolormesh(x, y, known, norm=norm, cmap="viridis", shading="nearest", rasterized=True)
+    levels = (np.geomspace if wide else np.linspace)(low, high, LINES + 2)[1:-1]
+    levels = np.unique([float(f"{level:.2g}") for level in levels])
+    if min(values.shape) > 1:
+        lines = ax.contour(x, y, known, levels=levels, colors="white", linewidths=0.7)
+        ax.clabel(lines, fmt="%g", fontsize=7)
+        if found.limits:
+            outside = (~found.feasible.T).astype(float)
+            ax.contourf(x, y, outside, levels=[0.5, 1.5], colors="none", hatches=["////"])
+            ax.contour(x, y, outside, levels=[0.5], colors="black", linewidths=1.4)
+    if (best := found.best) is not None:
+        ax.plot(
+            MM * best.clearance, y[best.column], "*", markersize=13, markeredgecolor="black",
+            color=CLEARANCES["three_sigma"],
+        )  # fmt: skip
+    ax.set_yscale("log")
+    plain_ticks(ax)
+    limit = found.limits.get(panel.name)
+    most = "" if limit is None else f", at most {panel.factor * limit:.4g}"
+    ax.set_title(f"{panel.words} ({panel.unit}{most})", fontsize="medium")
+    bar = ax.figure.colorbar(mesh, ax=ax)
+    bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if wide else MaxNLocator(6))
+    bar.ax.yaxis.set_major_formatter("{x:g}")
+    bar.ax.yaxis.set_minor_formatter(NullFormatter())

@@ -1,0 +1,105 @@
+"""Clearances of missions with phases, and of a ratio of damage: tables and pictures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.views.axes import add_grid, axes_or_new, plain_ticks
+from stochvi.views.colours import BAND_ALPHA, CLEARANCES, COLOURS
+from stochvi.views.damage import print_damage
+from stochvi.views.tables import print_frame, print_line
+from stochvi.views.words import MM
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from stochvi.isolators.sizing.by_damage import DamageSizing
+    from stochvi.isolators.sizing.missions import MissionSizing
+
+
+def print_mission_sizing(console: Console, found: MissionSizing) -> None:
+    """Print the clearance to make, and the share of each phase in its risk."""
+    console.print(found.verdict(), style="bold", highlight=False)
+    if lines := found.stops_to_copy():
+        print_line(console, f"stops from the unloaded spring (m): {lines}")
+    print_line(console, found.calculated())
+    table = found.phases.assign(
+        duration=[spoken_mission(each) for each in found.phases["duration"]],
+        displacement_std=MM * found.phases["displacement_std"],
+        probability=[spoken_percent(each) for each in found.phases["probability"]],
+        share=[f"{100.0 * each:.3g} %" for each in found.phases["share"]],
+        clearance=MM * found.phases["clearance"],
+    ).drop(columns="shift")
+    names = {
+        "displacement_std": "rms (mm)", "probability": "probability there",
+        "share": "share of the hazard", "clearance": "alone it needs (mm)",
+    }  # fmt: skip
+    print_frame(console, table.rename(columns=names), "phases")
+    print_line(console, f"assumptions: {'; '.join(found.assumptions)}")
+    for warning in found.warnings:
+        console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def plot_mission_sizing(found: MissionSizing, ax: Axes | None = None) -> Axes:
+    """Probability of any impact in the mission against the clearance."""
+    ax = axes_or_new(ax)
+    curve = found.curve
+    x = MM * curve["clearance"]
+    ax.fill_between(
+        x, curve["probability_low"], curve["probability_high"], color=COLOURS["simulate"],
+        alpha=BAND_ALPHA, linewidth=0,
+    )  # fmt: skip
+    ax.plot(x, curve["probability"], color=COLOURS["simulate"], label="all phases")
+    ax.axvline(
+        MM * found.clearance.value, color=CLEARANCES["recommended"],
+        label=f"{MM * found.clearance.value:.4g} mm keep {spoken_percent(found.target.value)}",
+    )  # fmt: skip
+    ax.set_yscale("log")
+    ax.set_ylim(top=1.5)
+    ax.set_xlabel("clearance per side (mm)")
+    ax.set_ylabel(f"probability of an impact in {spoken_mission(found.mission)}")
+    add_grid(ax)
+    ax.legend(frameon=False)
+    return ax
+
+
+def print_damage_sizing(console: Console, found: DamageSizing) -> None:
+    """Print the clearance to make, the clearances that were tried, and the damage there."""
+    console.print(found.verdict(), style="bold", highlight=False)
+    print_line(console, found.calculated())
+    table = found.tried.assign(clearance=MM * found.tried["clearance"])
+    names = {
+        "clearance": "clearance (mm)", "damage_ratio": "times the damage",
+        "standard_error": "standard error", "frequency_hz": "at (Hz)",
+    }  # fmt: skip
+    print_frame(console, table.rename(columns=names), "clearances that were tried")
+    print_damage(console, found.damage)
+
+
+def plot_damage_sizing(found: DamageSizing, ax: Axes | None = None) -> Axes:
+    """Largest ratio of damage, less 1, against the clearance."""
+    ax = axes_or_new(ax)
+    tried = found.tried
+    added, half = tried["damage_ratio"] - 1.0, GAUSSIAN_95 * tried["standard_error"]
+    low = np.minimum(half, 0.99 * added)
+    ax.errorbar(
+        MM * tried["clearance"], added, yerr=[low, half], fmt="o", capsize=3,
+        color=COLOURS["simulate"], label="damage that stops add, 95 %",
+    )  # fmt: skip
+    ax.axhline(found.ratio - 1.0, color=COLOURS["stop"], linestyle="--", label="accepted")
+    ax.axvline(
+        MM * found.clearance.value, color=CLEARANCES["recommended"],
+        label=f"{MM * found.clearance.value:.4g} mm",
+    )  # fmt: skip
+    ax.set_yscale("log")
+    plain_ticks(ax)
+    ax.set_xlabel("clearance per side (mm)")
+    ax.set_ylabel("largest damage with stops over that without, less 1")
+    add_grid(ax)
+    ax.legend(frameon=False, fontsize="small")
+    return ax

@@ -1,0 +1,158 @@
+"""The bumper map against plain simulation of the whole motion, and its region within limits."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from stochvi import (
+    Elastic,
+    ImpactPair,
+    Isolator,
+    NotApplicable,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+    Viscoelastic,
+    simulate,
+)
+from stochvi.isolators import BumperMap, bumper_map
+from stochvi.isolators.bumpers.method import stiffness_of
+from stochvi.isolators.moved_stops import at_clearances
+from stochvi.isolators.sizing.changes import changed_stops
+from stochvi.isolators.sizing.clatter import WindowSampler, plan_windows
+from stochvi.results.deadline import NEVER
+from stochvi.results.intervals import binomial_interval
+from stochvi.statistics.damage import SpectrumValues
+
+TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
+MOUNT = Isolator(frequency_hz=12.0, zeta=0.1, mass=2.5)
+
+
+def between(law: object = None, mount: Isolator = MOUNT) -> Scene:
+    law = law or Viscoelastic(stiffness=5e5, damping_ratio=0.2)
+    pair = ImpactPair(lower=-4e-3, upper=4e-3, law=law)
+    return Scene(structure=mount, impact_pairs=[pair], excitations=[TRUCK])
+
+
+def largest_of(scene: Scene, window: float, number: int) -> np.ndarray:
+    """Largest absolute accelerations of windows of the whole motion, by the kernels of one mass."""
+    sampler = WindowSampler((plan_windows(scene, window),), 7)
+    block = sampler.block
+    found = [sampler.sample(first, block, NEVER)[0].largest for first in range(0, number, block)]
+    return np.concatenate(found)
+
+
+def chances_around(largest: np.ndarray, level: float, reach: float) -> tuple[float, float]:
+    """Limits, at 4.5 standard errors, of the probability to exceed a level that errs by `reach`."""
+    confidence = math.erf(4.5 / math.sqrt(2.0))
+    above, below = (int(np.sum(largest > level + side * reach)) for side in (1.0, -1.0))
+    low = binomial_interval(above, len(largest), confidence)[0]
+    return low, binomial_interval(below, len(largest), confidence)[1]
+
+
+WINDOW, CHANCE = 40.0, 0.2
+PLACES, FACTORS = (3e-3, 4.5e-3, 6e-3, 6.8e-3, 7.5e-3), (0.1, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("places", "factors", "number"),
+    [(PLACES[1:4:2], FACTORS[:1], 256),
+     pytest.param(PLACES, FACTORS, 2048, marks=pytest.mark.verify)],
+)  # fmt: skip
+def test_peaks_are_exceeded_as_often_as_by_plain_simulation(
+    places: tuple[float, ...], factors: tuple[float, ...], number: int
+) -> None:
+    """Ten points, by records and by clusters."""
+    scene, fine = between(), number > 1000
+    found = bumper_map(
+        scene, mission=WINDOW, exceedance=CHANCE, clearances=places, stiffness_factors=factors,
+        rel_error=0.04 if fine else 0.1, budget=600.0,
+    )  # fmt: skip
+    peak = found.peak_acceleration
+    for row, place in enumerate(places):
+        for column, factor in enumerate(factors):
+            stopped = at_clearances(changed_stops(scene, stiffness=factor), place)
+            largest = largest_of(stopped, WINDOW, number)
+            level = peak.value[row, column]
+            reach = 4.5 * peak.standard_error[row, column] + peak.bias[row, column]
+            low, high = chances_around(largest, level, reach)
+            assert low < CHANCE < high, (place, factor)
+            # a level that is off by half is told apart
+            low, high = chances_around(largest, 1.5 * level, reach if fine else 0.0)
+            assert not low < CHANCE < high, (place, factor)
+
+
+def test_energies_and_rates_are_those_of_a_simulation() -> None:
+    scene = between(Elastic(stiffness=4e5))
+    found = bumper_map(scene, clearances=[3.5e-3, 8.1e-3], stiffness_factors=[1.0], rel_error=0.1)
+    assert list(found.ways) == ["records", "clusters"]
+    pair = simulate(at_clearances(scene, 3.5e-3), rel_error=0.02).impact_pairs["stops"]
+    rate, square = (float(pair[name]) for name in ("collision_rate", "impact_speed_square_rate"))
+    hourly, energy = found.impacts_per_hour.estimates()[0], found.energy_per_hit.estimates()[0]
+    error = pair["collision_rate"].standard_error * 3600.0
+    assert abs(hourly.value - 3600.0 * rate) < 4.5 * math.hypot(hourly.standard_error, error)
+    own = 0.5 * 2.5 * square / rate
+    assert abs(energy.value - own) < 4.5 * math.hypot(energy.standard_error, 0.03 * own)
+    assert not abs(energy.value - 0.5 * own) < 4.5 * math.hypot(energy.standard_error, 0.03 * own)
+    # first impacts of far clusters have the mean energy of a Rayleigh distribution, others less
+    most = 2.5 * 0.5 * 2.0 * (2.0 * math.pi * 12.0 * found.sigma) ** 2
+    assert 0.5 * most < found.energy_per_hit.value[1, 0] < 1.2 * most
+
+
+def test_without_hits_at_the_chance_the_mount_alone_counts() -> None:
+    found = bumper_map(
+        between(), clearances=[0.02, 0.03], stiffness_factors=[0.5, 2.0], rel_error=0.3
+    )
+    assert not found.impact_speed.value.any() and not found.pad_force.value.any()
+    omega = 2.0 * math.pi * 12.0
+    ratio = found.peak_acceleration.value / found.rattle_space.value
+    assert np.allclose(ratio, omega**2)
+    assert 5.4 * found.sigma < found.rattle_space.value[0, 0] < 5.8 * found.sigma
+
+
+def made(peak: list[list[float]], rattle: list[list[float]], **limits: float) -> BumperMap:
+    """A map made by hand."""
+
+    def of(values: list[list[float]]) -> SpectrumValues:
+        value = np.array(values)
+        return SpectrumValues(value=value, standard_error=0.1 * value, bias=0.0 * value)
+
+    ones = [[1.0, 1.0], [1.0, 1.0]]
+    return BumperMap(
+        clearance=np.array([1e-3, 2e-3]), stiffness_factor=np.array([1.0, 2.0]), stiffness=None,
+        mission=60.0, exceedance=0.01, sigma=1e-3, peak_acceleration=of(peak), pad_force=of(ones),
+        rattle_space=of(rattle), impact_speed=of(ones), energy_per_hit=of(ones),
+        impacts_per_hour=of(ones), limits=limits, ways=["records", "clusters"],
+    )  # fmt: skip
+
+
+def test_the_best_point_has_the_least_rattle_space_within_the_limits() -> None:
+    peak, rattle = [[30.0, 90.0], [20.0, 50.0]], [[3e-3, 1.5e-3], [4e-3, 2.5e-3]]
+    found = made(peak, rattle, peak_acceleration=60.0)
+    assert found.feasible.tolist() == [[True, False], [True, True]]
+    assert found.best is not None and found.best[:2] == (2e-3, 2.0)
+    assert "3 of 4 designs keep all limits" in found.summary()
+    assert made(peak, rattle, peak_acceleration=60.0, rattle_space=2e-3).best is None
+    assert made(peak, rattle).best is None
+    frame = found.to_frame()
+    assert len(frame) == 4 and frame["feasible"].sum() == 3
+    assert frame["peak_acceleration"].tolist() == [30.0, 90.0, 20.0, 50.0]
+    assert found.relative_error == pytest.approx(0.1)
+    document = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert document["best"]["clearance"] == 2e-3
+
+
+def test_what_makes_no_map_is_refused() -> None:
+    with pytest.raises(NotApplicable, match="needs the stiffness of the stops"):
+        bumper_map(between(Restitution(coefficient=0.5)))
+    with pytest.raises(ValueError, match="limits must be of peak_acceleration"):
+        bumper_map(between(), limits={"stress": 1.0})
+    with pytest.raises(ValueError, match="clearances must be positive rising numbers"):
+        bumper_map(between(), clearances=[2e-3, 1e-3])
+    with pytest.raises(ValueError, match=r"exceedance must be in \(0, 1\), got 1"):
+        bumper_map(between(), exceedance=1.0)
+    assert stiffness_of(between()) == 5e5

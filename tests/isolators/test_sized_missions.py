@@ -1,0 +1,159 @@
+"""Clearances of missions with phases, and of a ratio of damage."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import pytest
+
+from stochvi import (
+    ImpactPair,
+    Isolator,
+    NotApplicable,
+    Restitution,
+    Scene,
+    TabulatedNoise,
+    Viscoelastic,
+    damage,
+    reliability,
+    size,
+)
+from stochvi.isolators import MissionSizing, size_by_damage
+
+PROFILE = "mil-std-810h-truck-vertical-5hz"
+
+
+def mission(phases: list[dict[str, Any]], gravity: bool = False) -> Scene:
+    return Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.1, gravity=gravity),
+        impact_pairs=[ImpactPair(clearance=0.0135, law=Restitution(coefficient=0.7))],
+        excitations=[{"kind": "psd", "profile": PROFILE}],
+        phase=phases,
+    )
+
+
+ROAD = {"name": "road", "duration": 7200.0}
+THREE = {
+    "rough and cold": mission(
+        [ROAD, {"name": "rough", "duration": "10 min", "level_db": 2.0},
+         {"name": "cold", "duration": 600.0, "level_db": 2.0, "stiffness_factor": 0.9}]
+    ),
+    "a warm mount that hangs lower": mission(
+        [ROAD, {"name": "warm", "duration": 3600.0, "stiffness_factor": 0.8}], gravity=True
+    ),
+    "long and quiet": mission(
+        [{"name": "air", "duration": 36000.0, "level_db": -6.0},
+         {"name": "test", "duration": 30.0, "level_db": 2.0}]
+    ),
+}  # fmt: skip
+
+
+def sized(scene: Scene, **options: Any) -> MissionSizing:
+    found = size(scene, probability=0.05, **{"rel_error": 0.1} | options)
+    assert isinstance(found, MissionSizing)
+    return found
+
+
+@pytest.mark.parametrize("name", THREE)
+def test_the_sized_mission_has_the_probability_that_was_asked_for(name: str) -> None:
+    found = sized(THREE[name])
+    risk = reliability(found.sized(), rel_error=0.1, seed=7).chances["hit"].estimate
+    slope = 0.05 * 0.1  # of the sizing, whose risk has a relative error of 0.1 at most
+    assert abs(risk.value - 0.05) < math.hypot(risk.reach(4.5), 4.5 * slope)
+    assert found.phases["share"].sum() == pytest.approx(1.0)
+    alone = found.phases["clearance"].max()
+    assert alone * (1.0 - 1e-9) < found.clearance.value < 1.1 * alone
+    # one tenth less clearance is told apart
+    less = reliability(found.sized(0.9 * found.clearance.value), rel_error=0.2, seed=7)
+    other = less.chances["hit"].estimate
+    assert abs(other.value - 0.05) > math.hypot(other.reach(4.5), 4.5 * slope)
+
+
+def test_one_phase_is_its_scene_and_two_halves_are_one() -> None:
+    whole = size(mission([]), probability=0.05, mission=7200.0, rel_error=0.1)
+    assert not isinstance(whole, MissionSizing)
+    one = sized(mission([ROAD])).clearance
+    assert one.value == pytest.approx(whole.clearance.value, rel=1e-9)
+    assert one.upper == pytest.approx(whole.clearance.upper, rel=1e-4)
+    half = {"duration": 3600.0}
+    halves = sized(mission([half | {"name": "first"}, half | {"name": "second"}]))
+    both = math.hypot(one.upper - one.value, halves.clearance.upper - halves.clearance.value)
+    assert abs(halves.clearance.value - one.value) < 4.5 / 1.96 * both
+    # half of the mission needs less
+    part = sized(mission([half | {"name": "first"}])).clearance
+    assert abs(part.value - one.value) > 4.5 / 1.96 * both
+
+
+def test_a_mission_is_shown_and_copied() -> None:
+    found = sized(THREE["a warm mount that hangs lower"])
+    assert found.phases["shift"].iloc[0] == 0.0 > found.phases["shift"].iloc[1]
+    places = dict(part.split(" = ") for part in found.stops_to_copy().split(", "))
+    sag = -(float(places["lower"]) + float(places["upper"])) / 2.0
+    assert sag == pytest.approx(9.80665 / (2.0 * math.pi * 12.0) ** 2, rel=1e-6)
+    document = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert document["mission"] == 10800.0 and document["phases"][1]["phase"] == "warm"
+    assert "over 2 phases" in found.summary() and "phase warm" in found.calculated()
+    assert found.curve["probability"].is_monotonic_decreasing
+
+
+def test_what_no_mission_is_sized_for_is_refused() -> None:
+    scene = mission([ROAD])
+    with pytest.raises(ValueError, match="mission must be left out where the scene has phases"):
+        size(scene, probability=0.01, mission=60.0)
+    with pytest.raises(NotApplicable, match="the target must be a probability"):
+        size(scene, rate=1e-4)
+
+
+# Damage ---------------------------------------------------------------------------------------
+
+
+def bumpers() -> Scene:
+    law = Viscoelastic(stiffness=2e5, damping_ratio=0.2)
+    pair = ImpactPair(lower=-4e-3, upper=4e-3, law=law)
+    mount = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
+    return Scene(
+        structure=mount, impact_pairs=[pair], excitations=[TabulatedNoise(profile=PROFILE)]
+    )
+
+
+@pytest.mark.parametrize(
+    ("ratio", "equipment", "rel_error"),
+    [(4.0, (60.0,), 0.3),
+     pytest.param(2.0, (20.0, 2000.0), 0.1, marks=pytest.mark.verify),
+     pytest.param(10.0, (20.0, 2000.0), 0.1, marks=pytest.mark.verify)],
+)  # fmt: skip
+def test_the_sized_scene_has_the_damage_that_was_accepted(
+    ratio: float, equipment: tuple[float, ...], rel_error: float
+) -> None:
+    found = size_by_damage(
+        bumpers(),
+        ratio=ratio,
+        mission=600.0,
+        equipment=equipment,
+        rel_error=rel_error,
+        budget=500.0,
+    )
+    own = damage(
+        found.sized(), mission=600.0, equipment=equipment, rel_error=rel_error, seed=5, budget=300.0
+    )
+    assert own.damage_ratio is not None
+    worst = max(own.damage_ratio.estimates(), key=lambda each: each.value)
+    # what the interval of the clearance leaves in the damage
+    c = found.clearance
+    left = (ratio - 1.0) * c.value * (c.upper - c.value) / found.sigma**2
+    assert abs(worst.value - ratio) < worst.reach(4.5) + 4.5 / 1.96 * left
+    assert found.tried["damage_ratio"].is_monotonic_decreasing
+    near = damage(
+        found.scene, mission=600.0, equipment=equipment, rel_error=rel_error, seed=5, budget=300.0
+    )
+    assert near.damage_ratio is not None
+    assert near.damage_ratio.value.max() > 10.0 * ratio  # at the stops of the scene
+
+
+def test_what_no_damage_is_sized_for_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"ratio must be above 1, got 0\.5"):
+        size_by_damage(bumpers(), ratio=0.5)
+    with pytest.raises(NotApplicable, match="needs an impact_pair"):
+        size_by_damage(bumpers().replace(impact_pairs=()), ratio=2.0)
