@@ -44,7 +44,8 @@ def other_sizing(
         raise ValueError("--pad-force and --rattle-space must stand with --map, got no --map")
     if other["damage_ratio"] is not None:
         _refuse("--damage-ratio", given, (*NEVER_WITH, *TARGETS))
-        _show_damage(options, loaded, other, _left(given))
+        left = {name: each for name, each in _left(given).items() if name != "exceedance"}
+        _show_damage(options, loaded, other, left)
         return True
     if loaded.phases:
         _refuse("a scene with phases", given, NEVER_WITH)

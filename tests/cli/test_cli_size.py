@@ -18,7 +18,7 @@ from stochvi.isolators.sizing.method import size
 from stochvi.scenes.scene import load_scene
 from stochvi.views.isolator_tables import print_sizing
 from stochvi.views.sizing import plot_risk
-from support.commands import ISOLATOR, Run, one_document
+from support.commands import ISOLATOR, Run, one_document, refused
 from support.sized import scene_between_stops, sizing_of
 
 ROUGH = ("--rel-error", "0.2", "--threads", "1", "--mission", "600", "--budget", "600")
@@ -236,3 +236,57 @@ def test_a_page_leaves_out_the_pictures_that_no_time_is_left_for_and_says_so(
     page = (tmp_path / "report.html").read_text("utf-8")
     assert page.count("Not drawn: no time was left") >= 2 and "<img" not in page
     assert (tmp_path / "size.json").is_file() and (tmp_path / "risk.png").is_file()
+
+
+# Maps, damage and phases -------------------------------------------------------------------
+
+
+@pytest.fixture
+def rubber(tmp_path: Path) -> Path:
+    file = tmp_path / "rubber.toml"
+    file.write_text(
+        '[structure]\nkind = "isolator"\nmass = 2.5\nfrequency_hz = 12.0\nzeta = 0.1\n'
+        "[[impact_pair]]\nclearance = 0.006\n"
+        'law = { kind = "viscoelastic", stiffness = 5e5, damping_ratio = 0.2 }\n'
+        '[[excitation]]\nkind = "psd"\nprofile = "mil-std-810h-truck-vertical-5hz"\n',
+        encoding="utf-8",
+    )
+    return file
+
+
+def test_a_map_has_its_axes_limits_and_files(rubber: Path, tmp_path: Path, stochvi: Run) -> None:
+    done = stochvi(
+        "size", rubber, "--map", "clearance=6mm:9mm:2,stiffness=1e5:1e6:2", "--rattle-space",
+        "9mm", "--peak-acceleration", "40g", "--rel-error", "0.4", "--json", "-", "--out", tmp_path,
+    )  # fmt: skip
+    assert done.code == 0
+    document = one_document(done.out)
+    assert document["method"] == "size:map" and document["stiffness"] == [1e5, 1e6]
+    assert document["limits"]["rattle_space"] == pytest.approx(9e-3)
+    assert document["feasible"][1] == [False, False] and document["best"]["clearance"] == 6e-3
+    assert (tmp_path / "map.png").stat().st_size > 10_000
+    assert (tmp_path / "map.csv").is_file()
+
+
+def test_a_scene_with_phases_is_sized(rubber: Path, stochvi: Run) -> None:
+    text = rubber.read_text(encoding="utf-8") + '[[phase]]\nname = "road"\nduration = "1 h"\n'
+    rubber.write_text(text, encoding="utf-8")
+    done = stochvi("size", rubber, "--probability", "5%", "--rel-error", "0.3")
+    assert done.code == 0 and "over 1 phases" in done.out.replace("\n", " ")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--map", "clearance"), "--map must be clearance,stiffness"),
+        (("--map", "clearance,stiffness=9:3"), "must be FIRST:LAST"),
+        (("--map", "clearance,stiffness", "--probability", "1%"), "without --probability"),
+        (("--probability", "1%", "--pad-force", "100"), "must stand with --map"),
+        (("--damage-ratio", "2", "--rate", "1"), "without --rate"),
+        (("--damage-ratio", "0.5"), "ratio must be above 1"),
+    ],
+)
+def test_what_is_no_map_is_refused(
+    options: tuple[str, ...], words: str, rubber: Path, stochvi: Run
+) -> None:
+    assert words in refused(stochvi("size", rubber, *options))
