@@ -84,8 +84,8 @@ level_db = 0.0
 # [vehicle] with kind = "quarter-car" and preset = "golden-car" (see: stochvi new --kind vehicle)
 # record: file = "run.csv" (time, acceleration) and unit = "g"; fs = 1000.0 (Hz) without times,
 # column = "Z" where there are several, gaps = "split" where samples are missing
-# modulation: of = "stiffness" or "damping" changes by a share: amplitude and frequency_hz (a sine),
-# intensity (s, white noise), or intensity, frequency_hz and zeta (filtered); see stochvi stability
+# modulation: of = "stiffness", "damping" or "clearance" changes by a share: amplitude and
+# frequency_hz (a sine), intensity (s, white noise), or intensity, frequency_hz and zeta (filtered)
 # constant: force (N) or acceleration (m/s^2, of the base; 9.80665 presses towards -x like gravity)
 
 # [[phase]]                  # of a mission, for `stochvi reliability`; FILE.toml#road is one

@@ -74,7 +74,7 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
 
 @main.command()
 @click.argument("scene")
-@click.option("--rel-error", type=float, help="Error of the exponent, relative [0.02].")
+@click.option("--rel-error", type=float, help="Relative standard error of the exponent [0.02].")
 @keeping
 @common("open budget", "seed", "threads", "json", "out", "quiet")
 def stability(options: Common, scene: str, **asked: Any) -> None:

@@ -67,7 +67,11 @@ def residuals(
         deviation = _mean(moments[coordinate, "variance"]) ** 0.5
         name = "force" if len(mean) == 1 else f"force on {coordinate}"
         found[name] = sum(terms) / _scale(terms, model.stiffness[row, row] * deviation)
-    if model.tables or any(np.any(signal.direction) for signal in model.signals):
+    if (
+        model.tables
+        or model.moves_stops
+        or any(np.any(signal.direction) for signal in model.signals)
+    ):
         return found
     energies = _energies(model, moments, o)
     supply = float(np.trace(np.linalg.solve(model.mass, model.white))) / 2.0

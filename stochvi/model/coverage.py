@@ -40,8 +40,8 @@ def scattered(model: Model) -> list[str]:
 def nonlinear(model: Model) -> list[str]:
     """The sentences that a model must be linear between its stops, if it is not."""
     if model.functions:
-        return [part.law.refusal(part.name) for part in model.functions]
-    return functions_of_arrays(model)
+        return [part.law.refusal(part.name) for part in model.functions] + moving_stops(model)
+    return functions_of_arrays(model) + moving_stops(model)
 
 
 def functions_of_arrays(model: Model) -> list[str]:
@@ -66,7 +66,16 @@ def not_apart(model: Model) -> list[str]:
 
 def modulated(model: Model) -> list[str]:
     """A sentence for each modulation, for methods whose structure does not change in time."""
-    return [part.law.refusal(part.name) for part in model.modulations]
+    return [part.law.refusal(part.name) for part in model.modulations] + moving_stops(model)
+
+
+def moving_stops(model: Model) -> list[str]:
+    """A sentence for each pair whose stops move."""
+    return [
+        f"structure must have stops that stand still, got a modulation of clearance at {pair.name}"
+        for pair in model.pairs
+        if pair.moved
+    ]
 
 
 def not_compiled(model: Model) -> list[str]:

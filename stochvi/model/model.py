@@ -138,6 +138,7 @@ class Pair:
 
     `mass` is the reduced mass 1 / (direction . M^-1 direction), kg. `relative` says whether the gap
     is a combination of coordinates: the difference of two, or the motion of a place of a body.
+    `moved` holds the number of each signal that moves its stops, and by how much, m per unit.
     """
 
     name: str
@@ -145,6 +146,7 @@ class Pair:
     mass: float
     relative: bool
     stops: tuple[Stop, ...]
+    moved: tuple[tuple[int, float], ...] = ()
 
     @property
     def lower(self) -> Stop | None:
@@ -441,6 +443,11 @@ class Model:
     def modulations(self) -> tuple[FunctionOfMotion, ...]:
         """The forces by which springs and dampers are modulated."""
         return tuple(part for part in self.functions if part.modulation is not None)
+
+    @property
+    def moves_stops(self) -> bool:
+        """Whether any stop moves."""
+        return any(pair.moved for pair in self.pairs)
 
     @property
     def shaken(self) -> bool:
@@ -773,12 +780,25 @@ def _with_functions(model: Model, placed: Sequence[Placed]) -> Model:
 
 
 def _with_modulations(model: Model, scene: Scene) -> Model:
-    """A model with the forces by which springs and dampers are modulated. The relative change is a
-    signal that forces nothing by itself; white noise has no state."""
-    signals, functions = list(model.signals), list(model.functions)
+    """A model with the forces by which springs and dampers are modulated, and with stops that move.
+    The relative change is a signal that forces nothing by itself; white noise has no state."""
+    signals, functions, pairs = list(model.signals), list(model.functions), list(model.pairs)
     still = np.zeros(len(model.coordinates))
     words = [each.effect_word for each in scene.modulations]
     for number, each in enumerate(scene.modulations):
+        signal = None
+        if each.source != "white noise":
+            signal, made = len(signals), each.filter
+            if made is None:
+                signals.append(Signal(each.omega, 0.0, 0.0, each.amplitude or 0.0, still))
+            else:
+                signals.append(Signal(*made, 0.0, still))
+        if each.of == "clearance" and signal is not None:
+            for k, pair in enumerate(scene.impact_pairs):
+                if each in scene.moved_by(pair):
+                    way = (signal, pairs[k].stops[0].position)
+                    pairs[k] = replace(pairs[k], moved=(*pairs[k].moved, way))
+            continue
         row, strength = changed_by(each, scene.structure)
         mass = float(1.0 / (row @ np.linalg.solve(model.mass, row)))
         rates = (strength, 0.0) if each.of == "stiffness" else (0.0, strength)
@@ -788,15 +808,8 @@ def _with_modulations(model: Model, scene: Scene) -> Model:
         law = ModulatedForce(
             kind=each.kind, stiffness=rates[0], damping=rates[1], mass=mass, modulation=each
         )
-        signal = None
-        if each.source != "white noise":
-            signal, made = len(signals), each.filter
-            if made is None:
-                signals.append(Signal(each.omega, 0.0, 0.0, each.amplitude or 0.0, still))
-            else:
-                signals.append(Signal(*made, 0.0, still))
         functions.append(FunctionOfMotion(name, row, mass, law, signal=signal))
-    return replace(model, signals=tuple(signals), functions=tuple(functions))
+    return replace(model, signals=tuple(signals), functions=tuple(functions), pairs=tuple(pairs))
 
 
 def _lost_motion(model: Model, records: Sequence[RecordedNoise]) -> list[str]:

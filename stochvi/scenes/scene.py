@@ -419,11 +419,26 @@ class Scene(Checked):
         pairs of a structure of kind `matrices`; the scene itself where it has none."""
         absorbers = self._short_absorbers
         if not absorbers:
-            return self
+            return self._with_sides_apart()
         return Scene(
             title=self.title,
             **on_oscillator(absorbers, self.structure, self.impact_pairs, self.excitations),
         )
+
+    def _with_sides_apart(self) -> Scene:
+        """The same scene with the two sides of a pair as pairs of their own where its stops move:
+        one goes up while the other goes down. The scene itself where none do."""
+        pairs: list[ImpactPair] = []
+        for pair in self.impact_pairs:
+            if pair.lower is None or pair.upper is None or not self.moved_by(pair):
+                pairs.append(pair)
+                continue
+            for side, other in (("lower", "upper"), ("upper", "lower")):
+                keys = {other: None, f"{other}_law": None, "name": f"{pair.name}{SIDED}{side}"}
+                pairs.append(pair.replace(**keys))
+        if len(pairs) == len(self.impact_pairs):
+            return self
+        return self.model_copy(update={"impact_pairs": tuple(pairs)})
 
     @property
     def drifts(self) -> tuple[list[int], Array]:
@@ -639,11 +654,40 @@ class Scene(Checked):
 
     def _misfit_of_modulation(self, modulation: Modulation) -> str:
         """Fault of what a modulation changes; empty if nothing is."""
+        if modulation.of == "clearance":
+            return self._misfit_of_clearance(modulation)
         try:
             changed_by(modulation, self.structure)
         except SceneError as error:
             return error.problems[0][1]
         return ""
+
+    def _misfit_of_clearance(self, modulation: Modulation) -> str:
+        """Fault of the pair whose clearance a modulation changes; empty if nothing is."""
+        names = [pair.name for pair in self.impact_pairs]
+        moved = [pair for pair in self.impact_pairs if self._moves(modulation, pair)]
+        if not moved:
+            return f"must be on the name of an impact pair, {_one_of(names)}, got {modulation.on!r}"
+        if modulation.on is None and len({pair.name.partition(SIDED)[0] for pair in moved}) > 1:
+            return f"needs on = {_one_of(names)} to say which clearance changes, got none"
+        for pair in moved:
+            for side, law in pair.stops():
+                if not law.rigid:
+                    return f"moves rigid stops only, got {law.kind!r} at the {side} of {pair.name}"
+        if any(isinstance(each, DensityNoise) for each in self.excitations):
+            return "of clearance takes white and filtered noise and sines beside it, got a density"
+        return ""
+
+    @staticmethod
+    def _moves(modulation: Modulation, pair: ImpactPair) -> bool:
+        """Whether a modulation moves the stops of a pair, or of one side of it."""
+        on = modulation.on
+        known = on is None or pair.name in (on, f"{on}{SIDED}lower", f"{on}{SIDED}upper")
+        return modulation.of == "clearance" and known
+
+    def moved_by(self, pair: ImpactPair) -> list[Modulation]:
+        """The modulations that move the stops of a pair."""
+        return [each for each in self.modulations if self._moves(each, pair)]
 
     def _joined(self, first: str, second: str) -> bool:
         """Whether a spring or damper of matrices joins two coordinates."""
@@ -710,6 +754,8 @@ class Scene(Checked):
         if words := self.words_of(excitation):
             return words
         if isinstance(excitation, Modulation):
+            if excitation.of == "clearance":
+                return self.impact_pairs[0].name
             return next(iter(self.structure.places))
         if isinstance(self.structure, RigidBody):
             return "" if excitation.axis is None else BASE
@@ -848,6 +894,9 @@ class Scene(Checked):
         context = AS_WRITTEN if as_written else None
         return self.model_dump(mode="json", by_alias=True, exclude_none=True, context=context)
 
+
+SIDED = " "
+"""What stands between the name of a pair and the side of a stop that moves."""
 
 UNLOADED = "displacements are measured from the position of the unloaded spring"
 """Sentence on the origin of all positions in scenes and answers."""

@@ -157,7 +157,7 @@ def stability(scene: Scene, **options: Unpack[AccuracyOptions]) -> Stability:
     ...     ],
     ... )
     >>> stability(shaft).summary()
-    'unstable: almost every motion grows, at 0.03979 1/s'
+    'unstable: almost every motion grows, at 0.03994 1/s'
     """
     run = Run.of(options)
     model = model_of(scene)

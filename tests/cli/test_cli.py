@@ -187,7 +187,9 @@ def test_explain_tells_what_is_simulated_and_what_not(stochvi: Run):
     document = one_document(out)
     assert code == 0
     assert document["effects"] == ["white noise on x", "rigid stop lower", "rigid stop upper"]
-    assert document["absent"] == ["filtered noise", "tabulated noise", "sine", "constant load"]
+    assert document["absent"] == [
+        "filtered noise", "tabulated noise", "sine", "constant load", "modulation"
+    ]  # fmt: skip
     assert document["simulation"]["steps_per_path"] > 2
     assert "not simulated: filtered noise; tabulated noise; sine; constant load" in err
 

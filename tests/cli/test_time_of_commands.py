@@ -120,6 +120,7 @@ HANDED_ON = [
     ("sine", "stochvi.methods.periodic.harmonic_response", MOUNT),
     ("basins", "stochvi.methods.periodic.basins", MOUNT),
     ("bifurcation --from 90 --to 100", "stochvi.methods.periodic.bifurcation", MOUNT),
+    ("stability", "stochvi.statistics.stability.stability", ELASTIC),
     ("lifetimes", "stochvi.statistics.lifetimes.lifetimes", MOUNT),
     ("jolt --speeds 0.3", "stochvi.isolators.jolt_response.jolts", MOUNT),
     ("absorber --sine", "stochvi.absorbers.absorber_sine", BOX),

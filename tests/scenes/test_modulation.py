@@ -51,7 +51,7 @@ def test_strengths_between_coordinates_come_from_the_matrices() -> None:
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
-        ({"of": "mass", "intensity": 1.0}, "of must be 'stiffness' or 'damping', got 'mass'"),
+        ({"of": "mass", "intensity": 1.0}, "of must be 'stiffness', 'damping' or 'clearance', got"),
         ({"of": "stiffness"}, "needs amplitude and frequency_hz (a sine), intensity (white noise)"),
         ({"of": "stiffness", "amplitude": 0.1}, "filtered noise), got amplitude"),
         ({"of": "stiffness", "intensity": 0.1, "on": "y"}, "must act on 'x', got 'y'"),

@@ -34,7 +34,7 @@ from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.isolators.sizing.targets import check_laws, limit_of_pairs, widening
 from stochvi.model.cautions import scene_notes
-from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.coverage import beyond_one_oscillator, modulated
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.results.deadline import partial_result
@@ -175,6 +175,8 @@ def nominal_sizing(scene: Scene, asked: Question) -> Sizing | PairsSizing:
     """The sizing of a scene as it is stated, without the worst case within its tolerances."""
     allowed = asked.tolerances or Tolerances.of(scene)
     try:
+        if conditions := modulated(model_of(scene)):
+            raise NotApplicable("size", conditions)
         if not model_of(scene).single:
             return size_pairs(scene, limit_of_pairs(scene, asked.target, asked.at), asked)
         if asked.at is not None:

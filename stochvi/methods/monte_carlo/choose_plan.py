@@ -62,7 +62,7 @@ def make_plan(
     """
     if conditions := unmet(model):
         raise NotApplicable("simulate", conditions)
-    if model.functions:
+    if model.functions or model.moves_stops:
         if slow_impacts:
             raise NotApplicable(
                 "slow_impacts", ["steps near stops are refined for linear structures only"]

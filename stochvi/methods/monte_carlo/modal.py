@@ -600,8 +600,8 @@ class ModalPlan(SteppedPlan):
             drawn, speed_drawn = self._merged_noise(grown, flow)
             normals = drawn.shape[1] // 2
         after = self._noise_after_kicks(flow) if self.model.functions else drawn
-        displacement = np.hstack([modes.gaps, np.zeros((len(modes.gaps), len(flow) - n))])
-        speed = np.roll(displacement, n, axis=1)
+        displacement = self._gaps
+        speed = displacement @ flow
         curvature = speed @ flow
         # a grazing path may leave the hull of its cubic by its fourth derivative
         margins = (modes.fastest * h) ** 3 / 384.0 * h * np.array([s.speed for s in self.pairs])
@@ -774,12 +774,24 @@ class ModalPlan(SteppedPlan):
         ]
         return stops_of(self._places, np.array(thresholds), laws)
 
+    @cached_property
+    def _gaps(self) -> Matrix:
+        """Rows (pairs, states) of the gaps, as a stop that moves sees them."""
+        n, modes = self.modes.size, self.modes
+        found = np.zeros((len(modes.gaps), 2 * n + len(modes.signals)))
+        found[:, :n] = modes.gaps
+        for row, pair in zip(found, self.model.pairs, strict=True):
+            for signal, way in pair.moved:
+                row[2 * n + 2 * signal] -= way
+        return found
+
     def _responses(self, flow: Matrix, speed: Matrix, curvature: Matrix) -> Responses:
         """Taylor series of the response to a unit change of each pair's speed."""
         n, size = self.modes.size, self._size_of_flow * self.step
         masses = np.array([pair.mass for pair in self.model.pairs])
-        displacement = np.roll(speed, -n, axis=1)
-        terms = [speed.T * masses]
+        displacement, pushed = self._gaps, np.zeros((len(flow), len(masses)))
+        pushed[n : 2 * n] = self.modes.gaps.T * masses
+        terms = [pushed]
         while len(terms) < MOST_TERMS and (
             len(terms) < MOMENTS or _term(size, len(terms)) > SERIES_ERROR
         ):
@@ -839,8 +851,8 @@ class ModalPlan(SteppedPlan):
         modes = self.modes
         for _ in range(MOST_SWEEPS):
             largest = 0.0
-            for gap, (lower, upper) in zip(modes.gaps, self._places, strict=True):
-                (y,) = _product(gap[None], state[: modes.size])
+            for gap, row, (lower, upper) in zip(modes.gaps, self._gaps, self._places, strict=True):
+                (y,) = _product(row[None], state[: len(row)])
                 moved = np.clip(y, lower, upper) - y
                 state[: modes.size] += np.outer(gap / np.sum(gap**2), moved)
                 largest = max(largest, float(np.max(np.abs(moved))))
@@ -904,6 +916,10 @@ def basis(
         )
     law, pairs = found
     law = law._replace(slowest=slowest_of(model, law.slowest))
+    pairs = tuple(
+        scale._replace(speed=math.hypot(scale.speed, _speed_of_stop(model, pair)))
+        for scale, pair in zip(pairs, model.pairs, strict=True)
+    )
     step = _step(model, modes, law, pairs)
     burn_in = RELAXATIONS * law.slowest
     length = DURATION * burn_in if duration is None else duration
@@ -918,6 +934,16 @@ def basis(
         "model": model, "law": law, "pairs": pairs, "step": step,
         "burn_in": burn_in, "duration": length, "speed_threshold": threshold,
     }  # fmt: skip
+
+
+def _speed_of_stop(model: Model, pair: Pair) -> float:
+    """Rms speed of the stops of a pair, m/s."""
+    square = 0.0
+    for number, way in pair.moved:
+        signal = model.signals[number]
+        noise = signal.omega**2 * signal.intensity / (2.0 * signal.damping_rate or 1.0)
+        square += (way * signal.omega) ** 2 * (signal.amplitude**2 / 2.0 + noise)
+    return math.sqrt(square)
 
 
 def _step(model: Model, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale, ...]) -> float:

@@ -1,4 +1,4 @@
-"""A stiffness or a damping that changes in time."""
+"""A stiffness, a damping or a clearance that changes in time."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ from stochvi.mathematics.spectra import Filter
 from stochvi.scenes.excitations.base import BaseExcitation
 from stochvi.scenes.validation import Positive, given
 
+WIDEST = 0.2
+"""Largest standard deviation of the relative change of a clearance, which stays above 0."""
+
 
 class Modulation(BaseExcitation):
-    """A relative change xi(t) of a stiffness or a damping, as k (1 + xi(t)).
+    """A relative change xi(t) of a stiffness, damping or clearance, as k (1 + xi(t)).
 
     It is a sine of `amplitude` and `frequency_hz`; white noise of `intensity`; or, with
     `frequency_hz` and `zeta` as well, that noise after a resonance, as `FilteredNoise` has it.
@@ -26,10 +29,12 @@ class Modulation(BaseExcitation):
     Parameters
     ----------
     of
-        What changes: "stiffness" or "damping" of the linear structure.
+        What changes: "stiffness" or "damping" of the linear structure, or "clearance": the stops
+        move, and their distance from the unloaded spring changes.
     on, between
         Where there are several coordinates: the one whose spring and damper to the ground change,
-        or the two between which they act.
+        or the two between which they act. For a clearance `on` is the name of the impact pair,
+        where there are several.
     amplitude
         Peak of xi of a sine, whose phase is random in each path.
     frequency_hz
@@ -56,7 +61,7 @@ class Modulation(BaseExcitation):
     shakes: ClassVar[bool] = False
 
     kind: Literal["modulation"] = "modulation"
-    of: Literal["stiffness", "damping"]
+    of: Literal["stiffness", "damping", "clearance"]
     on: str | None = None
     amplitude: Positive | None = None
     frequency_hz: Positive | None = None
@@ -73,6 +78,13 @@ class Modulation(BaseExcitation):
             )
         if given(self, "weights", "axis", "name") != "none":
             raise ValueError(f"takes no {given(self, 'weights', 'axis', 'name')}")
+        if self.of == "clearance" and self.between is not None:
+            raise ValueError("takes the name of the pair in on for a clearance, got between")
+        if self.of == "clearance" and not self.size <= WIDEST:
+            raise ValueError(
+                "needs frequency_hz and a standard deviation of at most "
+                f"{WIDEST:g} for a clearance, got {self.source} of {self.size:.3g}"
+            )
         return self
 
     @property

@@ -28,7 +28,7 @@ def assert_agrees(estimate: Estimate, truth: float, z: float = Z) -> None:
     AssertionError
         With the value, the truth and the standard errors between them.
     ValueError
-        If the estimate states no bias, because then no truth can refute it.
+        If it is no estimate, or states no bias, because then no truth can refute it.
 
     See Also
     --------
@@ -44,6 +44,8 @@ def assert_agrees(estimate: Estimate, truth: float, z: float = Z) -> None:
     ...
     AssertionError: 1.080(10) [] differs from 1 by 0.08: 8.0 standard errors ...
     """
+    if not isinstance(estimate, Estimate):
+        raise ValueError(f"estimate must be an Estimate, got {estimate!r}; give its errors as well")
     if estimate.bias is None:
         raise ValueError(f"{estimate} states no bias, so no truth can confirm or refute it")
     difference = estimate.value - truth
