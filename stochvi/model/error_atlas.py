@@ -126,16 +126,15 @@ def atlas(method: str) -> Mapping[str, Grid] | None:
 
 
 def _grid(rows: Sequence[Mapping[str, str]]) -> Grid:
-    axes = [
-        np.unique([float(row[name]) for row in rows]) for name in ("gap", "restitution", "zeta")
-    ]
+    def column(name: str) -> NDArray[np.float64]:
+        return np.array([row[name] or "nan" for row in rows], dtype=float)
+
+    axes, places = zip(
+        *(np.unique(column(name), return_inverse=True) for name in ("gap", "restitution", "zeta")),
+        strict=True,
+    )
     errors = np.full((*map(len, axes), len(QUANTITIES)), np.nan)
-    for row in rows:
-        place = [
-            int(np.searchsorted(axis, float(row[name])))
-            for axis, name in zip(axes, ("gap", "restitution", "zeta"), strict=True)
-        ]
-        errors[tuple(place)] = [float(row[name] or "nan") for name in QUANTITIES]
+    errors[places] = np.column_stack([column(name) for name in QUANTITIES])
     gaps, restitutions, zetas = axes
     return Grid(gaps, restitutions, zetas, errors)
 

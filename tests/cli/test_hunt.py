@@ -11,6 +11,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
+from numba.core.registry import cpu_target
 
 import stochvi as stochvi_package
 from stochvi.results.deadline import stood_still
@@ -71,12 +73,17 @@ def files_of(folder: Path) -> dict[Path, tuple[int, int]]:
 
 
 @pytest.fixture(scope="module", autouse=True)
-def imported() -> None:
-    """All modules: the first command of a process that needs a library waits for it, which is no
-    work of that command."""
+def libraries(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """All modules, numba's registries and the fonts of pictures: the first command of a process
+    that needs a library waits for it, which is no work of that command."""
     for module in pkgutil.walk_packages(stochvi_package.__path__, "stochvi."):
         if not module.name.endswith("__main__"):
             importlib.import_module(module.name)
+    cpu_target.typing_context.refresh()
+    cpu_target.target_context.refresh()
+    picture = Figure()
+    picture.suptitle(r"$\sigma$ and a title")
+    picture.savefig(tmp_path_factory.mktemp("fonts") / "picture.png")
 
 
 @contextlib.contextmanager
