@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba.core import config, types
-from numba.extending import intrinsic, overload
 from numpy.typing import NDArray
 
+from stochvi.engine.calls import call_by_address
 from stochvi.engine.characteristic import Affine, kicked, moved, pull, read
 from stochvi.engine.compiled_laws import address_of, row_of_numbers
 from stochvi.engine.compiling import kernel
-from stochvi.engine.law_calls import call_at
 
 KICK, PULL, MOVE = range(3)
 """Questions to a part."""
@@ -30,25 +29,7 @@ OF_PART = types.intp(
 of rates and of states, with the row of the memory among the states; affine force; time; lanes."""
 
 
-def call_of_part(function, arguments):
-    """Call the function of a part; a kernel knows it by its address."""
-    return function(*arguments)
-
-
-@intrinsic
-def _call_of_part(typing, address, arguments):
-    def codegen(context, builder, signature, values):
-        return call_at(context, builder, OF_PART, values[0], values[1], arguments)
-
-    return OF_PART.return_type(types.intp, arguments), codegen
-
-
-@overload(call_of_part)
-def _choose_of_part(function, arguments):
-    return lambda function, arguments: _call_of_part(function, arguments)
-
-
-call_of_part.made_of = {object: (_choose_of_part,)}  # type: ignore[attr-defined]
+call_of_part = call_by_address(OF_PART)
 
 
 def function_of_class(part):

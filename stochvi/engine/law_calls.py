@@ -7,9 +7,9 @@ sub-steps of many lanes are one call, so that the price of a call does not count
 
 from __future__ import annotations
 
-from numba.core import cgutils, types
-from numba.extending import intrinsic, overload
+from numba.core import types
 
+from stochvi.engine.calls import call_by_address
 from stochvi.engine.compiling import kernel
 from stochvi.engine.law import force, margin, mean_rebound, rate, read, rebound
 from stochvi.engine.mass_contacts import through
@@ -36,73 +36,9 @@ OF_MASS = types.intp(
 `through`."""
 
 
-def call_of_stop(function, arguments):
-    """Call the function of one stop; a kernel knows it by its address."""
-    return function(*arguments)
-
-
-def call_of_lanes(function, arguments):
-    """Call the function of many lanes; a kernel knows it by its address."""
-    return function(*arguments)
-
-
-def call_of_mass(function, arguments):
-    """Call the function of a contact of one mass; a kernel knows it by its address."""
-    return function(*arguments)
-
-
-def call_at(context, builder, signature, address, arguments, given):
-    values = [
-        context.cast(builder, builder.extract_value(arguments, k), given[k], wanted)
-        for k, wanted in enumerate(signature.args)
-    ]
-    kinds = [context.get_value_type(each) for each in signature.args]
-    kind = cgutils.ir.FunctionType(context.get_value_type(signature.return_type), kinds)
-    return builder.call(builder.inttoptr(address, kind.as_pointer()), values)
-
-
-@intrinsic
-def _call_of_stop(typing, address, arguments):
-    def codegen(context, builder, signature, values):
-        return call_at(context, builder, OF_STOP, values[0], values[1], arguments)
-
-    return OF_STOP.return_type(types.intp, arguments), codegen
-
-
-@intrinsic
-def _call_of_lanes(typing, address, arguments):
-    def codegen(context, builder, signature, values):
-        return call_at(context, builder, OF_LANES, values[0], values[1], arguments)
-
-    return OF_LANES.return_type(types.intp, arguments), codegen
-
-
-@intrinsic
-def _call_of_mass(typing, address, arguments):
-    def codegen(context, builder, signature, values):
-        return call_at(context, builder, OF_MASS, values[0], values[1], arguments)
-
-    return OF_MASS.return_type(types.intp, arguments), codegen
-
-
-@overload(call_of_stop)
-def _choose_of_stop(function, arguments):
-    return lambda function, arguments: _call_of_stop(function, arguments)
-
-
-@overload(call_of_lanes)
-def _choose_of_lanes(function, arguments):
-    return lambda function, arguments: _call_of_lanes(function, arguments)
-
-
-@overload(call_of_mass)
-def _choose_of_mass(function, arguments):
-    return lambda function, arguments: _call_of_mass(function, arguments)
-
-
-call_of_mass.made_of = {object: (_choose_of_mass,)}  # type: ignore[attr-defined]
-call_of_stop.made_of = {object: (_choose_of_stop,)}  # type: ignore[attr-defined]
-call_of_lanes.made_of = {object: (_choose_of_lanes,)}  # type: ignore[attr-defined]
+call_of_stop = call_by_address(OF_STOP)
+call_of_lanes = call_by_address(OF_LANES)
+call_of_mass = call_by_address(OF_MASS)
 
 
 @kernel

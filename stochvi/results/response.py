@@ -158,13 +158,19 @@ def in_angles(owner: str, unit: str) -> str:
     return unit.replace("m", "rad", 1) if owner in ROTATIONS else unit
 
 
+def unit_of(owner: str, name: str) -> str:
+    """The unit of a quantity; none of a statistic, whose function has a unit of its own."""
+    return in_angles(owner, QUANTITY_UNITS[name]) if name in QUANTITY_UNITS else ""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Response(Result):
     """The stationary response of a scene by one method.
 
     `coordinates` and `impact_pairs` map the name of a coordinate or pair to its quantities, which
     may be given as any mapping from their names. `identities` holds the residuals of the energy,
-    virial and force balances, which are zero for a correct answer.
+    virial and force balances, which are zero for a correct answer. `statistics` holds the means of
+    functions of one's own (`stochvi.Statistic`), in the units of the functions.
 
     See Also
     --------
@@ -186,6 +192,7 @@ class Response(Result):
     coordinates: Mapping[str, CoordinateResponse]
     impact_pairs: Mapping[str, PairResponse]
     identities: Mapping[str, Estimate] = field(default_factory=dict)
+    statistics: Mapping[str, Estimate] = field(default_factory=dict)
     effects: Sequence[str] = ()
     assumptions: Sequence[str] = ()
 
@@ -196,6 +203,11 @@ class Response(Result):
                 for owner, each in getattr(self, name).items()
             }
             object.__setattr__(self, name, group)
+
+    def _document(self) -> dict[str, Any]:
+        """The fields by name, without statistics where none was asked for."""
+        left_out = () if self.statistics else ("statistics",)
+        return {name: each for name, each in super()._document().items() if name not in left_out}
 
     def estimates(self) -> dict[tuple[str, str], Estimate]:
         """Every estimate that exists, keyed by (coordinate or pair, quantity)."""
@@ -208,6 +220,7 @@ class Response(Result):
             for name, estimate in quantities.items():
                 if isinstance(estimate, Estimate):
                     found[owner, name] = estimate
+        found.update({("statistics", name): each for name, each in self.statistics.items()})
         return found
 
     def changed(self, change: Callable[[str, Estimate], Estimate]) -> Self:
@@ -236,7 +249,7 @@ class Response(Result):
                 "method": self.method,
                 "of": owner,
                 "quantity": name,
-                "unit": in_angles(owner, QUANTITY_UNITS[name]),
+                "unit": unit_of(owner, name),
                 **estimate.to_dict(),
                 "bias_error": estimate.bias_error,
             }
@@ -259,6 +272,7 @@ class Response(Result):
             for group in ("coordinates", "impact_pairs"):
                 parts[group] = {owner: estimates(part) for owner, part in parts[group].items()}
             parts["identities"] = estimates(parts["identities"])
+            parts["statistics"] = estimates(parts.get("statistics", {}))
             return cls(**parts | {"cost": Cost(**parts["cost"])})
         except (AttributeError, KeyError, TypeError) as error:
             raise ValueError(
@@ -270,6 +284,6 @@ class Response(Result):
         lines = [f"<{self.method}"]
         for (owner, name), estimate in self.estimates().items():
             value = format_with_error(estimate.value, estimate.standard_error)
-            unit = in_angles(owner, QUANTITY_UNITS[name])
-            lines.append(f"  {owner}.{name} = {value} {unit}{estimate.bias_in_words}")
+            unit = f" {known}" if (known := unit_of(owner, name)) else ""
+            lines.append(f"  {owner}.{name} = {value}{unit}{estimate.bias_in_words}")
         return "\n".join(lines) + ">"

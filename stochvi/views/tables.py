@@ -13,7 +13,7 @@ from rich.measure import Measurement
 from rich.table import Table
 
 from stochvi.results.estimates import Estimate, format_with_error
-from stochvi.results.response import QUANTITY_UNITS, Response, in_angles
+from stochvi.results.response import Response, unit_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -96,11 +96,11 @@ def print_response(console: Console, response: Response) -> None:
     for (owner, name), estimate in response.estimates().items():
         table.add_row(
             owner,
-            QUANTITY_NAMES[name],
+            QUANTITY_NAMES.get(name, name),
             value_with_error(
                 estimate, deviation if name == "displacement_mean" else 0.0, with_bias=False
             ),
-            in_angles(owner, QUANTITY_UNITS[name]),
+            unit_of(owner, name),
             relative_error(estimate.standard_error, estimate),
             "unknown" if estimate.bias is None else relative_bias(estimate),
             relative_half_width(estimate),

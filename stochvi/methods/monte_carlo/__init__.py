@@ -8,8 +8,17 @@ from stochvi.methods.monte_carlo.simulate import (
     record_paths,
     simulate,
 )
+from stochvi.methods.monte_carlo.statistic import Statistic
 from stochvi.sampling.options import SamplingOptions
 
 leave_out_of_budgets()
 
-__all__ = ["Prospect", "SamplingOptions", "prospect", "record_path", "record_paths", "simulate"]
+__all__ = [
+    "Prospect",
+    "SamplingOptions",
+    "Statistic",
+    "prospect",
+    "record_path",
+    "record_paths",
+    "simulate",
+]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 from stochvi.methods.monte_carlo.compliant_white import plan_compliant
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
@@ -10,6 +13,7 @@ from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables, seconds_
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.prices import PATIENCE_SECONDS
 from stochvi.methods.monte_carlo.rigid_white import plan_white
+from stochvi.methods.monte_carlo.statistic import Statistic, check_statistics
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.coverage import (
     beyond_one_oscillator,
@@ -39,6 +43,7 @@ def make_plan(
     slow_impacts: bool = False,
     corner_share: float = CORNER_SHARE,
     deadline: Deadline = NEVER,
+    statistics: Mapping[str, Statistic] | None = None,
 ) -> Plan:
     """Choose the scheme that the excitation and the stops call for, its step and its lengths.
 
@@ -52,6 +57,8 @@ def make_plan(
         Whether steps near a stop are refined, and to which length (`rigid_white.WhitePlan`).
     deadline
         When the simulation has to end: a plan is not begun that takes longer itself.
+    statistics
+        Functions of the motion that are averaged, which the kernel of any structure does.
 
     Raises
     ------
@@ -62,12 +69,14 @@ def make_plan(
     """
     if conditions := unmet(model):
         raise NotApplicable("simulate", conditions)
-    if model.functions or model.moves_stops:
+    if model.functions or model.moves_stops or statistics:
         if slow_impacts:
-            raise NotApplicable(
-                "slow_impacts", ["steps near stops are refined for linear structures only"]
-            )
-        return plan_several(model, speed_threshold, duration)
+            what = "simulations without statistics" if statistics else "linear structures"
+            raise NotApplicable("slow_impacts", [f"steps near stops are refined for {what} only"])
+        check_statistics(statistics or {}, model)
+        return replace(
+            plan_several(model, speed_threshold, duration), statistics=dict(statistics or {})
+        )
     seconds = seconds_of_plan(model)
     if seconds > deadline.left + PATIENCE_SECONDS:
         lines = sum(len(table.frequency_hz) for table, _ in model.tables)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple, Self
 
@@ -17,6 +18,7 @@ from stochvi.engine.characteristic_calls import Characteristics
 from stochvi.engine.compiled_laws import Stops, functions_of, stops_of
 from stochvi.engine.impact_log import NO_RECORD, Log
 from stochvi.engine.pushes import MOMENTS, MOST_TERMS, Responses, responses_of
+from stochvi.engine.statistic_calls import Statistics
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.state_space import square_root, step_covariance, transition
 from stochvi.methods.monte_carlo.kernels.modes import (
@@ -33,7 +35,7 @@ from stochvi.methods.monte_carlo.kernels.modes import (
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.path_statistics import Layout
 from stochvi.methods.monte_carlo.plan import RELAXATIONS, Histories, SteppedPlan, Underway
-from stochvi.methods.monte_carlo.quantities import Key, gap_of
+from stochvi.methods.monte_carlo.quantities import Key, gap_of, key_of_statistic
 from stochvi.methods.monte_carlo.rigid_white import (
     BOUNCE_PER_STEP,
     COARSE_SHARE,
@@ -47,6 +49,7 @@ from stochvi.methods.monte_carlo.rigid_white import (
     block_of,
     default_threshold,
 )
+from stochvi.methods.monte_carlo.statistic import Statistic, statistics_of
 from stochvi.methods.monte_carlo.step_bias import (
     bias_of_plain_step,
     bias_of_smooth_motion,
@@ -126,6 +129,7 @@ class ModalPlan(SteppedPlan):
     pairs: tuple[PairScale, ...]
     speed_threshold: float | None
     merged: bool = False
+    statistics: Mapping[str, Statistic] = field(default_factory=dict)
 
     method = "kick-flow-kick in modal coordinates"
     contacts = False
@@ -193,6 +197,7 @@ class ModalPlan(SteppedPlan):
             rows += [(pair.name, name) for name in self.sums_of_pair]
             thresholds[pair.name] = self._threshold(pair, scale)
         rows += [(part.name, what) for part in self.model.functions for what in SUMS_OF_PART]
+        rows += [key_of_statistic(name) for name in self.statistics]
         if self._pulls is not None:
             rows += [(name, what) for name in self.model.outputs for what in ("a", "aa")]
         places = self.model.output_rows @ self._origin
@@ -331,12 +336,13 @@ class ModalPlan(SteppedPlan):
         """Number of rows of the sums of a kernel, without those from which controls are made."""
         n = self.modes.size
         more = 0 if self._pulls is None else n + n * (n + 1) // 2
-        return int(self._rows_of_pairs.stop) + more + len(SUMS_OF_PART) * len(self.model.functions)
+        of_parts = len(SUMS_OF_PART) * len(self.model.functions)
+        return int(self._rows_of_pairs.stop) + more + of_parts + len(self.statistics)
 
     @property
     def _rows_of_parts(self) -> slice:
         """Rows of the sums of a kernel that belong to springs and dampers that are functions."""
-        last = self._rows_of_sums
+        last = self._rows_of_sums - len(self.statistics)
         return slice(last - len(SUMS_OF_PART) * len(self.model.functions), last)
 
     @property
@@ -408,9 +414,15 @@ class ModalPlan(SteppedPlan):
         """Simulate the paths on, and add the counted steps to their sums."""
         structure, fastest = self._kernel_constants, self._fastest_of_contacts
         laws = functions_of(self._stops[1], lanes=True)
+        outputs = outputs._replace(statistics=self._statistics)
         kicks = self._kicks
         run_modes(paths, structure, laws, tables, fastest, kicks, steps, outputs, stop_flag())
         check_flag()
+
+    @property
+    def _statistics(self) -> Statistics:
+        """Functions of the motion that are averaged, for the kernel."""
+        return statistics_of(self.statistics, self.model, self._half_kick)
 
     @property
     def _fastest_of_contacts(self) -> float | None:
@@ -552,9 +564,9 @@ class ModalPlan(SteppedPlan):
         relative = [pair.relative for pair in self.model.pairs]
         rows[gaps] = _mean_squares(self.modes.gaps[relative], sums[:n], displacements, velocities)
         hits = sums[self._rows_of_pairs]
-        parts = sums[self._rows_of_parts]
-        last = gaps.stop + len(hits) + len(parts)
-        rows[gaps.stop : last] = np.concatenate([hits, parts])
+        functions = sums[self._rows_of_parts.start : self._rows_of_sums]
+        last = gaps.stop + len(hits) + len(functions)
+        rows[gaps.stop : last] = np.concatenate([hits, functions])
         if self._pulls is not None:
             pulled = sums[self._rows_of_pairs.stop : self._rows_of_parts.start]
             squares = _symmetric(pulled[n:], n)

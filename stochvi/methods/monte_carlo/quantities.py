@@ -42,6 +42,10 @@ GOVERNED = (
 """Quantities of each coordinate and each impact pair whose errors `rel_error` governs."""
 
 
+STATISTICS = "statistics"
+"""Owner of the functions of the motion that are averaged."""
+
+
 def of_coordinate(name: str) -> dict[str, Quantity]:
     """Quantities of a coordinate, from the means of x, x^2 and v^2."""
     return {
@@ -105,6 +109,11 @@ def of_compliant_pair(pair: Pair) -> dict[str, Quantity]:
             sum(m[name, f"ended_{side}"] for side in sides),
         )
     return found
+
+
+def key_of_statistic(name: str) -> Key:
+    """The key of a function of the motion that is averaged."""
+    return STATISTICS, name
 
 
 def speed_mean(name: str) -> Quantity:

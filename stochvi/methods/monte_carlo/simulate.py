@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Unpack
@@ -21,6 +22,7 @@ from stochvi.methods.monte_carlo.simulation import (
     relative_standard_errors,
     run_until_accurate,
 )
+from stochvi.methods.monte_carlo.statistic import Statistic
 from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import Deadline, Overdue
@@ -56,6 +58,7 @@ def simulate(
     *,
     speed_threshold: float | None = None,
     slow_impacts: bool = False,
+    statistics: Mapping[str, Statistic] | None = None,
     **options: Unpack[SamplingOptions],
 ) -> Response:
     """Stationary response by Monte Carlo, with standard errors from independent paths.
@@ -79,6 +82,9 @@ def simulate(
         under white noise at restitutions below 0.5. Ten or more times the cost; without it the
         bias of those rates is unknown (None). F1 and the moments need it only for small errors,
         and get it then by themselves.
+    statistics
+        Functions of the motion by name, see `Statistic`, of which the answer gives the means over
+        time in `statistics`. `rel_error` does not govern them: their errors are stated.
     **options
         `SamplingOptions`: `rel_error` (0.01 if `paths` is not given either) is that of mean
         squares, rate, F1 and F2, and of means relative to the standard deviation; or `paths` of
@@ -126,8 +132,9 @@ def simulate(
     run = Run.of(options)
     try:
         plan = make_plan(
-            model_of(scene), speed_threshold, run.duration, slow_impacts, deadline=run.deadline
-        )
+            model_of(scene), speed_threshold, run.duration, slow_impacts,
+            deadline=run.deadline, statistics=statistics,
+        )  # fmt: skip
         run.begin()
         simulation = Simulation(scene, plan, run, compiled(plan), run.seed)
     except KeyboardInterrupt as reason:

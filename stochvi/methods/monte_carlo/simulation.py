@@ -15,6 +15,7 @@ from stochvi.methods.monte_carlo.prices import check_price
 from stochvi.methods.monte_carlo.quantities import (
     EVENTS,
     RATES,
+    STATISTICS,
     Key,
     Means,
     Quantity,
@@ -266,7 +267,12 @@ class Simulation:
             identities=self._identities(),
         )
         made_by = {**found.provenance, "seed": self.seed, "machine": machine()}
-        return replace(found, provenance=made_by, interrupted=interrupted)
+        statistics = {
+            name: self.estimate(lambda means, key=(owner, name): means[key])  # type: ignore[misc]
+            for owner, name in self.layout.rows
+            if owner == STATISTICS
+        }
+        return replace(found, provenance=made_by, interrupted=interrupted, statistics=statistics)
 
     def _pair(self, pair: Pair) -> PairResponse:
         known, sides = of_pair(pair.name), [stop.name for stop in pair.stops]

@@ -49,6 +49,7 @@ from stochvi.engine.impact_log import NO_RECORD, Log
 from stochvi.engine.lanes import LANES as LANES_TOGETHER
 from stochvi.engine.law_calls import force_of
 from stochvi.engine.pushes import Responses
+from stochvi.engine.statistic_calls import NO_STATISTICS, Statistics, add_statistics
 from stochvi.engine.sums import ROWS_OF_CONTACT_PAIR, ROWS_OF_PAIR
 from stochvi.engine.together import Scene, Waiting, finish_together, make_waiting
 from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass
@@ -163,9 +164,9 @@ class ModalPaths(NamedTuple):
     sums : (rows, paths), added to: q; q q' and p p' by rows of the upper triangle; then the rows of
         each pair, ROWS_OF_CONTACT_PAIR with compliant stops, else ROWS_OF_PAIR; with `Passes.pulls`
         alpha and the upper triangle of alpha alpha', contact forces included; then three rows of
-        each spring or damper that is a function (`kick_all`). Where there are more
-        rows, they are added to from: `add_noise`, if there are kicks; moments of Y, and its
-        passages (`add_passages`), if there are tables.
+        each spring or damper that is a function (`kick_all`), and one of each statistic. Where
+        there are more rows, they are added to from: `add_noise`, if there are kicks; moments of Y,
+        and its passages (`add_passages`), if there are tables.
     """
 
     state: NDArray[np.float64]
@@ -213,11 +214,13 @@ class Outputs(NamedTuple):
         every counted step; without samples there is no record.
     log : None, or a `Log`, which gets the impacts in the counted steps.
     largest : None, or `Largest`, where there are tables and no kicks, and `Passes.pulls`.
+    statistics : functions of the motion that are added up with the moments; by default none.
     """
 
     record: NDArray[np.float64] = NO_RECORD
     log: Log | None = None
     largest: Largest | None = None
+    statistics: Statistics = NO_STATISTICS
 
 
 @kernel
@@ -439,6 +442,7 @@ class Room(NamedTuple):
         step.
     mid, parts_x, parts_v, parts_w, parts_0, parts_1, parts_2 : states after all kicks, and rows of
         springs and dampers that are functions.
+    of_one : (2, lanes), displacements and rates of one statistic.
     spare, forces : as in `Following`, for steps that are not counted, and its ends.
     work, waiting : `Workspace` and `Waiting`.
     """
@@ -480,6 +484,7 @@ class Room(NamedTuple):
     parts_0: NDArray[np.float64]
     parts_1: NDArray[np.float64]
     parts_2: NDArray[np.float64]
+    of_one: NDArray[np.float64]
     spare: NDArray[np.float64]
     forces: NDArray[np.float64]
     work: Workspace
@@ -518,7 +523,7 @@ def make_room(states, rows_of_sums, width, structure, rows, waiting, acceleratio
         np.zeros((modes, width)), np.zeros((between, width)),
         np.zeros((parts, width)), np.zeros((parts, width)), np.zeros((parts, width)),
         np.zeros((parts, width)), np.zeros((parts, width)), np.zeros((parts, width)),
-        np.zeros((width, accelerations)),
+        np.zeros((2, width)), np.zeros((width, accelerations)),
         np.zeros((END_ROWS, accelerations)), work, make_waiting(work.numbers.shape[0], waiting),
     )  # fmt: skip
 
@@ -558,7 +563,7 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
     """`run_modes` with `Room`, and ROWS_OF_PAIR or ROWS_OF_CONTACT_PAIR."""
     state, streams, known, lasting, sums = paths
     first, last, stride = steps
-    record, log, largest = outputs
+    record, log, largest, statistics = outputs
     step, modes, passes = structure.step, structure.modes, structure.passes
     stops, responses = structure.stops, structure.responses
     margins = structure.margins
@@ -571,7 +576,8 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
     first_pull = moments + rows * pairs
     pulling = passes.pulls[0].shape[0] > 1
     first_part = first_pull + (modes + modes * (modes + 1) // 2 if pulling else 0)
-    first_noise = first_part + 3 * count_of(kicks)
+    first_statistic = first_part + 3 * count_of(kicks)
+    first_noise = first_statistic + statistics.places.shape[0]
     controlled = sums.shape[0] > first_noise
     crossings = structure.crossed.shape[0] if room.kicked.shape[0] > 0 else 0
     first_free = first_noise + 3 * crossings
@@ -711,6 +717,12 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                         add_moments(local, modes, total, origins)
                         if controlled:
                             add_moments(borrowed(local[first_free:]), modes, smooth, room.rest)
+                    if statistics.places.shape[0] > 0:
+                        motion = old if tables is None else total
+                        add_statistics(
+                            statistics, motion, words0, number, room.of_one[0], room.of_one[1],
+                            local, first_statistic, width,
+                        )  # fmt: skip
                     if pulling:
                         if tables is None:
                             matrix_pass(pulled, 0.0, old, passes.pulls, width)
