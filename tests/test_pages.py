@@ -261,6 +261,26 @@ def test_messages_that_the_manual_explains_are_those_of_the_code() -> None:
             assert part.strip(" ,;:") in code, message
 
 
+def misread(text: str) -> list[str]:
+    """What Markdown takes for something else: lines that begin with % are comments, and a list may
+    begin within a formula."""
+    plain = re.sub(r"`[^`]*`|<!--.*?-->", "", FENCE.sub("", text))
+    found = [line for line in plain.splitlines() if line.lstrip().startswith("%")]
+    parts = re.split(r"\n\s*\n|\n(?=\s*[-+*] )|\n(?=\|)", plain)
+    return found + [part for part in parts if part.replace(r"\$", "").count("$") % 2]
+
+
+def test_markdown_misreads_no_line() -> None:
+    pages = [*MANUAL, *(CHECKOUT / "studies").glob("*/README.md"), *CHECKOUT.glob("*.md")]
+    for page in pages:
+        assert misread(page.read_text(encoding="utf-8")) == [], page
+
+
+def test_what_markdown_misreads_is_found() -> None:
+    assert misread("It is within 4\n% of the truth.") == ["% of the truth."]
+    assert misread("So $a = b\n- c$ holds.") and not misread("So $a = b$\n- and $c$ hold.")
+
+
 def test_the_readme_is_short_and_what_it_names_exists() -> None:
     text = README.read_text(encoding="utf-8")
     assert len(text.splitlines()) <= 120

@@ -8,11 +8,14 @@ import itertools
 import re
 import sys
 import tomllib
+import zlib
 from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
 from sphinx.application import Sphinx
+from sphinx.environment import BuildEnvironment
 from sphinx.pycode import ModuleAnalyzer
 
 import stochvi
@@ -180,6 +183,9 @@ def scene_file_page() -> str:
         for name in names:
             kind = parts[name]["properties"].get("kind", {}).get("const")
             title = f'`kind = "{kind}"`' if kind else name_in_words(name)
+            part = getattr(stochvi.scenes, name, None)
+            if hasattr(part, "is_damper"):
+                title += " (damper)" if part.is_damper else " (spring)"
             text += ["", f"### {title}", "", parts[name]["description"], "", *table_of(parts[name])]
     return "\n".join(text) + "\n"
 
@@ -189,7 +195,8 @@ def groups(parts: Mapping[str, Any]) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {
         "Structures: `[structure]`": [], "Stops: `[[impact_pair]]`": ["ImpactPair"],
         "Impact laws: `law`": [], "Excitations: `[[excitation]]`": [],
-        "Absorbers, vehicles and what else a scene may hold": [],
+        "Springs and dampers that are functions: `spring`, `damper`": [],
+        "Absorbers, phases, vehicles and what else a scene may hold": [],
     }  # fmt: skip
     heads = list(found)
     for name in parts:
@@ -201,8 +208,10 @@ def groups(parts: Mapping[str, Any]) -> dict[str, list[str]]:
             found[heads[2]].append(name)
         elif "excitations" in home:
             found[heads[3]].append(name)
+        elif "characteristics" in home:
+            found[heads[4]].append(name)
         elif name != "ImpactPair":
-            found[heads[0 if name == "Mount" else 4]].append(name)
+            found[heads[0 if name == "Mount" else 5]].append(name)
     return found
 
 
@@ -404,23 +413,27 @@ def refusal(run: Callable[[], Any]) -> list[str]:
     return []
 
 
+def unmet_of(file: Path) -> dict[str, list[str]]:
+    """The conditions of each method that the scene of a file does not meet."""
+    scene = stochvi.load_scene(file)
+    model = model_of(scene)
+    return {name: ask(scene, model) for name, ask in METHODS.items()}
+
+
 def coverage_page() -> str:
     """A table of the scenes that ship and the methods that cover them, and why others do not."""
     folder = data_folder() / "scenes"
     files = [*sorted(folder.glob("*.toml")), *sorted((folder / "zoo").glob("*.toml"))]
     alike: dict[tuple[str, ...], list[str]] = {}
     reasons: dict[str, dict[str, dict[str, None]]] = {name: {} for name in METHODS}
-    for file in files:
-        scene = stochvi.load_scene(file)
-        model = model_of(scene)
-        covering = []
-        for name, ask in METHODS.items():
-            unmet = ask(scene, model)
-            if not unmet:
-                covering.append(name)
-            for each in unmet:
+    with ProcessPoolExecutor() as processes:
+        found = list(processes.map(unmet_of, files, chunksize=8))
+    for file, unmet in zip(files, found, strict=True):
+        for name, conditions in unmet.items():
+            for each in conditions:
                 reasons[name].setdefault(each.split(", got ")[0], {})[file.stem] = None
-        alike.setdefault(tuple(covering), []).append(file.stem)
+        covering = tuple(name for name, conditions in unmet.items() if not conditions)
+        alike.setdefault(covering, []).append(file.stem)
     text = [
         "# Which method covers which scene",
         "",
@@ -458,8 +471,28 @@ def escape_bars(
     ]  # fmt: skip
 
 
+def spread(app: Sphinx, env: BuildEnvironment, docnames: list[str]) -> None:
+    """Spread the pages that take long evenly: processes read parts of the list at the same time."""
+
+    def mixed(name: str) -> int:
+        """A number for an order that is the same each time, and not that of the alphabet."""
+        return zlib.crc32(name.encode())
+
+    slow = {
+        name for name in docnames
+        if name.startswith("generated/api") or "mystnb" in env.doc2path(name).read_text("utf-8")
+    }  # fmt: skip
+    placed = [
+        ((place + 0.5) / len(names), name)
+        for names in (sorted(slow, key=mixed), [name for name in docnames if name not in slow])
+        for place, name in enumerate(names)
+    ]
+    docnames[:] = [name for _, name in sorted(placed)]
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
     """Write the pages when a build begins."""
     app.connect("builder-inited", write_pages)
+    app.connect("env-before-read-docs", spread)
     app.connect("autodoc-process-docstring", escape_bars, priority=900)  # after numpydoc
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -69,8 +69,11 @@ def three_sigma() -> Axes:
         ax.plot(ACCEPTED, row, "s", color=COLOURS["linearise:force"], markersize=7)
         ax.text(max(rice, true) * 1.9, row, count_of(float(f"{true:.2g}")), va="center",
                 fontsize="small", color=DRAWING["length"])  # fmt: skip
-        ax.text(ACCEPTED * 1.7, row - 0.13, f"at {found['clearance_in_sigma']:.1f} sigma",
-                va="bottom", fontsize="x-small", color=COLOURS["linearise:force"])  # fmt: skip
+        words = f"Rice {count_of(float(f'{rice:.2g}'))}"
+        ax.text(min(rice, true) / 1.7, row - 0.1, words, ha="right", va="bottom",
+                fontsize="small", color=DRAWING["ink"])  # fmt: skip
+        ax.text(ACCEPTED * 1.7, row - 0.1, f"at {found['clearance_in_sigma']:.1f} sigma",
+                va="bottom", fontsize="small", color=DRAWING["ink"])  # fmt: skip
     ax.set_xscale("log")
     ax.set_xlim(3e-3, 4e6)
     ax.set_xticks([1e-2, 1.0, 1e2, 1e4, 1e6], ["0.01", "1", "100", "10 000", "1 000 000"])

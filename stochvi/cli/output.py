@@ -74,15 +74,15 @@ def progress_bar(quiet: bool, title: str, console: Console | None = None) -> Ite
 
 
 def _progress_in_lines(title: str) -> Progress:
-    """Progress in plain lines, the first after some seconds."""
+    """Progress in plain lines, the first after some seconds, and none twice in a row."""
     pace = Pace(title)
-    last = time.monotonic()
+    last, said = time.monotonic(), ""
 
     def line(done: float, text: str) -> None:
-        nonlocal last
+        nonlocal last, said
         sentence, now = pace(done, text), time.monotonic()
-        if now - last >= LINE_SECONDS:
-            last = now
+        if sentence != said and now - last >= LINE_SECONDS:
+            last, said = now, sentence
             echo(sentence)
 
     return line

@@ -665,8 +665,9 @@ def model_of(scene: Scene) -> Model:
     if scene.phases:
         names = [phase.name for phase in scene.phases]
         sentence = (
-            f"has several conditions ({', '.join(names)}), of which this takes one; give "
-            f"FILE.toml#{names[0]}, or scene.in_phase({names[0]!r})"
+            f"must be one here, got {len(names)} ({', '.join(names)}); name it, as in "
+            f"FILE.toml#{names[0]} (in Python scene.in_phase({names[0]!r})), or ask reliability "
+            "or size for all of them"
         )
         raise SceneError([("phase", sentence)])
     model = _build_model(scene.expanded)

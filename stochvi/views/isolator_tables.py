@@ -237,7 +237,7 @@ HIT_COLUMNS = {
     "clearance": "clearance (mm)",
     "clearance_in_sigma": "in sigma",
     "hit_rate": "impacts (1/s)",
-    "hits_per_first_hit": "impacts per first impact",
+    "hits_per_first_hit": "impacts per cluster",
     "impact_speed_mean": "mean speed (m/s)",
     "by": "by",
 }

@@ -192,8 +192,8 @@ def print_frame(
 
 
 LAST_DIGITS = (
-    "value(standard error in its last digits)+-bias of the step or the model, where that widens "
-    "the 95 % interval by more than a tenth (+-?: not known)"
+    "value(standard error in its last digits)+-bias of the step or the model; the bias is left out "
+    "where it widens the 95 % interval by less than a tenth, and +-? is one that is not known"
 )
 """Explanation of the notation of an `Estimate`."""
 

@@ -158,7 +158,7 @@ def places_of_stops(sizing: Sizing) -> str:
     texts = []
     if copied := sizing.stops_to_copy():
         hangs = f"; {equilibrium_in_words(sizing)}" if sizing.gap.mean_position else ""
-        texts.append(f"in the scene file, m from the unloaded spring: {copied}{hangs}")
+        texts.append(f"copy into the scene file (m from the unloaded spring): {copied}{hangs}")
     if stops := sizing.gap.distances:
         distances = " and ".join(f"{1e3 * distance:.4g}" for distance in stops.values())
         noise = ", for Gaussian noise" if sizing.doubtful else ""

@@ -59,7 +59,7 @@ def test_the_clearance_and_what_three_sigma_buys(
     assert "impacts, simulated" in done.err
     told = " ".join(done.err.split())
     assert told.count("value(standard error in its last digits)") == 1
-    assert told.count("impacts above the speed threshold alone") == 1
+    assert told.count("only impacts above the speed threshold count") == 1
     assert clearance["value"] == by_python.clearance.value
     for name in ("risk.csv", "required.csv", "hits.csv", "size.json"):
         assert (tmp_path / name).stat().st_size > 0

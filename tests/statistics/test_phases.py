@@ -139,7 +139,7 @@ def test_a_file_names_a_phase(tmp_path: Path) -> None:
     assert load_scene(f"{file}#own") == scene.in_phase("own")
     with pytest.raises(ValueError, match="phase must be one of road, own, got 'air'"):
         load_scene(f"{file}#air")
-    with pytest.raises(SceneError, match=r"several conditions \(road, own\)"):
+    with pytest.raises(SceneError, match=r"got 2 \(road, own\)"):
         simulate(scene, rel_error=0.1)
 
 

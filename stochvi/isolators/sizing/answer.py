@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 
 HITS_PER_FIRST_HIT = (
-    "impacts per first impact: the first one and those that follow from it, impacts above the "
-    "speed threshold alone"
+    "impacts per cluster: mean number of impacts that a first one leads to, itself included; only "
+    "impacts above the speed threshold count"
 )
-"""Definition of the column of impacts per first impact, in words."""
+"""Definition of the column of impacts per cluster, in words."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -38,7 +38,8 @@ class BoucWen(SpringForce):
         Share of the hysteresis, from above 0 to 1; by default 0.5. With 0.5 unloading begins with
         the full stiffness.
     on, between, axis
-        Where it acts, see `stochvi.scenes.characteristics.Characteristic`.
+        Where it acts: on a coordinate or point, between two, or along an axis of the mounts of a
+        box.
 
     See Also
     --------

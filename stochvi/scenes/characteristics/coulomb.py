@@ -22,7 +22,8 @@ class Coulomb(DamperForce):
     force
         Size of the force, N: the coefficient of friction times the normal force.
     on, between, axis
-        Where it acts, see `stochvi.scenes.characteristics.Characteristic`.
+        Where it acts: on a coordinate or point, between two, or along an axis of the mounts of a
+        box.
 
     See Also
     --------

@@ -24,7 +24,8 @@ class Duffing(SpringForce):
         Stiffness at x = 0 beside that of the structure, N/m; by default 0. One below 0 makes two
         wells where it outweighs that of the structure.
     on, between, axis
-        Where it acts, see `stochvi.scenes.characteristics.Characteristic`.
+        Where it acts: on a coordinate or point, between two, or along an axis of the mounts of a
+        box.
 
     See Also
     --------

@@ -23,7 +23,8 @@ class PolynomialSpring(SpringForce):
         a_1, ..., a_n, N/m, N/m^2 and so on. The last one belongs to an odd power and is positive,
         so that the spring holds the mass on both sides.
     on, between, axis
-        Where it acts, see `stochvi.scenes.characteristics.Characteristic`.
+        Where it acts: on a coordinate or point, between two, or along an axis of the mounts of a
+        box.
 
     See Also
     --------
@@ -77,7 +78,8 @@ class PolynomialDamper(DamperForce):
         c_1, ..., c_n, N s/m, N s^2/m^2 and so on; the last one is positive. The second one is the
         drag of a fluid.
     on, between, axis
-        Where it acts, see `stochvi.scenes.characteristics.Characteristic`.
+        Where it acts: on a coordinate or point, between two, or along an axis of the mounts of a
+        box.
 
     See Also
     --------

@@ -24,7 +24,8 @@ class Rayleigh(DamperForce):
         Damping at v = 0 beside that of the structure, N s/m. Below 0 it excites the mass, which
         then moves by itself at velocities of about sqrt(-4 / 3 linear_damping / cubic_damping).
     on, between, axis
-        Where it acts, see `stochvi.scenes.characteristics.Characteristic`.
+        Where it acts: on a coordinate or point, between two, or along an axis of the mounts of a
+        box.
 
     See Also
     --------

@@ -37,7 +37,8 @@ class SpringFunction(SpringForce):
         Energy at a displacement, J, a function of one number, for a force that does not depend on
         the velocity; by quadrature of the force where it is not given.
     on, between, axis
-        Where it acts, see `stochvi.scenes.characteristics.Characteristic`.
+        Where it acts: on a coordinate or point, between two, or along an axis of the mounts of a
+        box.
 
     Raises
     ------

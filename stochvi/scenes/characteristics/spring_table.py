@@ -34,7 +34,8 @@ class SpringTable(SpringForce):
     source
         Where the numbers come from; by default the name of the file from which they were read.
     on, between, axis
-        Where it acts, see `stochvi.scenes.characteristics.Characteristic`.
+        Where it acts: on a coordinate or point, between two, or along an axis of the mounts of a
+        box.
 
     See Also
     --------

@@ -24,7 +24,8 @@ class VanDerPol(DamperForce):
         Displacement beyond which it takes energy, m. A lightly damped mass moves by itself with
         twice this amplitude.
     on, between, axis
-        Where it acts, see `stochvi.scenes.characteristics.Characteristic`.
+        Where it acts: on a coordinate or point, between two, or along an axis of the mounts of a
+        box.
 
     See Also
     --------

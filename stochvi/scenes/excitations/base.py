@@ -223,7 +223,8 @@ class DensityNoise(BaseExcitation):
     Parameters
     ----------
     level_db
-        Decibels by which the whole density is raised, -200 to 200.
+        Decibels by which the whole density is raised, -200 to 200: +3 dB doubles it, -20 dB is
+        a tenth of the rms value.
     """
 
     family: ClassVar[str] = "tabulated noise"

@@ -47,7 +47,7 @@ class AnyStructure(Checked):
     Parameters
     ----------
     spring, damper
-        Springs and dampers that are functions, one or a list; see `stochvi.scenes.characteristics`.
+        Springs and dampers that are functions, one or a list: the kinds of "springs and dampers".
         Their forces add to those of stiffness and damping.
     """
 

@@ -211,7 +211,7 @@ def joint_chance(chances: Mapping[str, Chance]) -> Chance:
         confidence=each[0].confidence,
         rule="square roots of sums of squares of the half widths of the hazards of the phases",
         way="phases",
-        why=f"phase {worst} has {100.0 * share / hazard:.3g} % of the hazard"
+        why=f"phase {worst} has {100.0 * share / hazard:.3g} % of the risk"
         if hazard > 0.0
         else "the event was seen in no phase",
         trials=sum(one.trials for one in each),

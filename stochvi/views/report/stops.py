@@ -138,7 +138,7 @@ def _hit_rows(review: Review) -> list[list[str]]:
             "impacts in the mission",
             lambda hits: _count(hits.expected, hits.expected_low, hits.expected_high),
         ),
-        row("impacts per first impact", lambda hits: _seen(hits.hits_per_first_hit)),
+        row("impacts per cluster", lambda hits: _seen(hits.hits_per_first_hit)),
         row("mean impact speed (m/s)", lambda hits: _seen(hits.impact_speed_mean)),
         row("impacts found by", lambda hits: way_in_words(hits.by)),
     ]

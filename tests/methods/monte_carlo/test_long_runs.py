@@ -543,6 +543,17 @@ def test_progress_is_told_in_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     )
 
 
+def test_no_line_of_progress_is_told_twice_in_a_row(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(output, "LINE_SECONDS", 0.0)
+    with output.progress_bar(False, "simulating") as report:
+        for text in ("compiling", "compiling", "row 1", "compiling"):
+            report(0.0, text)
+    told = [line.partition("%")[2].strip(", ") for line in capsys.readouterr().err.splitlines()]
+    assert told == ["compiling", "row 1", "compiling"]
+
+
 def test_a_refused_checkpoint_ends_with_code_2_and_one_sentence(tmp_path: Path, kept: Path) -> None:
     done = invoked(tmp_path, "--resume", kept, "--seed", 8)
     assert (done.exit_code, done.stdout) == (2, "")
