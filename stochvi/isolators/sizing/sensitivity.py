@@ -118,6 +118,8 @@ def sensitivity(sizing: Sizing | PairsSizing, **options: Unpack[AccuracyOptions]
     """
     import pandas as pd
 
+    if not isinstance(sizing, Sizing | PairsSizing):
+        raise ValueError(f"sizing must be an answer of size, got {sizing!r}; call size first")
     run = Run.of(options)
     again = Resizing(sizing=sizing, run=run)
     rows = again.rows(list(variations(sizing)))

@@ -11,6 +11,7 @@ from .bifurcation import Bifurcation, BifurcationSweep, bifurcation, lyapunov_ex
 from .method import harmonic_response
 from .resonance import HarmonicResonance, RandomResonance
 from .structure_resonance import StructureResonance
+from .switched_drive import SwitchedDrive
 
 __all__ = [
     "BasinRegime",
@@ -26,6 +27,7 @@ __all__ = [
     "SimulatedSweep",
     "SpecialPoint",
     "StructureResonance",
+    "SwitchedDrive",
     "basins",
     "bifurcation",
     "harmonic_response",
