@@ -287,6 +287,7 @@ def sampled(calculate: Any = None, **defaults: Any) -> Any:
         bound = signature.bind(*args, **given)
         bound.apply_defaults()
         named = dict(bound.arguments)
+        named |= {name: each for name, each in defaults.items() if named[name] is None}
         if "seed" in named:
             named["seed"] = named["seed"] or 0
         named |= {name: plain_number(each) for name, each in named.items() if name in DEFAULTS}

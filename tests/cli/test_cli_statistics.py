@@ -250,3 +250,15 @@ def test_damage_is_a_document_of_lists_and_files(stochvi: Run, tmp_path: Path) -
 def test_damage_refuses_what_makes_no_sense(stochvi: Run, words: list[str], sentence: str) -> None:
     code, _, err = stochvi("damage", ISOLATOR, "--mission", "60", *words)
     assert code == 2 and sentence in err
+
+
+def test_the_growth_of_a_modulated_motion_needs_no_option(stochvi: Run, tmp_path: Path) -> None:
+    noise = {"kind": "modulation", "of": "stiffness", "intensity": 0.02}
+    modulated = {**DOCUMENT, "excitation": [*DOCUMENT["excitation"], noise]}
+    path = tmp_path / "modulated.toml"
+    path.write_text(to_toml(modulated), encoding="utf-8")
+    code, out, _ = stochvi("stability", path, "--json", "-", "--out", tmp_path)
+    exponent = one_document(out)["lyapunov_exponent"]
+    assert code == 0 and exponent["value"] < 0.0
+    assert exponent["standard_error"] <= 0.02 * abs(exponent["value"])
+    assert (tmp_path / "stability.png").stat().st_size > 10_000
