@@ -277,6 +277,8 @@ def size(
             judged.append(answer.record)
         if options.out is None:
             return
+        if answer.production is not None:
+            options.draw("production", answer.production.plot)
         from stochvi.isolators.sizing.review import ReviewSettings, review
         from stochvi.views.report import write_pairs_report, write_report
 

@@ -346,6 +346,8 @@ def reliability(
                 )  # fmt: skip
             judged["production"] = units[0].to_dict()
         options.show(answer, tell, "reliability", answer.to_dict() | judged)
+        for each in units:
+            options.draw("production", each.plot)
         if options.out is not None:
             from stochvi.isolators.scene_at_rest import scene_at_rest
             from stochvi.views.report import write_reliability_report

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
-from stochvi.views.axes import add_title, length_unit
+from stochvi.results.estimates import Estimate
+from stochvi.views.axes import PAGE, axes_or_new, length_unit
 from stochvi.views.colours import CLEARANCES, COLOURS
-from stochvi.views.tables import print_frame, print_line
+from stochvi.views.tables import print_frame, print_line, value_with_error
 from stochvi.views.words import MM, four_digits
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ def print_production(console: Console, found: Production) -> None:
         print_line(console, line)
     print_frame(console, tolerances_in_rows(found), COSTS)
     print_frame(console, units_in_rows(found), units_heading(found))
+    print_line(console, f"method of the production: {found.method}")
 
 
 def risk_in_words(found: Production) -> list[str]:
@@ -79,7 +81,10 @@ def tolerances_in_rows(found: Production) -> pd.DataFrame:
     }
     for name, heading in (("first_order", "alone (%)"), ("total", "with others (%)")):
         pairs = zip(table[name], table[f"{name}_error"], strict=True)
-        columns[heading] = [f"{100.0 * share:.0f} ± {100.0 * error:.0f}" for share, error in pairs]
+        columns[heading] = [
+            value_with_error(Estimate(value=100.0 * share, standard_error=100.0 * error))
+            for share, error in pairs
+        ]
     return pd.DataFrame(columns)
 
 
@@ -107,16 +112,21 @@ def _mission(found: Production) -> str:
 
 
 def plot_production(found: Production, ax: Axes | None = None) -> Axes:
-    """The share of the units below each probability of an impact, with the mean over the production
-    and a unit as stated; beside it, in a figure of its own, the clearance that each tolerance
-    costs."""
+    """The units by their risk; beside them, in a figure of its own, what each tolerance costs."""
     if ax is None:
         import matplotlib.pyplot as plt
 
         ax, beside = plt.subplots(
             1, 2, width_ratios=[1.3, 1.0], figsize=(9.6, 4.0), layout="constrained"
         )[1]
-        _plot_costs(found, beside)
+        plot_costs(found, beside)
+    return plot_units(found, ax)
+
+
+def plot_units(found: Production, ax: Axes | None = None) -> Axes:
+    """The share of the units below each probability of an impact, with the mean over the production
+    and a unit as stated."""
+    ax = axes_or_new(ax, PAGE)
     table = found.units[found.units["probability"] > LEAST_PROBABILITY]
     ax.plot(
         table["probability"], 100.0 * table["share_of_units"], "o-", markersize=4,
@@ -135,26 +145,22 @@ def plot_production(found: Production, ax: Axes | None = None) -> Axes:
     ax.set_ylim(0.0, 103.0)
     ax.set_xlabel(f"probability of any impact of a unit in {_mission(found)}")
     ax.set_ylabel("units with at most this probability (%)")
-    ax.legend(frameon=False, fontsize="small", loc="lower right")
+    ax.legend(frameon=False, fontsize="small", loc="upper left")
     ax.grid(alpha=0.4)
     return ax
 
 
-def _plot_costs(found: Production, ax: Axes) -> None:
+def plot_costs(found: Production, ax: Axes | None = None) -> Axes:
+    """The clearance that each tolerance costs."""
+    ax = axes_or_new(ax, PAGE)
     rows = found.tolerances[::-1]
-    if not len(rows):
-        ax.set_axis_off()
-        return
-    unit, name = length_unit(float(np.max(np.abs(rows["clearance_cost"]))) or 1.0)
+    unit, name = length_unit(float(np.max(np.abs(rows["clearance_cost"]))))
     ax.barh(
-        [textwrap.fill(each, LABEL_WIDTH) for each in rows["tolerance"]],
+        # a number stays with its sign and unit
+        [textwrap.fill(each.replace("± ", "±"), LABEL_WIDTH) for each in rows["tolerance"]],
         rows["clearance_cost"] / unit, height=0.55, color=COLOURS["linearise:force"],
     )  # fmt: skip
     ax.tick_params(axis="y", labelsize="small")
     ax.set_xlabel(f"clearance that it costs ({name})")
     ax.margins(x=0.12)
-
-
-def draw_production(found: Production, title: str = "") -> Axes:
-    """The picture with a title."""
-    return add_title(plot_production(found), title)
+    return ax

@@ -10,7 +10,8 @@ from stochvi.isolators.production_risk.spreads import in_words
 from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.views.production import (
     COSTS,
-    plot_production,
+    plot_costs,
+    plot_units,
     risk_in_words,
     tolerances_in_rows,
     units_heading,
@@ -58,11 +59,8 @@ def production_section(found: Production | None) -> Section:
             _grid_of(units_heading(found), units_in_rows(found)),
         ],
         pictures=[
-            shown(
-                lambda: plot_production(found),
-                "Probability of any impact over the units, and the clearance that each tolerance "
-                "costs.",
-            )
+            shown(lambda: plot_units(found), "Units by their probability of any impact."),
+            shown(lambda: plot_costs(found), "Clearance that each tolerance costs."),
         ],
         notes=[f"{found.method[0].upper()}{found.method[1:]}."],
     )
