@@ -53,6 +53,7 @@ from .statistics.reliability import reliability
 from .statistics.spectra import spectrum
 from .statistics.stability import stability
 from .sweeps import sweep
+from .unit_means import mean_over_units
 from .verification.check import check
 from .verification.cost import cost
 from .verification.explain import explain
@@ -106,6 +107,7 @@ __all__ = [
     "load_answer",
     "load_scene",
     "mathematics",
+    "mean_over_units",
     "methods",
     "reliability",
     "replay",

@@ -14,6 +14,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
@@ -152,6 +153,19 @@ def sweep(
     >>> table["stops.collision_rate"].round(4).tolist()
     [0.2031, 0.1147, 0.022]
     """
+    loaded = scene if isinstance(scene, Scene) else load_scene(scene)
+    document, grid = loaded.document(as_written=True), _grid(vary)
+    check_method(method, arguments)
+    for change in grid:  # a value that the scene refuses ends the sweep before its first row
+        changed_scene(document, change)
+    return rows_of(
+        loaded, grid, partial(changed_scene, document), method=method, common=common,
+        arguments=arguments, out=out, progress=progress,
+    )  # fmt: skip
+
+
+def check_method(method: str, arguments: Mapping[str, Any]) -> None:
+    """ValueError for a method that a row cannot have."""
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
     if method == "closure" and "form" in arguments:
@@ -159,20 +173,23 @@ def sweep(
             f"form must be left out of method 'closure', got {arguments['form']!r}; for other "
             "forms take method='linearise'"
         )
-    loaded = scene if isinstance(scene, Scene) else load_scene(scene)
-    document = loaded.document(as_written=True)
+
+
+def rows_of(
+    scene: Scene, grid: Sequence[Change], made: Callable[[Change], Scene], *, method: str,
+    common: bool, arguments: dict[str, Any], out: str | Path | None, progress: Progress | None,
+) -> pd.DataFrame:  # fmt: skip
+    """The table of a sweep: a row for each change, of the scene that is made of it; see `sweep`."""
     known = RunOptions.__annotations__.keys() & arguments.keys()
     options = {name: arguments.pop(name) for name in known}
     if out is not None and str(out) == "":
         raise ValueError("out must name a folder, got ''")
     if out is not None and (own := sorted({"checkpoint", "resume"} & options.keys())):
         raise ValueError(f"give {own[0]} or out, not both: the folder out keeps all rows")
-    grid = _grid(vary)
-    for change in grid:  # a value that the scene refuses ends the sweep before its first row
-        changed_scene(document, change)
     budget = options.pop("budget", BUDGET if method in SAMPLING else None)
     found: pd.DataFrame = _sweep(
-        loaded, grid, method=method, common=common, arguments=arguments, out=out, progress=progress,
+        scene, grid, made, method=method, common=common, arguments=arguments, out=out,
+        progress=progress,
         budget=None if budget is None else len(grid) * budget, **options,
     )  # fmt: skip
     found.attrs["keys"] = [key for key, _ in grid[0]] if grid else []
@@ -181,12 +198,13 @@ def sweep(
 
 @sampled
 def _sweep(
-    scene: Scene, grid: Sequence[Change], *, method: str, common: bool,
-    arguments: Mapping[str, Any], out: str | Path | None, **options: Unpack[RunOptions],
+    scene: Scene, grid: Sequence[Change], made: Callable[[Change], Scene], *, method: str,
+    common: bool, arguments: Mapping[str, Any], out: str | Path | None,
+    **options: Unpack[RunOptions],
 ) -> pd.DataFrame:  # fmt: skip
     """The table of a sweep."""
     run, number, rows = Run.of(options), len(grid), list[dict[str, Any]]()
-    document, given = scene.document(as_written=True), dict(arguments)
+    given = dict(arguments)
     each = None if options["budget"] is None else options["budget"] / number
     run.begin()
     folder = None if out is None else folder_in(Path(out), "rows")
@@ -198,7 +216,7 @@ def _sweep(
             given["budget"] = min(each, run.deadline.part(1.0 / (number - done)) or each)
         elif method in SAMPLING:
             given["budget"] = None
-        job = Job.of(changed_scene(document, change), change, method, common, run.seed, dict(given))
+        job = Job.of(made(change), change, method, common, run.seed, dict(given))
         try:
             row = run.part(done / number, (done + 1) / number, f"row {done + 1} of {number}")
             rows.append(job.row(folder, row))

@@ -7,9 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
+import numpy as np
 from scipy.stats import norm, truncnorm, uniform
 
 from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.mathematics.arrays import Vector
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import RigidBody
 
@@ -82,6 +84,21 @@ class Spread:
             return norm(self.mean, self.std)
         least = (SMALLEST_RATIO - 1.0 - self.mean) / self.std
         return truncnorm(least, math.inf, self.mean, self.std)
+
+    def nodes(self, quantity: str, number: int) -> tuple[Vector, Vector]:
+        """Nodes and weights of Gauss quadrature over the amount of a quantity."""
+        if self.half_width is not None:
+            place, weight = np.polynomial.legendre.leggauss(number)
+            return self.mean + self.half_width * place, 0.5 * weight
+        assert self.std is not None
+        place, weight = np.polynomial.hermite_e.hermegauss(number)
+        amounts = self.mean + self.std * place
+        if quantity in RELATIVE and amounts[0] < SMALLEST_RATIO - 1.0:
+            raise ValueError(
+                f"nodes of {quantity} must stay above -95 %, got {100.0 * amounts[0]:.3g} %; give "
+                "fewer nodes, or a smaller std"
+            )
+        return amounts, weight / math.sqrt(2.0 * math.pi)
 
     def in_words(self, quantity: str) -> str:
         """The distribution of a quantity, in words."""

@@ -22,6 +22,7 @@ from stochvi.isolators.production_risk.spreads import Spread
 from stochvi.isolators.sizing.changes import CENTRE, Change, Tolerances, all_applied
 from stochvi.isolators.sizing.tolerance_region import PER_RESONANCE, Region
 from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES
@@ -96,11 +97,23 @@ class Units:
                 case "centre":
                     own = list(CENTRES)
                 case "clearance":
-                    own = [f"clearance {k}" for k in np.flatnonzero(np.isfinite(self.stops))]
+                    own = list(self.places)
                 case _:
                     own = [name]
             found += [(name, each) for each in own]
         return found
+
+    @cached_property
+    def places(self) -> dict[str, tuple[int, int]]:
+        """Row and column of the stop to which each amount of a clearance belongs, by its name."""
+        model = model_of(self.scene)
+        names = [pair.name for pair in model.pairs] or list(model.coordinates)
+        return {
+            f"clearance {side} {name}": (row, column)
+            for column, name in enumerate(names)
+            for row, side in enumerate(("lower", "upper"))
+            if math.isfinite(self.stops[row, column])
+        }
 
     def drawn(self, points: Matrix) -> Matrix:
         """Amounts (units, columns) at points of the unit cube."""
@@ -124,6 +137,24 @@ class Units:
         """The scene of one unit, its stops not moved."""
         return all_applied(self.changes(amounts), self.scene)
 
+    def built(self, amounts: Vector) -> Scene:
+        """The scene of one unit with its stops where they are, each off by its own amount."""
+        off = np.zeros(self.stops.shape)
+        for (tolerance, name), amount in zip(self.columns, amounts, strict=True):
+            if tolerance == "clearance":
+                off[self.places[name]] = amount
+        whole = self.unit(amounts).expanded
+        pairs = [
+            pair.model_copy(
+                update={
+                    "lower": None if pair.lower is None else pair.lower - float(below),
+                    "upper": None if pair.upper is None else pair.upper + float(above),
+                }
+            )
+            for pair, below, above in zip(whole.impact_pairs, off[0], off[1], strict=True)
+        ]
+        return whole.model_copy(update={"impact_pairs": tuple(pairs)})
+
     def gaps(self, amounts: Matrix) -> UnitGaps:
         """The gaps of units, from their amounts (units, columns)."""
         names = [name for _, name in self.columns]
@@ -138,7 +169,7 @@ class Units:
             if tolerance == "level":
                 log_sigma = log_sigma + amounts[:, k, None] * NEPERS_PER_DB
             elif tolerance == "clearance":
-                side, pair = np.unravel_index(int(name.split()[1]), self.stops.shape)
+                side, pair = self.places[name]
                 farther[:, side, pair] += amounts[:, k]
         return UnitGaps(np.exp(log_sigma), np.exp(log_rate), farther)
 
