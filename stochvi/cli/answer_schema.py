@@ -201,7 +201,10 @@ CHANGES = {
 }  # fmt: skip
 """How the JSON documents of answers differ from their fields, by the names of their classes."""
 
-RARE = {"Estimate": ("upper_95", "bias_error"), "Reliability": ("pairs", "outputs", "phases")}
+RARE = {
+    "Estimate": ("upper_95", "bias_error"), "Reliability": ("pairs", "outputs", "phases"),
+    "Response": ("statistics",),
+}  # fmt: skip
 """Keys that are present only if they have a value, by the names of the classes."""
 
 

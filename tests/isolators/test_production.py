@@ -184,7 +184,7 @@ def test_the_mean_over_units_is_that_of_each_unit_calculated(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     quick = request.node.get_closest_marker("verify") is None
-    number = 16 if quick else 120
+    number = 16 if quick else 200
     if quick:
         monkeypatch.setattr(method, "SIMULATED", 4)
     found = production(
