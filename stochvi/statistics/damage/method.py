@@ -16,6 +16,7 @@ from stochvi.mathematics.spectra import Table
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.prices import check_price
 from stochvi.model.calculations import calculation
+from stochvi.model.coverage import modulated
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
@@ -543,6 +544,8 @@ def _driven(scene: Scene, model: Model) -> bool:
     if model.scattered:
         remedy = "restitution must not scatter, as impulses are not recorded; give its mean alone"
         raise NotApplicable("damage", [remedy])
+    if conditions := modulated(model):
+        raise NotApplicable("damage", conditions)
     on_base, on_masses = places_shaken(scene)
     if model.remembers:
         why = f"{why_no_acceleration(model, on_base)}; give a spring without memory"

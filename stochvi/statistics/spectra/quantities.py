@@ -110,7 +110,9 @@ def _present(scene: Scene) -> list[str]:
 
 def _meanings(scene: Scene, plan: HistoryPlan) -> dict[str, str]:
     rigid = any(stop.rigid for stop in plan.model.stops)
-    if plan.model.remembers:
+    if plan.model.modulations:
+        acceleration = "left out: the force of a modulation is not kept"
+    elif plan.model.remembers:
         acceleration = "left out: the force of a spring with hysteresis is not kept"
     elif not _present(scene):
         acceleration = "left out: a force acts on a mass, and is part of its acceleration"

@@ -21,6 +21,7 @@ from stochvi import (
     Scene,
     WhiteNoise,
     average,
+    damage,
     exact,
     explain,
     first_passage,
@@ -37,6 +38,7 @@ from stochvi import (
     spectrum,
     transient,
 )
+from stochvi.isolators import bumper_map
 from stochvi.mathematics.moment_growth import FilteredChange
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
@@ -350,7 +352,8 @@ def test_explain_names_modulations() -> None:
 @pytest.mark.parametrize(
     "calculation",
     [
-        exact, average, screen, replay, linearise, fokker_planck,
+        exact, average, screen, replay, linearise, fokker_planck, bumper_map,
+        lambda scene: damage(scene, mission=10.0),
         lambda scene: linearise(scene, form="force"),
         lambda scene: transient(scene, [1.0, 2.0]),
         lambda scene: first_passage(scene, 10.0),

@@ -21,6 +21,7 @@ from stochvi import (
     SceneError,
     TabulatedNoise,
     WhiteNoise,
+    damage,
     exact,
     explain,
     fokker_planck,
@@ -32,6 +33,7 @@ from stochvi import (
     simulate,
     size,
 )
+from stochvi.isolators import bumper_map
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.model.model import model_of
@@ -228,7 +230,8 @@ def test_a_clearance_stays_above_zero(keys: dict[str, float]) -> None:
 @pytest.mark.parametrize(
     "calculation",
     [
-        exact, fokker_planck, linearise, screen,
+        exact, fokker_planck, linearise, screen, bumper_map,
+        lambda scene: damage(scene, mission=10.0),
         lambda scene: reliability(scene, mission=10.0),
         lambda scene: size(scene, probability=0.01, mission=10.0),
     ],
