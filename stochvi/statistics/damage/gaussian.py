@@ -5,11 +5,12 @@ moments of the pseudo-velocity w z and of the absolute acceleration y = a + z'' 
 
     lambda_n = int (2 pi f)^n |H(f)|^2 G(f) df.
 
-The damage of a Gaussian stress is that of Dirlik (T. Dirlik, Warwick 1985). The formula of Tovo
-and Benasciutti, a mean of the narrow-band damage and that of range counting (Int. J. Fatigue 24
-(2002) 867 and 27 (2005) 867), is a second opinion: the difference is a part of the bias. Extremes
+The damage of a Gaussian stress is that of a narrow band times alpha_0.75^2 (D. Benasciutti and
+R. Tovo, Probab. Eng. Mech. 21 (2006) 287). Dirlik's formula (T. Dirlik, Warwick 1985) is a second
+opinion: the difference is a part of the bias. It errs by a third where equipment is much faster
+than its mount: the stress then has two bands. Extremes
 are those of clumps of crossings (E. H. Vanmarcke, J. Appl. Mech. 42 (1975) 215); their bias is the
-difference to independent crossings.
+difference to independent crossings, or to clumps at the mean frequency of the motion.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.special import gamma
@@ -44,6 +45,12 @@ smallest times the second."""
 
 LEVELS = np.linspace(0.0, 12.0, 4801)
 """Levels in standard deviations over which the distribution of an extreme is integrated."""
+
+FORMULA_ERROR, DIFFERENCES = 0.1, 2.5
+"""The relative bias of the damage by formula is the first number, or the second one times the
+difference of the two formulas if that is larger. Against rainflow counting on all profiles that
+ship, b = 6, it erred by 9 % at most up to 320 Hz, and by 21 % at 1500 Hz, where Dirlik's erred by
+32 %."""
 
 NARROW = 1.0 - 1e-9
 """Spectral width alpha_2 from which on a process is narrow-band."""
@@ -129,10 +136,17 @@ def _around(centre: float, width: float) -> Vector:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SpectralMoments:
-    """Spectral moments lambda_0, lambda_1, lambda_2 and lambda_4, (equipment,) each."""
+    """Spectral moments lambda_n of the orders 0, 0.75, 1, 1.5, 2 and 4, (equipment,) each."""
+
+    ORDERS: ClassVar[dict[str, float]] = {
+        "order0": 0.0, "order075": 0.75, "order1": 1.0, "order150": 1.5, "order2": 2.0,
+        "order4": 4.0,
+    }  # fmt: skip
 
     order0: Vector
+    order075: Vector
     order1: Vector
+    order150: Vector
     order2: Vector
     order4: Vector
 
@@ -171,10 +185,8 @@ class GaussianEquipment:
         f, weight, density = self._grid
         omega = 2.0 * math.pi * f
         powered = gain(omega) * (density * weight)
-        return SpectralMoments(
-            order0=powered.sum(axis=1), order1=powered @ omega,
-            order2=powered @ omega**2, order4=powered @ omega**4,
-        )  # fmt: skip
+        orders = SpectralMoments.ORDERS.items()
+        return SpectralMoments(**{name: powered @ omega**order for name, order in orders})
 
     def _resonance(self, omega: Vector) -> Matrix:
         """|H|^2 of the relative displacement, (equipment, frequencies)."""
@@ -215,10 +227,11 @@ class GaussianEquipment:
         return np.asarray(np.sqrt(self.response.order0))
 
     def damage_rates(self) -> tuple[Vector, Vector]:
-        """Damage per second by Tovo and Benasciutti, and by Dirlik, (m/s)^b/s."""
-        return tovo_benasciutti(self.stress, self.equipment.exponent), dirlik(
-            self.stress, self.equipment.exponent
+        """Damage per second, (m/s)^b/s, and a bound of the error of its formula."""
+        wear, other = (
+            formula(self.stress, self.equipment.exponent) for formula in (three_quarters, dirlik)
         )
+        return wear, np.maximum(DIFFERENCES * np.abs(wear - other), FORMULA_ERROR * wear)
 
     def exceedance_rates(self, levels: Vector) -> tuple[Vector, Vector]:
         """Rates, 1/s, at which |y| goes beyond `levels` standard deviations, (equipment, levels):
@@ -238,37 +251,35 @@ class GaussianEquipment:
         """Expected largest |y| of a mission with its bias, m/s^2, and the levels below which it
         stays with the `probabilities`, (probabilities, equipment)."""
         clumps, crossings = self.exceedance_rates(LEVELS)
-        below = np.exp(-np.minimum(clumps * mission, 700.0))
-        below[:, 0] = 0.0
-        step = LEVELS[1] - LEVELS[0]
-        mean = step * (np.sum(1.0 - below, axis=1) - 0.5)
-        plain = np.exp(-np.minimum(crossings * mission, 700.0))
-        other = step * (np.sum(1.0 - plain, axis=1) - 0.5 * (1.0 - plain[:, 0]))
+        m = self.response
+        # a fast ripple on a slow motion crosses a level many times at one crest of that motion
+        slow = (m.order1 / np.sqrt(m.order0 * m.order2))[:, None]
+
+        def mean_of(rates: Vector) -> tuple[Vector, Vector]:
+            below = np.exp(-np.minimum(rates * mission, 700.0))
+            below[:, 0] = 0.0
+            return (LEVELS[1] - LEVELS[0]) * (np.sum(1.0 - below, axis=1) - 0.5), below
+
+        mean, below = mean_of(clumps)
+        bias = np.max([np.abs(mean_of(each)[0] - mean) for each in (crossings, slow * clumps)], 0)
         levels = np.array([[np.interp(p, each, LEVELS) for each in below] for p in probabilities])
-        return mean * self.rms, np.abs(other - mean) * self.rms, levels * self.rms
+        return mean * self.rms, bias * self.rms, levels * self.rms
 
 
-def tovo_benasciutti(m: SpectralMoments, exponent: float) -> Vector:
+def three_quarters(m: SpectralMoments, exponent: float) -> Vector:
     """Rainflow damage per second of a Gaussian stress with these moments, sum of amplitude^b.
 
-    D = (p + (1 - p) alpha_2^(b - 1)) D_narrow, D_narrow = nu (2 lambda_0)^(b/2) Gamma(1 + b / 2).
+    D = alpha^2 D_narrow, alpha = lambda_0.75 / sqrt(lambda_0 lambda_1.5),
+    D_narrow = nu (2 lambda_0)^(b/2) Gamma(1 + b / 2).
 
     >>> one = np.ones(1)
-    >>> narrow = SpectralMoments(order0=one, order1=one, order2=one, order4=one)
-    >>> bool(np.isclose(2 * np.pi * tovo_benasciutti(narrow, 2.0)[0], 2.0))
+    >>> narrow = SpectralMoments(**dict.fromkeys(SpectralMoments.ORDERS, one))
+    >>> bool(np.isclose(2 * np.pi * three_quarters(narrow, 2.0)[0], 2.0))
     True
     """
-    first = m.order1 / np.sqrt(m.order0 * m.order2)
-    second = np.minimum(m.order2 / np.sqrt(m.order0 * m.order4), NARROW)
-    share = (
-        (first - second)
-        * (1.112 * (1.0 + first * second - (first + second)) * np.exp(2.11 * second)
-           + (first - second))
-        / (second - 1.0) ** 2
-    )  # fmt: skip
-    share = np.clip(np.where(second >= NARROW, 1.0, share), 0.0, 1.0)
+    width = m.order075**2 / (m.order0 * m.order150)
     narrow = m.crossings * (2.0 * m.order0) ** (0.5 * exponent) * gamma(1.0 + 0.5 * exponent)
-    return np.asarray((share + (1.0 - share) * second ** (exponent - 1.0)) * narrow)
+    return np.asarray(width * narrow)
 
 
 def dirlik(m: SpectralMoments, exponent: float) -> Vector:

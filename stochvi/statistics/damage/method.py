@@ -6,13 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple, Unpack
+from typing import Any, Literal, Unpack
 
 import numpy as np
 
 from stochvi.mathematics.arguments import shown
 from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.mathematics.spectra import Table
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.prices import check_price
 from stochvi.model.calculations import calculation
@@ -20,12 +19,11 @@ from stochvi.model.coverage import modulated
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Estimate, of_events, provenance
+from stochvi.results.estimates import provenance
 from stochvi.results.intervals import (
     events_suffice,
     mean_and_error,
     student_factor,
-    upper_limit_unseen,
 )
 from stochvi.results.response import ROTATIONS
 from stochvi.results.sizes import check_size
@@ -35,7 +33,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.statistics.accelerations import places_shaken, why_no_acceleration
 from stochvi.statistics.bursts import UNFINISHED
 from stochvi.statistics.cluster_paths import ClusterPaths
-from stochvi.statistics.damage.answer import Damage, EquipmentSpectra, Shocks, SpectrumValues
+from stochvi.statistics.damage.answer import Damage, EquipmentSpectra, SpectrumValues
 from stochvi.statistics.damage.clusters import (
     ClusterPart,
     Clusters,
@@ -43,8 +41,10 @@ from stochvi.statistics.damage.clusters import (
     joined_clusters,
 )
 from stochvi.statistics.damage.equipment import SAMPLES_PER_PERIOD, Equipment
+from stochvi.statistics.damage.equivalent import equivalent_density
 from stochvi.statistics.damage.extremes import largest_of_mission
 from stochvi.statistics.damage.gaussian import GaussianAcceleration, GaussianEquipment
+from stochvi.statistics.damage.hits import Hits, Records, hits_of_clusters
 from stochvi.statistics.damage.records import (
     CONTACT_SAMPLES,
     DamageSampler,
@@ -71,10 +71,6 @@ FEWEST_PATHS = 16
 MOST_UNSEEN = 1024
 """Number of paths after which a simulation ends that has seen too few impacts for an error."""
 
-FORMULA_ERROR = 0.08
-"""Relative bias of the formulas for damage by rainflow cycles. Dirlik's, which is taken, was seen
-to err by up to 7 % on an isolator, on one profile that ships and in white noise."""
-
 HOLD_ERROR = 1.5e-3
 """Relative error of the amplitude of equipment at `SAMPLES_PER_PERIOD` samples per period, by the
 polynomial between samples and by that of peaks; it falls with the fourth power of the step."""
@@ -82,21 +78,8 @@ polynomial between samples and by that of peaks; it falls with the fourth power 
 WHOLE = 0.95
 """Share of missions whose largest response lies in the range that is stated."""
 
-ROUNDS, SAME = 60, 1e-3
-"""Largest number of corrections of the equivalent density, and the relative difference of its
-damage at which they end."""
-
-MARGIN, LEAST_DENSITY = math.sqrt(2.0), 1e-12
-"""The equivalent density is constant to this factor beyond its ends; it is no smaller than this
-share of its largest value."""
-
-RARE = 0.01
-"""Share of the windows with an impact that exceed the worst shock."""
-
 MOST_QUALITY, MOST_EXPONENT = 1e4, 30.0
 """Largest quality and exponent of the equipment."""
-
-HOUR = 3600.0
 
 
 @calculation
@@ -194,7 +177,7 @@ def damage(
     if (found := question.by_clusters(gaussian, without, way)) is not None:
         return found
     sampler, taken = question.simulated(scene, model)
-    records = _Records(sampler, joined(taken.sample))
+    records = Records(sampler, joined(taken.sample))
     spectra = question.of_records(*records)
     if not model.pairs:
         without, way_without = spectra, "simulation"
@@ -309,7 +292,7 @@ class _Question:
     def by_density(self, gaussian: GaussianEquipment) -> EquipmentSpectra:
         """Spectra of the Gaussian motion without stops."""
         nothing = np.zeros(len(self.equipment.frequency_hz))
-        other, wear = gaussian.damage_rates()
+        wear, error = gaussian.damage_rates()
         tail = (1.0 - WHOLE) / 2.0
         largest, bias, levels = gaussian.extremes(self.mission, (tail, 1.0 - tail))
 
@@ -322,7 +305,7 @@ class _Question:
             extreme_lower=levels[0], extreme_upper=levels[1],
             fatigue_damage=SpectrumValues(
                 value=self.mission * wear, standard_error=nothing,
-                bias=self.mission * np.maximum(np.abs(wear - other), FORMULA_ERROR * wear),
+                bias=self.mission * error,
             ),
             cumulative_rms=exact(np.sqrt(gaussian.cumulative_square())),
         )  # fmt: skip
@@ -356,7 +339,7 @@ class _Question:
         work["steps"] = taken.paths * sampler.clusters.motion.response.samples
         answer = self.answer(
             self._of_clusters(found, gaussian, without), without, ("clusters", "density"),
-            _of_clusters(found, self.levels), work,
+            hits_of_clusters(found, self.levels), work,
         )  # fmt: skip
         return self.told(answer, taken)
 
@@ -430,7 +413,7 @@ class _Question:
 
     def answer(
         self, spectra: EquipmentSpectra, without: EquipmentSpectra | None,
-        ways: tuple[str, str | None], hits: _Hits | None = None,
+        ways: tuple[str, str | None], hits: Hits | None = None,
         work: Mapping[str, int] = MappingProxyType({}),
     ) -> Damage:  # fmt: skip
         """The answer, with all that follows from the spectra."""
@@ -463,32 +446,11 @@ class _Question:
     def _equivalent(self, wear: SpectrumValues) -> SpectrumValues:
         """The density that does this damage without stops."""
         rate = wear.value / self.mission
-        density, left = equivalent_density(self.equipment, rate)
+        density, left, formula = equivalent_density(self.equipment, rate)
         share = 2.0 / self.equipment.exponent
         relative = share * wear.standard_error / wear.value
-        bias = share * (wear.bias / wear.value + FORMULA_ERROR) + share * left
+        bias = share * (wear.bias / wear.value + left + formula)
         return SpectrumValues(value=density, standard_error=density * relative, bias=density * bias)
-
-
-def equivalent_density(equipment: Equipment, rate: Vector) -> tuple[Vector, Vector]:
-    """One-sided density that does a damage per second without stops, at the frequencies of the
-    equipment; and the relative difference of the damage that is left.
-
-    It begins with that of white noise with this damage, and is corrected by (D / D_now)^(2 / b).
-    """
-    f, b = np.array(equipment.frequency_hz), equipment.exponent
-    narrow = f * 2.0 ** (0.5 * b) * math.gamma(1.0 + 0.5 * b)
-    density = (rate / narrow) ** (2.0 / b) * 8.0 * math.pi * f / equipment.quality
-    left = np.full(len(f), np.inf)
-    for _ in range(ROUNDS):
-        ends = np.concatenate([f[:1] / MARGIN, f, f[-1:] * MARGIN])
-        table = Table(frequency_hz=ends, density=np.pad(density, 1, mode="edge"))
-        now = GaussianEquipment(table, ends, equipment).damage_rates()[1]
-        left = np.abs(now / rate - 1.0)
-        if np.all(left < SAME):
-            break
-        density = np.maximum(density * (rate / now) ** (2.0 / b), LEAST_DENSITY * density.max())
-    return density, left
 
 
 def ratio_of(above: SpectrumValues, below: SpectrumValues) -> SpectrumValues:
@@ -572,94 +534,3 @@ def _error_of_damage(pieces: list[RecordPiece]) -> float:
     wear = np.concatenate([piece.damage for piece in pieces])
     error = wear.std(axis=0, ddof=1) / math.sqrt(len(wear))
     return float(np.median(error / wear.mean(axis=0)))
-
-
-class _Hits(NamedTuple):
-    """Impacts of a scene; fields as in `Damage`."""
-
-    shocks: Shocks | None
-    impacts_per_hour: Estimate
-    contacts_above: Mapping[str, Estimate]
-    work_per_hour: Estimate
-    loss_per_hour: Estimate
-
-
-def _all_rigid(model: Model) -> bool:
-    return all(stop.rigid for stop in model.stops)
-
-
-def _of_clusters(found: Clusters, levels: Sequence[float]) -> _Hits:
-    """Impacts of all clusters."""
-    part, soft = found.part, not _all_rigid(found.sampler.clusters.model)
-    return _Hits(
-        shocks=Shocks(
-            typical=found.shock(0.5), worst=found.shock(1.0 - RARE), window=found.sampler.seconds,
-            windows=len(part.path),
-        ),
-        impacts_per_hour=found.rate(part.hits, HOUR),
-        contacts_above={
-            f"{a:g}": found.rate(each, HOUR)
-            for a, each in zip(levels, part.above.T, strict=True) if soft
-        },
-        work_per_hour=found.rate(part.work, HOUR, False),
-        loss_per_hour=found.rate(part.loss, HOUR, False),
-    )  # fmt: skip
-
-
-class _Records(NamedTuple):
-    """Records of a scene, and the counts of their impacts."""
-
-    sampler: DamageSampler
-    sample: RecordPiece
-
-    @property
-    def paths(self) -> int:
-        """Number of independent records."""
-        return len(self.sample.hits)
-
-    @property
-    def seconds(self) -> float:
-        """Counted time of all records, s."""
-        return self.paths * self.sampler.seconds
-
-    @property
-    def work(self) -> dict[str, int]:
-        """What was simulated."""
-        plan = self.sampler.plan
-        steps = self.paths * (plan.samples + plan.plan.settling)
-        return {"steps": steps, "paths": self.paths, "impacts": int(self.sample.hits.sum())}
-
-    def per_hour(self, counts: Vector, events: bool = True) -> Estimate:
-        """Events, or energy, per hour; no energy has no upper limit."""
-        value, error = mean_and_error(counts)
-        how = f"{self.paths} records, {self.seconds:.4g} s"
-        if not value and not events:
-            return Estimate(value=0.0, bias=None, how=f"none in {how}")
-        if not value:
-            most = HOUR * upper_limit_unseen(self.seconds)
-            return Estimate(value=0.0, bias=None, how=f"none in {how}", upper_95=most)
-        hourly = HOUR / self.sampler.seconds
-        found = Estimate(value=value * hourly, standard_error=error * hourly, how=how)
-        return of_events(found, self.paths)
-
-    def hits(self, levels: Sequence[float]) -> _Hits:
-        """Impacts of all records. Rigid stops have no contacts with an acceleration."""
-        above = {f"{a:g}": each for a, each in zip(levels, self.sample.above.T, strict=True)}
-        soft = not _all_rigid(self.sampler.plan.model)
-        return _Hits(
-            shocks=self.shocks(),
-            impacts_per_hour=self.per_hour(self.sample.hits),
-            contacts_above={a: self.per_hour(each) for a, each in above.items() if soft},
-            work_per_hour=self.per_hour(self.sample.work, False),
-            loss_per_hour=self.per_hour(self.sample.loss, False),
-        )
-
-    def shocks(self) -> Shocks | None:
-        """Shock spectra of the windows with an impact."""
-        struck = self.sample.peaks[self.sample.struck]
-        if not len(struck):
-            return None
-        return Shocks(
-            typical=np.median(struck, axis=0), worst=np.quantile(struck, 1.0 - RARE, axis=0),
-            window=self.sampler.window * self.sampler.plan.step, windows=len(struck),
-        )  # fmt: skip
