@@ -248,6 +248,7 @@ def test_a_path_between_stops_under_a_sine_is_that_of_its_equation() -> None:
     assert errors[1].max() < 2.0 * kick
 
 
+@pytest.mark.verify
 def test_stops_limit_a_motion_that_white_noise_excites() -> None:
     """Mean squares would grow without the stops, and no other noise moves the mass."""
     modulation = Modulation(of="stiffness", intensity=0.5)
