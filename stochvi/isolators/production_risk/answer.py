@@ -121,8 +121,9 @@ class Production(Result):
         )
 
     def dearest(self) -> str:
-        """The tolerance that costs the most clearance, in a sentence; empty without spreads."""
-        if not len(self.tolerances):
+        """The tolerance that costs the most clearance, in a sentence; empty where none costs any:
+        there are none, or nearly every unit is hit."""
+        if not len(self.tolerances) or not self.tolerances["clearance_cost"].max() > 0.0:
             return ""
         row = self.tolerances.iloc[int(self.tolerances["clearance_cost"].argmax())]
         return (
