@@ -33,7 +33,7 @@ lint: .venv/dev-installed
 	$(BIN)/python docs/_extensions/docstrings.py
 
 docs: .venv/docs-installed
-	$(BIN)/python -m sphinx --jobs auto --fail-on-warning --keep-going --nitpicky -b html docs docs/_build/html
+	$(BIN)/python -m sphinx --jobs auto --write-all --fail-on-warning --keep-going --nitpicky -b html docs docs/_build/html
 	$(BIN)/python docs/_extensions/links.py docs/_build/html
 
 studies: .venv/test-installed
