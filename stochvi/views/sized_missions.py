@@ -22,22 +22,29 @@ if TYPE_CHECKING:
     from stochvi.isolators.sizing.missions import MissionSizing
 
 
+LEAST_SHOWN = 1e-12
+"""Smallest probability of a phase that the table shows as a number."""
+
+
 def print_mission_sizing(console: Console, found: MissionSizing) -> None:
     """Print the clearance to make, and the share of each phase in its risk."""
     console.print(found.verdict(), style="bold", highlight=False)
     if lines := found.stops_to_copy():
-        print_line(console, f"stops from the unloaded spring (m): {lines}")
+        print_line(console, f"copy into the scene file (m from the unloaded spring): {lines}")
     print_line(console, found.calculated())
     table = found.phases.assign(
         duration=[spoken_mission(each) for each in found.phases["duration"]],
         displacement_std=MM * found.phases["displacement_std"],
-        probability=[spoken_percent(each) for each in found.phases["probability"]],
+        probability=[
+            spoken_percent(each) if each > LEAST_SHOWN else f"below {spoken_percent(LEAST_SHOWN)}"
+            for each in found.phases["probability"]
+        ],
         share=[f"{100.0 * each:.3g} %" for each in found.phases["share"]],
         clearance=MM * found.phases["clearance"],
     ).drop(columns="shift")
     names = {
         "displacement_std": "rms (mm)", "probability": "probability there",
-        "share": "share of the hazard", "clearance": "alone it needs (mm)",
+        "share": "part of the risk", "clearance": "clearance alone (mm)",
     }  # fmt: skip
     print_frame(console, table.rename(columns=names), "phases")
     print_line(console, f"assumptions: {'; '.join(found.assumptions)}")

@@ -130,7 +130,7 @@ class MissionSizing(Result):
         return (
             f"calculated: {mm * c.value:.4g} mm ({mm * c.lower:.4g} to {mm * c.upper:.4g} mm, "
             f"95 %); phase {most['phase']} of {spoken_mission(most['duration'])} has "
-            f"{spoken_percent(most['share'])} of the hazard"
+            f"{spoken_percent(most['share'])} of the risk"
         )
 
     def _document(self) -> dict[str, Any]:
