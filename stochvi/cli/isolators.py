@@ -163,7 +163,8 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     "--mission",
     type=TIME,
     metavar="TIME",
-    help="Time of exposure: 3600 (s), 30min, 10h [1h; left out where the scene has phases].",
+    help="Time of exposure: 3600 (s), 30min, 10h [1h, of a phase its duration; left out where the "
+    "scene has phases].",
 )
 @click.option(
     "--at", metavar="NAME",
@@ -226,10 +227,11 @@ def size(
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
     from stochvi.results.base import plain
     from stochvi.results.deadline import partial_result
-    from stochvi.scenes.scene import load_scene
+    from stochvi.scenes.scene import load_scene, phase_duration
     from stochvi.views.isolator_tables import print_sizing
 
     loaded = load_scene(scene)
+    asked["mission"] = asked["mission"] or phase_duration(scene)
     other = {name: asked.pop(name) for name in OTHER}
     asked = {name: each for name, each in asked.items() if name != "rel_error" or each is not None}
     alone = {"peak_acceleration": acceleration(peak_acceleration), "sensitivity": sensitivity,

@@ -241,7 +241,7 @@ def history(
     "--mission",
     type=TIME,
     metavar="TIME",
-    help="Duration: 600 (s) or 10h; left out where the scene has phases.",
+    help="Duration: 600 (s) or 10h [of a phase its own]; left out where the scene has phases.",
 )
 @click.option(
     "--barrier", metavar="B|LO,HI",
@@ -286,7 +286,7 @@ def reliability(
     from stochvi.cli.isolators import fail_unless_gaussian
     from stochvi.isolators.production_risk.method import production
     from stochvi.isolators.record_verdict import record_verdict
-    from stochvi.scenes.scene import load_scene
+    from stochvi.scenes.scene import load_scene, phase_duration
     from stochvi.statistics.reliability import Reliability
     from stochvi.statistics.reliability import reliability as solve
     from stochvi.views.isolator_tables import print_record
@@ -295,6 +295,7 @@ def reliability(
     from stochvi.views.tables import print_line
 
     loaded = load_scene(scene)
+    asked["mission"] = asked["mission"] or phase_duration(scene)
     allowed, spreads = tolerances_of(loaded, tolerances)
     if tolerances is not None and spreads is None:
         raise ValueError(

@@ -962,8 +962,8 @@ def load_scene(path: str | Path) -> Scene:
     ('white noise on x', 'rigid stop lower', 'rigid stop upper')
     """
     path = Path(path)
-    file, mark, phase = str(path).rpartition("#")
-    if mark and file and not path.exists():
+    file, phase = _file_and_phase(path)
+    if phase is not None:
         return load_scene(file).in_phase(phase)
     text = read_text(path)
     try:
@@ -973,6 +973,20 @@ def load_scene(path: str | Path) -> Scene:
     except RecursionError:
         raise SceneError(f"{path} is not a scene: its brackets are nested too deeply") from None
     return scene_from(document, folder=path.parent)
+
+
+def phase_duration(path: str | Path) -> float | None:
+    """Duration of the phase in `truck.toml#road`, s; None of a file without the name of one."""
+    file, name = _file_and_phase(Path(path))
+    if name is None:
+        return None
+    return next(each.duration for each in load_scene(file).phases if each.name == name)
+
+
+def _file_and_phase(path: Path) -> tuple[Path, str | None]:
+    """The scene file, and the name of a phase behind its "#", if there is one."""
+    file, mark, phase = str(path).rpartition("#")
+    return (Path(file), phase) if mark and file and not path.exists() else (path, None)
 
 
 def scene_from(document: Mapping[str, Any], folder: Path = Path()) -> Scene:

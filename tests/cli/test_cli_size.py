@@ -290,3 +290,16 @@ def test_what_is_no_map_is_refused(
     options: tuple[str, ...], words: str, rubber: Path, stochvi: Run
 ) -> None:
     assert words in refused(stochvi("size", rubber, *options))
+
+
+def test_the_mission_of_a_phase_is_its_duration(stochvi: Run, tmp_path: Path) -> None:
+    file = tmp_path / "mission.toml"
+    phase = '[[phase]]\nname = "rough"\nduration = "5 min"\nlevel_db = 1.0\n'
+    file.write_text(f"{Path(ISOLATOR).read_text()}\n{phase}")
+    rough = (f"{file}#rough", "--rel-error", "0.2", "--threads", "1", "--json", "-")
+    for command in (("size", *rough, "--probability", "5%"), ("reliability", *rough)):
+        done = stochvi(*command)
+        assert done.code == 0, done.err
+        assert one_document(done.out)["mission"] == 300.0
+    done = stochvi("reliability", *rough, "--mission", "1min")
+    assert one_document(done.out)["mission"] == 60.0

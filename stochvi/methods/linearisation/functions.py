@@ -69,7 +69,7 @@ def linearised_functions(scene: Scene, deadline: Deadline = NEVER) -> tuple[Resp
         *functions_of_arrays(model), *speed_restitutions(model), *modulated(model),
         *without_noise(model, with_sines=not model.remembers),
     ]  # fmt: skip
-    if model.remembers:
+    if model.remembers and not model.modulations:
         conditions += _beyond_hysteresis(model)
     if conditions:
         raise NotApplicable("linearise", conditions)
