@@ -87,7 +87,7 @@ def mean_over_units(
     >>> scene = stochvi.load_scene(stochvi.scenes.shipped_scene("oscillator-elastic"))
     >>> table = stochvi.mean_over_units(scene, {"clearance": Spread(std=0.05)}, method="exact")
     >>> rate = table.set_index("quantity").loc["stops.collision_rate"]
-    >>> round(rate["mean"], 4), round(rate["std_between_units"], 4)
+    >>> round(float(rate["mean"]), 4), round(float(rate["std_between_units"]), 4)
     (0.2835, 0.0172)
     """
     import pandas as pd

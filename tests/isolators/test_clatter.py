@@ -95,7 +95,7 @@ def test_stiffer_stops_are_sharper_and_hardly_show_in_the_rms() -> None:
 def test_what_has_no_acceleration_says_why() -> None:
     with pytest.raises(NotApplicable, match="restitution alone has no stiffness"):
         clatter(truck(Restitution(coefficient=0.5)), [1e-3])
-    with pytest.raises(NotApplicable, match="need elastic or viscoelastic"):
+    with pytest.raises(NotApplicable, match="law must be elastic or viscoelastic"):
         clatter(truck(Hertz(coefficient=1e6)), [1e-3], stiffness_ratios=[10.0])
     with pytest.raises(ValueError, match="clearances must be positive"):
         clatter(truck(Elastic(stiffness=1e5)), [0.0])

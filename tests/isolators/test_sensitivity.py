@@ -159,7 +159,7 @@ def test_a_mount_lets_little_of_fast_peaks_through() -> None:
     assert peaked.input_kurtosis > 4.5
     assert peaked.response_kurtosis - 3.0 > Z * peaked.standard_error
     assert peaked.response_kurtosis < 3.3
-    with pytest.raises(NotApplicable, match="must be tabulated"):
+    with pytest.raises(NotApplicable, match="excitation must hold a table"):
         fast_peaks(ten_hertz(0.05), KURTOSIS)
 
 

@@ -384,7 +384,7 @@ def test_the_longest_time_is_where_the_quantile_of_the_supply_meets_the_loss():
         ("two stops", {"frequency": 0.9}, "frequency above omega"),
         ("one stop", {"frequency": 2.5}, "between omega and 2 omega"),
         ("preload", {"frequency": 1.5}, "above 2 omega where it is preloaded"),
-        ("two stops", {"restitution": 1.0, "damping_rate": 0.0}, "nothing is lost"),
+        ("two stops", {"restitution": 1.0, "damping_rate": 0.0}, "got 0 and 1; give one"),
     ],
 )
 def test_regimes_that_do_not_exist_are_refused(name, changes, words):

@@ -39,8 +39,8 @@ def test_the_risk_of_a_mission_is_that_of_its_phases_together() -> None:
     found = reliability(scene, rel_error=0.2, seed=4)
     assert list(found.phases) == ["road", "rough", "cold"] and found.mission == 8400.0
     alone = [
-        reliability(scene.in_phase(each.name), mission=each.duration, rel_error=0.2, seed=4)
-        for each in scene.phases
+        reliability(scene.in_phase(each.name), mission=each.duration, rel_error=0.2, seed=4 + k)
+        for k, each in enumerate(scene.phases)
     ]
     survived = math.prod(1.0 - each.chances["hit"].estimate.value for each in alone)
     assert found.chances["hit"].estimate.value == pytest.approx(1.0 - survived, rel=1e-12)

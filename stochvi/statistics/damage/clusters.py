@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, NamedTuple
@@ -22,10 +23,11 @@ from scipy.fft import next_fast_len, rfft
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog
 from stochvi.methods.monte_carlo.kernels.equipment import BEFORE, NODES
-from stochvi.results.deadline import Deadline
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_error, upper_limit_unseen
 from stochvi.sampling.sampler import TrialSampler
+from stochvi.sampling.stop_flag import given_up_after
 from stochvi.statistics.accelerations import carried_forces, pair_forces, velocity_jumps
 from stochvi.statistics.bursts import UNFINISHED
 from stochvi.statistics.cluster_paths import ClusterPaths
@@ -119,6 +121,10 @@ class ClusterSampler(TrialSampler):
 
     def trial(self, first_path: int, paths: int, deadline: Deadline) -> ClusterPart:
         """The part of one block of paths."""
+        with given_up_after(deadline) if deadline != NEVER else nullcontext():
+            return self._trial(first_path)
+
+    def _trial(self, first_path: int) -> ClusterPart:
         clusters = self.clusters
         free = clusters.free(first_path)
         ages, chosen = clusters.first_impacts(free, first_path)

@@ -35,8 +35,8 @@ CERTAIN = 1.0 - 1e-15
 NEGLIGIBLE = 1e-8
 """Share of the expected crossings of the busiest phase below which a phase is not simulated."""
 
-LEAST = 1e-300
-"""Smallest bound of a probability that is stated."""
+LEAST = 1e-15
+"""Smallest bound of a probability that is stated: smaller ones tell nobody more."""
 
 INDEPENDENT = "each phase starts in its own stationary motion, and phases are independent"
 
@@ -69,7 +69,10 @@ def of_phases(
     missing: dict[str, str] = {}
     for number, (name, (low, high)) in enumerate(zip(busy, pairwise(ends), strict=True)):
         share = run.deadline.share(1.0 / (len(busy) - number))
-        part = run.part(low / ends[-1], high / ends[-1], f"phase {name}", share)
+        # paths of their own, so that the errors of phases are independent
+        part = run.part(
+            low / ends[-1], high / ends[-1], f"phase {name}", share, seed=run.seed + number
+        )
         try:
             found[name] = ask(scenes[name], durations[name], part)
         except (NotConverged, Interrupted) as error:
@@ -161,7 +164,8 @@ def _together(
         assumptions=[
             INDEPENDENT,
             *(
-                f"impacts of phase {name} are not counted: Rice's number of them is {most:.1g}"
+                f"impacts of phase {name} are not counted: Rice's number of them is at most "
+                f"{most:.1g}"
                 for name, most in idle.items()
             ),
             *dict.fromkeys(sentence for each in phases for sentence in each.assumptions),
