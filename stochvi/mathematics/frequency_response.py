@@ -80,6 +80,11 @@ def _gains_of_all(
     frequency_hz: Vector, stiffness: Matrix, damping: Matrix, forces: Sequence[Force]
 ) -> Waves:
     """`gains` of several excitations, (frequencies, n, excitations)."""
+    if len(frequency_hz) > AT_ONCE:  # a budget may end between two parts
+        parts = [
+            frequency_hz[first : first + AT_ONCE] for first in range(0, len(frequency_hz), AT_ONCE)
+        ]
+        return np.concatenate([_gains_of_all(each, stiffness, damping, forces) for each in parts])
     w = 2.0 * np.pi * frequency_hz[:, None, None]
     dynamic = stiffness - w**2 * np.eye(len(stiffness)) + 1j * w * damping
     shape = (len(frequency_hz), len(stiffness))

@@ -103,6 +103,7 @@ def plot_work_precision(found: WorkPrecision, of: str, quantity: str, ax: Axes) 
         ax.text(0.96, 0.93, "bias not known", transform=ax.transAxes, ha="right", va="top")
     ax.set_xlim(*WORK_SECONDS)
     ax.set_ylim(*ERROR_PERCENT)
+    ax.minorticks_off()  # those of eight decades on six panels take most of the time of the picture
     add_grid(ax)
     ax.set_title(f"{WORK_TITLES[quantity]}, {of}", fontsize="medium")
 
