@@ -52,8 +52,7 @@ from .statistics.impacts import impacts
 from .statistics.reliability import reliability
 from .statistics.spectra import spectrum
 from .statistics.stability import stability
-from .sweeps import sweep
-from .unit_means import mean_over_units
+from .sweeps import mean_over_units, sweep
 from .verification.check import check
 from .verification.cost import cost
 from .verification.explain import explain

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from stochvi.cli.options import Common, band, shown
@@ -88,8 +89,6 @@ def _show_map(
     options: Common, loaded: Scene, wanted: str, limits: dict[str, float | None],
     given: dict[str, Any],
 ) -> None:  # fmt: skip
-    from functools import partial
-
     from stochvi.isolators.bumpers import bumper_map
     from stochvi.views.bumper_map import draw_bumper_map, print_bumper_map
 
@@ -104,8 +103,6 @@ def _show_map(
 def _show_damage(
     options: Common, loaded: Scene, other: dict[str, Any], given: dict[str, Any]
 ) -> None:
-    from functools import partial
-
     from stochvi.isolators.sizing.by_damage import size_by_damage
     from stochvi.views.sized_missions import plot_damage_sizing, print_damage_sizing
 
@@ -117,8 +114,6 @@ def _show_damage(
 
 
 def _show_phases(options: Common, loaded: Scene, given: dict[str, Any]) -> None:
-    from functools import partial
-
     from stochvi.isolators.sizing.method import size
     from stochvi.views.sized_missions import plot_mission_sizing, print_mission_sizing
 

@@ -12,15 +12,16 @@ from numba.core import config, types
 from numpy.typing import NDArray
 
 from stochvi.engine.calls import call_by_address
+from stochvi.engine.characteristic_calls import add_rows
 from stochvi.engine.compiled_laws import address_of
 from stochvi.engine.compiling import kernel
 from stochvi.engine.laws.force_function import compiled_of
 from stochvi.engine.uniform_numbers import uniform_of, word_of_step
 
-Row = types.float64[::1]
+Rows = types.float64[:, ::1]
 
-OF_STATISTIC = types.intp(Row, Row, types.float64[:, ::1], types.intp, types.intp)
-"""Signature of the function of a statistic: displacements and rates of all lanes, the sums and
+OF_STATISTIC = types.intp(Rows, Rows, types.intp, types.intp)
+"""Signature of the function of a statistic: a row of displacements and one of rates, the sums and
 their row, number of lanes."""
 
 call_of_statistic = call_by_address(OF_STATISTIC)
@@ -73,42 +74,33 @@ def adding(function: Callable[..., float]) -> Any:
     value = compiled_of(function)
 
     @kernel
-    def add_values(x, v, sums, row, lanes):
+    def add_values(motion, sums, row, lanes):
         for i in range(lanes):
-            sums[row, i] += value(x[i], v[i])
+            sums[row, i] += value(motion[0, i], motion[1, i])
         return 0
 
     return add_values
 
 
 @kernel
-def fill(out, place, weights, states, first, lanes):
-    """out = place + the sum of the products of weights with rows of states from `first` on."""
-    for i in range(lanes):
-        out[i] = place
-    for k in range(weights.shape[0]):
-        weight = weights[k]
-        if weight != 0.0:
-            for i in range(lanes):
-                out[i] += weight * states[first + k, i]
-
-
-@kernel
-def add_statistics(statistics, states, words, number, x, v, sums, first, lanes):
+def add_statistics(statistics, states, words, number, motion, sums, first, lanes):
     """Add the values of all functions to the rows of sums from `first` on.
 
-    Rates are taken in the middle of a kick: half a kick of noise is drawn for each, apart from the
-    noise of the path.
+    `motion` (2, lanes) is room for the displacements and the rates of one function. Rates are taken
+    in the middle of a kick: half a kick of noise is drawn for each, apart from the noise of the
+    path.
     """
     count, modes = statistics.displacements.shape
     for k in range(count):
-        fill(x, statistics.places[k], statistics.displacements[k], states, 0, lanes)
-        fill(v, 0.0, statistics.rates[k], states, modes, lanes)
+        for i in range(lanes):
+            motion[0, i], motion[1, i] = statistics.places[k], 0.0
+        add_rows(motion, 0, statistics.displacements[k], states, 0, lanes)
+        add_rows(motion, 1, statistics.rates[k], states, modes, lanes)
         spread = statistics.spreads[k]
         if spread > 0.0:
             for i in range(lanes):
                 word = word_of_step(words[i], number)
                 size = math.sqrt(-2.0 * math.log(uniform_of(word, FIRST_DRAW + 2 * k)))
                 turn = 2.0 * math.pi * uniform_of(word, FIRST_DRAW + 2 * k + 1)
-                v[i] += spread * size * math.cos(turn)
-        call_of_statistic(statistics.functions[k], (x, v, sums, first + k, lanes))
+                motion[1, i] += spread * size * math.cos(turn)
+        call_of_statistic(statistics.functions[k], (motion, sums, first + k, lanes))

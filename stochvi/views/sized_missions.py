@@ -13,32 +13,31 @@ from stochvi.views.axes import add_grid, axes_or_new, plain_ticks
 from stochvi.views.colours import BAND_ALPHA, CLEARANCES, COLOURS
 from stochvi.views.damage import print_damage
 from stochvi.views.tables import print_frame, print_line
-from stochvi.views.words import MM
+from stochvi.views.words import MM, chance_in_words, line_to_copy
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from stochvi.isolators.sizing.answer import ClearanceAnswer
     from stochvi.isolators.sizing.by_damage import DamageSizing
     from stochvi.isolators.sizing.missions import MissionSizing
 
 
-LEAST_SHOWN = 1e-12
-"""Smallest probability of a phase that the table shows as a number."""
+def _print_clearance(console: Console, found: ClearanceAnswer) -> None:
+    """Print the clearance to make, the line to copy, and the clearance that was calculated."""
+    console.print(found.verdict(), style="bold", highlight=False)
+    if stops := found.stops_to_copy():
+        print_line(console, line_to_copy(stops))
+    print_line(console, found.calculated())
 
 
 def print_mission_sizing(console: Console, found: MissionSizing) -> None:
     """Print the clearance to make, and the share of each phase in its risk."""
-    console.print(found.verdict(), style="bold", highlight=False)
-    if lines := found.stops_to_copy():
-        print_line(console, f"copy into the scene file (m from the unloaded spring): {lines}")
-    print_line(console, found.calculated())
+    _print_clearance(console, found)
     table = found.phases.assign(
         duration=[spoken_mission(each) for each in found.phases["duration"]],
         displacement_std=MM * found.phases["displacement_std"],
-        probability=[
-            spoken_percent(each) if each > LEAST_SHOWN else f"below {spoken_percent(LEAST_SHOWN)}"
-            for each in found.phases["probability"]
-        ],
+        probability=[chance_in_words(each) for each in found.phases["probability"]],
         share=[f"{100.0 * each:.3g} %" for each in found.phases["share"]],
         clearance=MM * found.phases["clearance"],
     ).drop(columns="shift")
@@ -77,8 +76,7 @@ def plot_mission_sizing(found: MissionSizing, ax: Axes | None = None) -> Axes:
 
 def print_damage_sizing(console: Console, found: DamageSizing) -> None:
     """Print the clearance to make, the clearances that were tried, and the damage there."""
-    console.print(found.verdict(), style="bold", highlight=False)
-    print_line(console, found.calculated())
+    _print_clearance(console, found)
     table = found.tried.assign(clearance=MM * found.tried["clearance"])
     names = {
         "clearance": "clearance (mm)", "damage_ratio": "times the damage",

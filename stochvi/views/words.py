@@ -152,13 +152,18 @@ def clearances_of_changes(table: pd.DataFrame) -> dict[str, str]:
     return {name: f"{'clearance' if names == ['clearance'] else name} (mm)" for name in names}
 
 
+def line_to_copy(stops: str) -> str:
+    """The keys of stops, with where they belong and from where they are measured."""
+    return f"copy into the scene file (m from the unloaded spring): {stops}"
+
+
 def places_of_stops(sizing: Sizing) -> str:
     """The line to copy into a scene file, and the probability of an impact on the stops of the
     scene at their places."""
     texts = []
     if copied := sizing.stops_to_copy():
         hangs = f"; {equilibrium_in_words(sizing)}" if sizing.gap.mean_position else ""
-        texts.append(f"copy into the scene file (m from the unloaded spring): {copied}{hangs}")
+        texts.append(line_to_copy(copied) + hangs)
     if stops := sizing.gap.distances:
         distances = " and ".join(f"{1e3 * distance:.4g}" for distance in stops.values())
         noise = ", for Gaussian noise" if sizing.doubtful else ""

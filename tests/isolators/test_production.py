@@ -26,7 +26,7 @@ from stochvi import (
 from stochvi.cli.tolerances import tolerances_of
 from stochvi.isolators import Spread, production, size
 from stochvi.isolators.production_risk import method
-from stochvi.isolators.production_risk.method import chance_of
+from stochvi.isolators.production_risk.start import chance_of
 from stochvi.isolators.production_risk.units import Units
 from stochvi.isolators.sizing import pairs
 from stochvi.isolators.sizing.answer import spoken_percent

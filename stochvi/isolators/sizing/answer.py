@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
 from stochvi.isolators.sizing.chance_at_stops import StopPositions, gap_of
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.mathematics.rounding import ROUNDING
 from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import GAUSSIAN_95
@@ -152,6 +154,74 @@ class Clearance:
     value: float
     lower: float
     upper: float
+
+    def __str__(self) -> str:
+        """The clearance and its interval in millimetres.
+
+        >>> str(Clearance(value=4.9e-3, lower=4.8e-3, upper=5e-3))
+        '4.9 mm (4.8 to 5 mm, 95 %)'
+        """
+        value, lower, upper = (f"{1e3 * each:.4g}" for each in (self.value, self.lower, self.upper))
+        return f"{value} mm ({lower} to {upper} mm, 95 %)"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class ClearanceAnswer(Result):
+    """One clearance for the stops of one oscillator: what such answers have in common.
+
+    Parameters
+    ----------
+    scene
+        The scene; its stops are where it states them.
+    clearance
+        Metres per side from the static equilibrium, with the 95 % interval.
+
+    See Also
+    --------
+    stochvi.size : The calculation.
+    """
+
+    not_in_document = ("scene",)  # it is in the provenance
+
+    scene: Scene
+    clearance: Clearance
+
+    @property
+    def made(self) -> RoundedClearance:
+        """The clearance to make, rounded up."""
+        return RoundedClearance.of(self.clearance.value)
+
+    @property
+    def hanging(self) -> Scene:
+        """The scene in whose static equilibrium the mass hangs."""
+        return self.scene
+
+    def sized(self, clearance: float | None = None) -> Scene:
+        """The scene with its stops at a clearance (m), by default the calculated one."""
+        place = self.clearance.value if clearance is None else clearance
+        moved = at_clearances(self.hanging, place).impact_pairs
+        return self.scene.replace(impact_pairs=moved)
+
+    def stops_to_copy(self) -> str:
+        """The stops at the clearance to make, as keys of a scene file; empty without a pair."""
+        rest = model_of(self.hanging).rest
+        sides = [side for pair in self.scene.impact_pairs for side, _ in pair.stops()]
+        return ", ".join(f"{side} = {self.made.position(rest, side):.9g}" for side in sides)
+
+    def verdict(self) -> str:
+        """The clearance to make and what it keeps, in one sentence."""
+        raise NotImplementedError(f"{type(self).__name__} has no verdict")
+
+    def calculated(self) -> str:
+        """The clearance before rounding, and what decides."""
+        raise NotImplementedError(f"{type(self).__name__} does not say what decides")
+
+    def summary(self) -> str:
+        """The same as `verdict`."""
+        return self.verdict()
+
+    def _document(self) -> dict[str, Any]:
+        return {"verdict": self.verdict(), "made": self.made, **super()._document()}
 
 
 @dataclass(frozen=True, kw_only=True)

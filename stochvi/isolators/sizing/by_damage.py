@@ -15,12 +15,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 import numpy as np
 
 from stochvi.isolators.moved_stops import at_clearances
-from stochvi.isolators.sizing.answer import Clearance, RoundedClearance, spoken_mission
+from stochvi.isolators.sizing.answer import Clearance, ClearanceAnswer, spoken_mission
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
-from stochvi.results.base import Result
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
@@ -49,7 +48,7 @@ LONGEST_STEP = 3.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class DamageSizing(Result):
+class DamageSizing(ClearanceAnswer):
     """The clearance at which stops keep the damage of equipment below a ratio.
 
     Parameters
@@ -75,24 +74,11 @@ class DamageSizing(Result):
     stochvi.isolators.size_by_damage : The calculation.
     """
 
-    not_in_document = ("scene",)  # it is in the provenance
-
-    scene: Scene
     ratio: float
     mission: float
-    clearance: Clearance
     sigma: float
     tried: pd.DataFrame
     damage: Damage
-
-    @property
-    def made(self) -> RoundedClearance:
-        """The clearance to make, rounded up."""
-        return RoundedClearance.of(self.clearance.value)
-
-    def sized(self) -> Scene:
-        """The scene with its stops at the calculated clearance."""
-        return at_clearances(self.scene, self.clearance.value)
 
     def to_frame(self) -> pd.DataFrame:
         """The clearances that were tried."""
@@ -107,25 +93,17 @@ class DamageSizing(Result):
             f"equipment at {band} within {self.ratio:.4g} times that without stops"
         )
 
-    def summary(self) -> str:
-        """The same as `verdict`."""
-        return self.verdict()
-
     def calculated(self) -> str:
         """The clearance before rounding, and the equipment that decides."""
-        mm, c = 1e3, self.clearance
-        near = self.tried.iloc[int(np.argmin(np.abs(self.tried["clearance"] - c.value)))]
+        place = self.clearance.value
+        near = self.tried.iloc[int(np.argmin(np.abs(self.tried["clearance"] - place)))]
         return (
-            f"calculated: {mm * c.value:.4g} mm ({mm * c.lower:.4g} to {mm * c.upper:.4g} mm, "
-            f"95 %), {c.value / self.sigma:.3g} sigma; equipment of {near['frequency_hz']:.4g} Hz "
-            f"decides, in a mission of {spoken_mission(self.mission)}"
+            f"calculated: {self.clearance}, {place / self.sigma:.3g} sigma; equipment of "
+            f"{near['frequency_hz']:.4g} Hz decides, in a mission of {spoken_mission(self.mission)}"
         )
 
     def _document(self) -> dict[str, Any]:
-        return {
-            "method": "size:damage", "verdict": self.verdict(), "made": self.made,
-            **super()._document(),
-        }  # fmt: skip
+        return {"method": "size:damage", **super()._document()}
 
 
 class _Trial(NamedTuple):

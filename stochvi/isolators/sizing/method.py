@@ -25,6 +25,7 @@ from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from stochvi.isolators.production_risk.spreads import Spread
+
 HOUR = 3600.0
 """The mission where none is given, s."""
 
@@ -165,8 +166,9 @@ def _of_production(
     scene: Scene, asked: Question, spreads: Mapping[str, Spread], tolerances: Tolerances | None
 ) -> Sizing | PairsSizing:
     """A sizing of the scene as stated, with the clearance that its production needs."""
-    from stochvi.isolators.production_risk.method import SHARE_OF_NOMINAL, Start, about
+    from stochvi.isolators.production_risk.method import SHARE_OF_NOMINAL, about
     from stochvi.isolators.production_risk.spreads import bands_beside, check_spreads
+    from stochvi.isolators.production_risk.start import Start
 
     check_spreads(scene, spreads)
     run, name = asked.run, asked.target.name

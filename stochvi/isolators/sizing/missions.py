@@ -11,16 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import brentq
 
-from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import (
     Clearance,
-    RoundedClearance,
+    ClearanceAnswer,
     Target,
     spoken_mission,
     spoken_percent,
@@ -31,12 +29,11 @@ from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
-from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.reliability.phases import INDEPENDENT, NEGLIGIBLE
+from stochvi.statistics.reliability.phases import INDEPENDENT, NEGLIGIBLE, parts_of_phases
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,12 +42,15 @@ POINTS, AROUND = 41, 0.35
 """Number of clearances of the curve of an answer, and how far it reaches from the clearance that
 was found, as a share of it."""
 
+LEAST = 1e-300
+"""Smallest hazard, of which a logarithm is taken."""
+
 FARTHEST = 20.0
 """Largest clearance that is tried, in the largest rms displacement of a phase."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class MissionSizing(Result):
+class MissionSizing(ClearanceAnswer):
     """The clearance of a mission of several phases.
 
     Parameters
@@ -76,37 +76,21 @@ class MissionSizing(Result):
     stochvi.size : The calculation.
     """
 
-    not_in_document = ("scene",)  # it is in the provenance
-
-    scene: Scene
     target: Target
     mission: float
-    clearance: Clearance
     phases: pd.DataFrame
     curve: pd.DataFrame
     assumptions: tuple[str, ...] = ()
-
-    @property
-    def made(self) -> RoundedClearance:
-        """The clearance to make, rounded up."""
-        return RoundedClearance.of(self.clearance.value)
 
     @property
     def fell_short(self) -> tuple[str, ...]:
         """Warnings of an accuracy that was not reached."""
         return tuple(self.warnings)
 
-    def sized(self, clearance: float | None = None) -> Scene:
-        """The scene with its stops at a clearance, by default the calculated one."""
-        place = self.clearance.value if clearance is None else clearance
-        moved = at_clearances(as_stated(self.scene), place).impact_pairs
-        return self.scene.replace(impact_pairs=moved)
-
-    def stops_to_copy(self) -> str:
-        """The stops at the clearance to make, as lines of a scene file have them."""
-        found = self.sized(self.made.value).impact_pairs
-        sides = {"lower": found[0].lower, "upper": found[0].upper} if found else {}
-        return ", ".join(f"{side} = {x:.9g}" for side, x in sides.items() if x is not None)
+    @property
+    def hanging(self) -> Scene:
+        """The scene with the mount as stated, neither warm nor cold."""
+        return as_stated(self.scene)
 
     def to_frame(self) -> pd.DataFrame:
         """The phases."""
@@ -119,24 +103,16 @@ class MissionSizing(Result):
             f"{self.target.kept(self.mission)}, over {len(self.phases)} phases"
         )
 
-    def summary(self) -> str:
-        """The same as `verdict`."""
-        return self.verdict()
-
     def calculated(self) -> str:
         """The clearance before rounding, and the phase that decides."""
-        mm, c = 1e3, self.clearance
         most = self.phases.iloc[int(np.argmax(self.phases["share"]))]
         return (
-            f"calculated: {mm * c.value:.4g} mm ({mm * c.lower:.4g} to {mm * c.upper:.4g} mm, "
-            f"95 %); phase {most['phase']} of {spoken_mission(most['duration'])} has "
-            f"{spoken_percent(most['share'])} of the risk"
+            f"calculated: {self.clearance}; phase {most['phase']} of "
+            f"{spoken_mission(most['duration'])} has {spoken_percent(most['share'])} of the risk"
         )
 
     def _document(self) -> dict[str, Any]:
-        return {
-            "method": "size", "verdict": self.verdict(), "made": self.made, **super()._document()
-        }  # fmt: skip
+        return {"method": "size", **super()._document()}
 
 
 def as_stated(scene: Scene) -> Scene:
@@ -165,16 +141,12 @@ def size_mission(scene: Scene, target: Target, run: Run) -> MissionSizing:
         max(abs(phase.shift) for phase in phases.values()), FARTHEST * sigma,
     )  # fmt: skip
     most = max(phase.expected(guess) for phase in phases.values())
-    busy = [name for name, phase in phases.items() if phase.expected(guess) > NEGLIGIBLE * most]
-    ends = np.cumsum([0.0, *(phases[name].duration for name in busy)]) / sum(
-        phases[name].duration for name in busy
-    )
-    for number, (name, (low, high)) in enumerate(zip(busy, pairwise(ends), strict=True)):
-        # records of their own, so that the errors of phases are independent
-        part = run.part(
-            low, high, f"phase {name}", run.deadline.share(1.0 / (len(busy) - number)),
-            seed=run.seed + number,
-        )  # fmt: skip
+    busy = {
+        name: phase.duration
+        for name, phase in phases.items()
+        if phase.expected(guess) > NEGLIGIBLE * most
+    }
+    for name, part in parts_of_phases(run, busy):
         phases[name] = phases[name].simulated(target, part)
     joint = _Joint(phases)
     clearance = joint.clearance(hazard, guess)
@@ -261,7 +233,7 @@ class _Joint:
         """The clearance at which the hazard is this one."""
 
         def excess(place: float) -> float:
-            return math.log(max(self.hazard(place)[0], 1e-300) / hazard)
+            return math.log(max(self.hazard(place)[0], LEAST) / hazard)
 
         low, high = guess, guess
         step = 0.1 * guess

@@ -12,7 +12,7 @@ limits about effect measures: a general approach, Statistics in Medicine 27, 200
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -63,16 +63,10 @@ def of_phases(
     scenes = {phase.name: phase.of(scene) for phase in scene.phases}
     durations = {phase.name: phase.duration for phase in scene.phases}
     idle = _idle(scenes, durations)
-    busy = [name for name in scenes if name not in idle]
-    ends = np.cumsum([0.0, *(durations[name] for name in busy)])
+    busy = {name: duration for name, duration in durations.items() if name not in idle}
     found: dict[str, Reliability] = {}
     missing: dict[str, str] = {}
-    for number, (name, (low, high)) in enumerate(zip(busy, pairwise(ends), strict=True)):
-        share = run.deadline.share(1.0 / (len(busy) - number))
-        # paths of their own, so that the errors of phases are independent
-        part = run.part(
-            low / ends[-1], high / ends[-1], f"phase {name}", share, seed=run.seed + number
-        )
+    for name, part in parts_of_phases(run, busy):
         try:
             found[name] = ask(scenes[name], durations[name], part)
         except (NotConverged, Interrupted) as error:
@@ -81,7 +75,7 @@ def of_phases(
             found[name] = error.partial
             reasons = error.partial.missing or {"accuracy": str(error)}
             missing |= {f"{name}, {event}": why for event, why in reasons.items()}
-    like = found[busy[0]]
+    like = next(iter(found.values()))
     found |= {name: _never_hit(like, durations[name], most) for name, most in idle.items()}
     answer = _together(scene, {name: found[name] for name in scenes}, missing, idle, run)
     if run.deadline.interrupted:
@@ -90,6 +84,15 @@ def of_phases(
         reasons = "; ".join(f"{name.replace('_', ' ')}: {why}" for name, why in missing.items())
         raise NotConverged(f"in phase {reasons}", answer)
     return answer
+
+
+def parts_of_phases(run: Run, durations: Mapping[str, float]) -> Iterator[tuple[str, Run]]:
+    """The names of phases, each with its part of a run. Phases have paths of their own, so that
+    their errors are independent."""
+    ends = np.cumsum([0.0, *durations.values()]) / sum(durations.values())
+    for number, (name, (low, high)) in enumerate(zip(durations, pairwise(ends), strict=True)):
+        share = run.deadline.share(1.0 / (len(durations) - number))
+        yield name, run.part(low, high, f"phase {name}", share, seed=run.seed + number)
 
 
 def _idle(scenes: Mapping[str, Scene], durations: Mapping[str, float]) -> dict[str, float]:

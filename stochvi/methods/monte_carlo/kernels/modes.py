@@ -720,8 +720,8 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                     if statistics.places.shape[0] > 0:
                         motion = old if tables is None else total
                         add_statistics(
-                            statistics, motion, words0, number, room.of_one[0], room.of_one[1],
-                            local, first_statistic, width,
+                            statistics, motion, words0, number, room.of_one, local,
+                            first_statistic, width,
                         )  # fmt: skip
                     if pulling:
                         if tables is None:

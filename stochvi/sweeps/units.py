@@ -23,7 +23,7 @@ from stochvi.results.progress import Progress
 from stochvi.scenes.keys import Change
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.pair_crossings import own_distances
-from stochvi.sweeps import MOST_ROWS, check_method, rows_of
+from stochvi.sweeps.ranges import MOST_ROWS, check_method, rows_of
 
 if TYPE_CHECKING:
     import pandas as pd
