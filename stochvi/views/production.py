@@ -145,7 +145,9 @@ def plot_units(found: Production, ax: Axes | None = None) -> Axes:
     ax.set_ylim(0.0, 103.0)
     ax.set_xlabel(f"probability of any impact of a unit in {_mission(found)}")
     ax.set_ylabel("units with at most this probability (%)")
-    ax.legend(frameon=False, fontsize="small", loc="upper left")
+    ax.legend(
+        facecolor="white", edgecolor="none", framealpha=1.0, fontsize="small", loc="upper left"
+    )
     ax.grid(alpha=0.4)
     return ax
 
