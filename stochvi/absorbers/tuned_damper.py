@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import minimize
 
+from stochvi.mathematics.arguments import shown
 from stochvi.mathematics.arrays import Vector
 from stochvi.model.calculations import calculation
 from stochvi.model.modal import linear_law
@@ -151,6 +152,8 @@ def tuned_damper(structure: Scene, carrier: str, mass: float) -> TunedDamper | N
 
     Raises
     ------
+    ValueError
+        If the structure has no such coordinate, or the mass is not positive.
     NotApplicable
         If the structure has no stationary motion.
 
@@ -166,6 +169,13 @@ def tuned_damper(structure: Scene, carrier: str, mass: float) -> TunedDamper | N
     0.4
     """
     coordinates = structure.structure.coordinates
+    if carrier not in coordinates:
+        raise ValueError(
+            f"carrier must be a coordinate of the structure ({', '.join(coordinates)}), got "
+            f"{shown(carrier)}"
+        )
+    if not mass > 0.0:
+        raise ValueError(f"mass must be positive, got {mass}")
     row = coordinates.index(carrier)
     carried, _, held = (float(matrix[row, row]) for matrix in structure.structure.matrices)
     rms, speed, _ = _motion(structure, row)

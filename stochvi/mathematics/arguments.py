@@ -117,7 +117,10 @@ CHECKS: dict[str, Callable[[str, Any], None]] = {
     "Progress": _check_callable,
     "Mapping[str, Sequence[float]]": _check_table,
     "Mapping[str, float]": _is_a(Mapping, "a table of names and numbers"),
-    "Mapping[str, Scene]": _is_a(Mapping, "a table of names and scenes"),
+    **{
+        f"Mapping[str, {kind}]": _is_a(Mapping, f"a table of names and values of {kind}")
+        for kind in ("Scene", "Spread", "Statistic")
+    },
     **{kind: _named(kind) for kind in ("Sizing", "Problem", "Estimate", "Tolerances")},
 }
 """Checks of arguments by their annotation, which may also allow None."""

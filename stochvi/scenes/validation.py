@@ -39,17 +39,18 @@ Tolerance = Annotated[NonNegative, Field(lt=1)]
 """A relative tolerance; at 1 the quantity could vanish."""
 
 
-def _plain_numbers(values: Any) -> Any:
+def plain_numbers(values: Any) -> Any:
+    """An array as lists, which pydantic knows; anything else as it is."""
     return values.tolist() if hasattr(values, "tolist") else values
 
 
-Column = Annotated[tuple[Positive, ...], BeforeValidator(_plain_numbers)]
+Column = Annotated[tuple[Positive, ...], BeforeValidator(plain_numbers)]
 """A column of a table: positive numbers, from a sequence or an array."""
 
-Numbers = Annotated[tuple[Number, ...], BeforeValidator(_plain_numbers)]
+Numbers = Annotated[tuple[Number, ...], BeforeValidator(plain_numbers)]
 """A column of a table that may hold any number."""
 
-NonNegatives = Annotated[tuple[NonNegative, ...], BeforeValidator(_plain_numbers)]
+NonNegatives = Annotated[tuple[NonNegative, ...], BeforeValidator(plain_numbers)]
 """A column of a table that may hold zeros."""
 
 
@@ -66,7 +67,7 @@ def _column_name(value: Any) -> Any:
 ColumnName = Annotated[str | int, BeforeValidator(_column_name)]
 """A column of a file, by its name or its number, from 1."""
 
-Names = Annotated[tuple[str, ...], BeforeValidator(_plain_numbers), Field(min_length=1)]
+Names = Annotated[tuple[str, ...], BeforeValidator(plain_numbers), Field(min_length=1)]
 """Names of variables in a file."""
 
 
@@ -76,12 +77,10 @@ def _rising(band: tuple[float, float]) -> tuple[float, float]:
     return band
 
 
-Band = Annotated[
-    tuple[Positive, Positive], BeforeValidator(_plain_numbers), AfterValidator(_rising)
-]
+Band = Annotated[tuple[Positive, Positive], BeforeValidator(plain_numbers), AfterValidator(_rising)]
 """A lowest and a highest frequency."""
 
-Matrix = Annotated[tuple[tuple[Number, ...], ...], BeforeValidator(_plain_numbers)]
+Matrix = Annotated[tuple[tuple[Number, ...], ...], BeforeValidator(plain_numbers)]
 """A matrix, row by row."""
 
 

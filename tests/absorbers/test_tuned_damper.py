@@ -127,3 +127,12 @@ def test_a_sine_takes_den_hartogs_tuning() -> None:
     assert found.tuning == "Den Hartog" and found.zeta == pytest.approx(zeta)
     fixed = math.sqrt(1.0 + 2.0 / mass_ratio)
     assert 1.0 <= max(ratios) / fixed < 1.01
+
+
+def test_a_wrong_carrier_or_mass_is_refused() -> None:
+    carrier = Oscillator(mass=1.0, damping=0.02, stiffness=1.0)
+    scene = Scene(structure=carrier, excitations=[WhiteNoise(intensity=0.04)])
+    with pytest.raises(ValueError, match=r"carrier must be a coordinate of the structure \(x\)"):
+        tuned_damper(scene, "tower", 0.1)
+    with pytest.raises(ValueError, match="mass must be positive, got -1e\\+200"):
+        tuned_damper(scene, "x", -1e200)

@@ -69,11 +69,18 @@ def test_what_is_no_scene_is_refused(function: Callable[..., Any], wrong: Any) -
         ({"paths": 2.5}, "paths must be a whole number, got 2.5"),
         ({"rel_error": [0.1]}, r"rel_error must be a number, got \[0.1\]"),
         ({"threads": "x" * 500}, "threads must be a whole number, got 'xxx.*xxx...$"),
+        ({"statistics": 3.0}, "statistics must be a table of names and values of Statistic, got 3"),
     ],
 )
 def test_what_is_no_number_is_refused(arguments: dict[str, Any], sentence: str) -> None:
     with pytest.raises(ValueError, match=sentence):
         stochvi.simulate(oscillator(-1.0, 1.0, 0.8), **arguments)
+
+
+@pytest.mark.parametrize("function", [stochvi.production, stochvi.mean_over_units])
+def test_spreads_are_a_table(function: Callable[..., Any]) -> None:
+    with pytest.raises(ValueError, match="spreads must be a table of names and values of Spread"):
+        function(oscillator(-1.0, 1.0, 0.8), 0.05)
 
 
 def test_a_very_long_budget_is_none() -> None:

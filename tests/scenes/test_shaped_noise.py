@@ -138,3 +138,17 @@ def test_what_is_no_filter_is_refused(keys: dict[str, Any], words: str) -> None:
             structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
             excitations=[excitation],
         )
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        ({"C": Scene}, "C must be a list, got <class"),
+        ({"C": "x"}, "C must be a list, got 'x'"),
+        ({"B": 3.0}, "B must be a list, got 3.0"),
+        ({"B": [[1.0], [2.0, 3.0]]}, "needs B with 1 rows of equal length"),
+    ],
+)
+def test_what_is_no_matrix_is_refused(wrong: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(SceneError, match=sentence):
+        StateSpaceNoise(**{"intensity": 1.0, "A": [[-1.0]], "B": [1.0], "C": [1.0]} | wrong)

@@ -17,7 +17,7 @@ from stochvi.mathematics.arrays import Vector, Waves
 from stochvi.mathematics.spectra import refined_table
 from stochvi.mathematics.units import power_ratio
 from stochvi.scenes.excitations.base import DensityNoise, StrengthNoise, band_of
-from stochvi.scenes.validation import Matrix, Numbers
+from stochvi.scenes.validation import Matrix, Numbers, plain_numbers
 
 BELOW, ABOVE = 1e-6, 1e3
 """Ends of the density: as shares of the slowest pole below, and of the fastest one above."""
@@ -165,16 +165,20 @@ class TransferFunctionNoise(ShapedNoise):
             )
 
 
+LISTS = list | tuple | np.ndarray
+"""What holds numbers one after another."""
+
+
 def _column(value: Any) -> Any:
-    """A vector as a matrix of one column."""
-    rows = np.asarray(value, dtype=float)
-    return rows[:, None].tolist() if rows.ndim == 1 else rows.tolist()
+    """A vector as a matrix of one column; what is neither is left to the check of the key."""
+    is_vector = isinstance(value, LISTS) and not any(isinstance(each, LISTS) for each in value)
+    return [[each] for each in value] if is_vector else plain_numbers(value)
 
 
 def _row(value: Any) -> Any:
-    """A matrix of one row as a vector."""
-    rows = np.asarray(value, dtype=float)
-    return rows[0].tolist() if rows.ndim == 2 and len(rows) == 1 else rows.tolist()
+    """A matrix of one row as a vector; what is neither is left to the check of the key."""
+    is_matrix = isinstance(value, LISTS) and len(value) == 1 and isinstance(value[0], LISTS)
+    return plain_numbers(value[0] if is_matrix else value)
 
 
 class StateSpaceNoise(ShapedNoise):
