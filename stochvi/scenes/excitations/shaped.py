@@ -165,7 +165,7 @@ class TransferFunctionNoise(ShapedNoise):
             )
 
 
-LISTS = list | tuple | np.ndarray
+LISTS = (list, tuple, np.ndarray)
 """What holds numbers one after another."""
 
 
