@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -181,6 +181,16 @@ class Checked(BaseModel):
             super().__init__(**data)
         except ValidationError as error:
             raise SceneError(_problems(error, type(self))) from None
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy with other values, which are not checked; `replace` checks them.
+
+        What was calculated from the old values is calculated anew.
+        """
+        copy = super().model_copy(update=update, deep=deep)
+        for calculated in set(copy.__dict__) - set(type(self).model_fields):
+            del copy.__dict__[calculated]
+        return copy
 
     def replace(self, **changes: Any) -> Self:
         """The part with other values of some keys, checked as a new one is.

@@ -18,9 +18,9 @@ from stochvi.model.model import model_of
 from stochvi.results.errors import SceneError
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.excitations import ConstantLoad, RoadNoise, TabulatedNoise, WhiteNoise
-from stochvi.scenes.impact_laws import Restitution
+from stochvi.scenes.impact_laws import ForceTable, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene, scene_from
-from stochvi.scenes.structures import Isolator, Oscillator
+from stochvi.scenes.structures import Beam, Isolator, Oscillator
 from stochvi.scenes.validation import Checked
 from support.known import DOCUMENT, MISTAKES, NOTHING, changed, oscillator, to_toml
 
@@ -461,3 +461,34 @@ def spring(deflection: float) -> float:
 def test_symbols_of_the_field_lead_to_their_keys(make: Callable[[], object], sentence: str) -> None:
     with pytest.raises(SceneError, match=sentence):
         make()
+
+
+@pytest.mark.parametrize(
+    ("part", "changes", "told"),
+    [
+        (
+            TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz"), {"level_db": 6.0},
+            lambda noise: noise.table.mean_square(),
+        ),
+        (RoadNoise(road="C", speed=20.0), {"speed": 10.0}, lambda road: road.table.mean_square()),
+        (
+            ForceTable(deflection=(0.0, 1.0, 2.0), force=(0.0, 1.0, 3.0)),
+            {"force": (0.0, 2.0, 6.0)}, lambda law: law.potential_at(1.5),
+        ),
+        (
+            Beam(
+                length=0.2, width=0.02, height=2e-3, young=2e11, density=7850.0, zeta=0.02, modes=2,
+                points={"tip": 1.0},
+            ),
+            {"modes": 5}, lambda beam: len(beam.table.omega),
+        ),
+    ],
+    ids=lambda each: type(each).__name__,
+)  # fmt: skip
+def test_a_copy_with_other_values_calculates_them_anew(
+    part: Any, changes: dict[str, Any], told: Callable[[Any], float]
+) -> None:
+    before = told(part)  # calculated, and kept
+    copy, anew = part.model_copy(update=changes), part.replace(**changes)
+    assert told(copy) == told(anew) != before == told(part)
+    assert told(part.model_copy(deep=True)) == before

@@ -7,7 +7,7 @@ import contextlib
 import re
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +29,9 @@ from stochvi.scenes.validation import Checked, Number, Positive, Weights, given
 
 BASE = "base"
 """The place of an excitation that moves the base; every other place is a coordinate."""
+
+OF_PLACES = frozenset({"on", "between", "weights", "axis", "name"})
+"""The keys of an excitation that say what it acts on, and its name."""
 
 Density = Callable[[ArrayLike], NDArray[np.float64]]
 """A one-sided density per hertz, in SI units, as a function of the frequency in hertz."""
@@ -265,9 +268,15 @@ class DensityNoise(BaseExcitation):
         rate (1/s) doubtful."""
         return ()
 
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """A copy with other values; where they may change the density, checked as a new noise."""
+        changed = dict(update or {})
+        if not set(changed) <= OF_PLACES:
+            return self.replace(**changed)
+        return super().model_copy(update=changed, deep=deep)
+
     def louder(self, level_db: float) -> Self:
-        keys = self.model_dump(exclude_none=True)
-        return type(self)(**(keys | {"level_db": self.level_db + level_db}))
+        return self.replace(level_db=self.level_db + level_db)
 
     def numbers(self) -> dict[str, float]:
         frequency = self.table.frequency_hz

@@ -15,6 +15,7 @@ from stochvi.mathematics.spectra import Table, response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY, Unit, power_ratio
 from stochvi.scenes.excitations.base import (
     BASE,
+    BaseExcitation,
     DensityNoise,
     agreed_unit,
     sentences_of,
@@ -148,7 +149,7 @@ class RecordedNoise(DensityNoise):
 
     def louder(self, level_db: float) -> Self:
         """The record at a level raised by `level_db`; the file is not read again."""
-        louder = self.model_copy(update={"level_db": self.level_db + level_db})
+        louder = BaseExcitation.model_copy(self, update={"level_db": self.level_db + level_db})
         louder._set_level()
         return louder
 

@@ -162,8 +162,6 @@ class ForceFunction(CompliantLaw):
         other = self.model_copy()
         factor, unit, rate = self._units
         other._units = (factor * force, unit * length, rate * speed)
-        for known in ("conservative", "_contacts"):
-            other.__dict__.pop(known, None)
         return other
 
     @cached_property

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -111,12 +110,6 @@ class ForceTable(CompliantLaw):
         lengths = np.diff(starts)
         areas = lengths * (forces[:-1] + 0.5 * slopes[:-1] * lengths)
         return Pieces(starts, forces, slopes, np.concatenate([[0.0], np.cumsum(areas)]))
-
-    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
-        """A copy with other values; its pieces are made anew."""
-        copy = super().model_copy(update=update, deep=deep)
-        copy.__dict__.pop("arrays", None)
-        return copy
 
     @property
     def pieces(self) -> Vector:
