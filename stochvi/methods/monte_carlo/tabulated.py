@@ -844,6 +844,11 @@ def _block_length(tables: tuple[Table, ...], omega: float, b: float, shortest: f
     )
 
 
+AT_ONCE = 2**14
+"""Bins whose variances are found at once: in the cache of a processor, and a budget may end between
+two such parts."""
+
+
 def _bin_variances(
     tables: tuple[Table, ...], omega: float, damping_rate: float, length: float, count: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -859,10 +864,12 @@ def _bin_variances(
     for table in tables:
         cuts = np.unique(np.concatenate([edges, table.frequency_hz]))
         cuts = cuts[(cuts >= edges[0]) & (cuts <= edges[-1])]
-        half, middle = np.diff(cuts) / 2.0, (cuts[1:] + cuts[:-1]) / 2.0
-        f = middle[:, None] + half[:, None] * nodes
-        density = squared_gain(f, omega, damping_rate) * table(f)
-        owner = np.clip(np.searchsorted(edges, middle) - 1, 0, count - 2)
-        np.add.at(variances, owner, half * (density @ weights))
-        np.add.at(velocities, owner, half * ((density * (2.0 * np.pi * f) ** 2) @ weights))
+        for first in range(0, len(cuts) - 1, AT_ONCE):
+            ends = cuts[first : first + AT_ONCE + 1]
+            half, middle = np.diff(ends) / 2.0, (ends[1:] + ends[:-1]) / 2.0
+            f = middle[:, None] + half[:, None] * nodes
+            density = squared_gain(f, omega, damping_rate) * table(f)
+            owner = np.clip(np.searchsorted(edges, middle) - 1, 0, count - 2)
+            np.add.at(variances, owner, half * (density @ weights))
+            np.add.at(velocities, owner, half * ((density * (2.0 * np.pi * f) ** 2) @ weights))
     return variances, velocities
