@@ -59,13 +59,15 @@ def checked_targets(options: Common, given: Mapping[str, Any]) -> Iterator[None]
         check_apart,
         check_file_target,
         check_folder_target,
+        check_formats,
         check_report_target,
         inputs_of,
     )
-    from stochvi.views.files import kept_inputs
+    from stochvi.views.files import also_written, kept_inputs
 
     read = inputs_of(_scenes(given))
     kept = [Path(given[key]) for key in ("checkpoint", "resume") if given.get(key)]
+    check_formats(options.formats, options.out, has_report=options.force is not None)
     if options.out is not None:
         check_folder_target(options.out)
         if options.force is False:
@@ -75,7 +77,7 @@ def checked_targets(options: Common, given: Mapping[str, Any]) -> Iterator[None]
         check_apart(Path(options.json_file), kept)
     for file in kept:
         check_file_target("--checkpoint", file, read)
-    with kept_inputs([*read, *kept]):
+    with kept_inputs([*read, *kept]), also_written(options.formats):
         yield
 
 
@@ -90,6 +92,7 @@ class Common:
     budget: float | None = None
     quiet: bool = False
     force: bool | None = None
+    formats: frozenset[str] = frozenset()
     question: str = ""
     begun: Deadline = field(default_factory=lambda: Deadline.after(0.0))
 
@@ -259,6 +262,22 @@ class Rate(click.ParamType):  # type: ignore[type-arg]
             ) from None
 
 
+class Formats(click.ParamType):  # type: ignore[type-arg]
+    """Forms of files, separated by commas: "mat,pdf"."""
+
+    name = "formats"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        from stochvi.views.files import FORMATS
+
+        if isinstance(value, frozenset):
+            return value
+        found = frozenset(each.strip().lower() for each in value.split(",") if each.strip())
+        if unknown := sorted(found - set(FORMATS)):
+            raise ValueError(f"--formats must be of {', '.join(FORMATS)}, got {unknown[0]!r}")
+        return found
+
+
 TIME, SPEED, CHANCE, RATE = Quantity("time"), Quantity("speed"), Chance(), Rate()
 FREQUENCY = Quantity("frequency")
 
@@ -270,6 +289,10 @@ OPTIONS = {
     "out": click.option(
         "--out", type=Folder(path_type=Path), metavar="DIR",
         help="Folder that gets tables and pictures.",
+    ),
+    "formats": click.option(
+        "--formats", type=Formats(), default="", metavar="LIST",
+        help="With --out, also as: mat, uff (tables), pdf (a report).",
     ),
     "seed": click.option(
         "--seed", type=int, default=0,
@@ -311,6 +334,8 @@ FIELDS = {"json": "json_file", "open budget": "budget", "kept budget": "budget"}
 
 def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command these options, whose values it gets as `Common`, its first argument."""
+    if "out" in names:
+        names = (*names, "formats")
     fields = [FIELDS.get(name, name) for name in names]
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:

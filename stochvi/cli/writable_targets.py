@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from stochvi.results.errors import SceneError, TargetError
@@ -34,6 +34,20 @@ def check_folder_target(folder: Path) -> None:
         raise TargetError(f"--out must name a folder, but {nearest} is a file; name another folder")
     if not os.access(nearest, os.W_OK | os.X_OK):
         raise TargetError(f"--out {folder}: {nearest} cannot be written to; name another folder")
+
+
+def check_formats(formats: Collection[str], folder: Path | None, *, has_report: bool) -> None:
+    """Raise a ValueError where answers cannot be written in these forms."""
+    if formats and folder is None:
+        raise ValueError("--formats needs --out, the folder that gets the files")
+    if "pdf" not in formats:
+        return
+    if not has_report:
+        raise ValueError("--formats pdf is for a command that writes a report; this one has none")
+    from stochvi.views.other_formats import missing_for_pdf
+
+    if missing := missing_for_pdf():
+        raise ValueError(f"--formats pdf {missing}")
 
 
 REPORT, QUESTION = "report.html", re.compile(r'<meta name="stochvi-question" content="(\w*)">')

@@ -10,7 +10,7 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, TextIO
@@ -140,6 +140,45 @@ def write_table(frame: pd.DataFrame, path: Path) -> None:
         harmless[name] = [as_text(each) if isinstance(each, str) else each for each in frame[name]]
     harmless.columns = [as_text(str(name)) for name in frame.columns]
     write_text(harmless.to_csv(index=False, lineterminator="\n"), path)
+    if wanted := _formats.get() & set(TABLE_FORMATS):
+        from stochvi.views import other_formats
+
+        for name in sorted(wanted):
+            made = getattr(other_formats, TABLE_FORMATS[name])(frame)
+            if made is not None:
+                write_bytes(made, path.with_suffix(f".{name}"))
+
+
+TABLE_FORMATS = {"mat": "mat_of", "uff": "uff_of"}
+"""Forms in which tables are also written, and the functions of `other_formats` that make them."""
+
+FORMATS = (*TABLE_FORMATS, "pdf")
+"""All forms in which answers are also written; "pdf" is that of reports."""
+
+_formats: ContextVar[frozenset[str]] = ContextVar("formats", default=frozenset())
+
+
+@contextlib.contextmanager
+def also_written(formats: Iterable[str]) -> Iterator[None]:
+    """Within this context tables and reports are also written in these of the `FORMATS`."""
+    before = _formats.set(frozenset(formats))
+    try:
+        yield
+    finally:
+        _formats.reset(before)
+
+
+def write_report_page(html: str, path: Path) -> None:
+    """Write the page of a report, and beside it the same as PDF where that is wanted."""
+    write_text(html, path)
+    if "pdf" not in _formats.get():
+        return
+    if not time_for_pictures():
+        warnings.warn("the PDF was not made, as no time was left; raise the budget", stacklevel=2)
+        return
+    from stochvi.views.other_formats import pdf_of
+
+    write_bytes(pdf_of(html), path.with_suffix(".pdf"))
 
 
 def write_parquet(frame: pd.DataFrame, path: Path) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from stochvi.results.base import plain
-from stochvi.views.files import time_for_pictures, to_json, write_text
+from stochvi.views.files import time_for_pictures, to_json, write_report_page, write_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -133,7 +133,7 @@ def write_page(page: Page, document: Mapping[str, Any], name: str, folder: Path)
     the page under "report"; returns the path of the page."""
     found = {**document, "report": plain(page.origin)}
     write_text(to_json(found) + "\n", folder / f"{name}.json")
-    write_text(page.html(), folder / "report.html")
+    write_report_page(page.html(), folder / "report.html")
     return folder / "report.html"
 
 
