@@ -15,6 +15,7 @@ from stochvi.engine.calls import call_by_address
 from stochvi.engine.characteristic import Affine, kicked, moved, pull, read
 from stochvi.engine.compiled_laws import address_of, row_of_numbers
 from stochvi.engine.compiling import kernel
+from stochvi.engine.drive import drive_of
 
 KICK, PULL, MOVE = range(3)
 """Questions to a part."""
@@ -72,6 +73,7 @@ class Characteristics(NamedTuple):
         each modal velocity per unit change of the rate of a part.
     places : (parts,), displacement of each at rest, m.
     memories : (parts,), row of the memory of each among the states; below 0 for none.
+    drives : (parts,), as `functions`, what draws the values of each drive; 0 for other parts.
     """
 
     functions: NDArray[Any]
@@ -81,6 +83,7 @@ class Characteristics(NamedTuple):
     changes: NDArray[np.float64]
     places: NDArray[np.float64]
     memories: NDArray[np.int64]
+    drives: NDArray[Any]
 
     @classmethod
     def of(
@@ -88,21 +91,24 @@ class Characteristics(NamedTuple):
         changes: NDArray[np.float64], places: NDArray[np.float64], memories: list[int],
     ) -> Characteristics:  # fmt: skip
         """The parts with their numbers in a table."""
-        functions = np.zeros(len(parts), object if config.DISABLE_JIT else np.int64)
+        functions, drives = np.zeros((2, len(parts)), object if config.DISABLE_JIT else np.int64)
         numbers = [row_of_numbers(part) for part in parts]
         table = np.zeros((len(parts), max(map(len, numbers), default=1)))
         for k, (part, own) in enumerate(zip(parts, numbers, strict=True)):
             table[k, : len(own)] = own
             kind = type(part)
+            # the numbers of this part must not become part of the code
+            blank = kind(
+                *(np.zeros((1,) * np.ndim(each)) if np.ndim(each) else 0.0 for each in part)
+            )
             if kind not in _COMPILED:
-                # the numbers of this part must not become part of the code
-                blank = (np.zeros((1,) * np.ndim(each)) if np.ndim(each) else 0.0 for each in part)
-                _COMPILED[kind] = function_of_class(kind(*blank))  # type: ignore[no-untyped-call]
+                _COMPILED[kind] = function_of_class(blank)  # type: ignore[no-untyped-call]
             compiled = _COMPILED[kind]
             functions[k] = compiled if config.DISABLE_JIT else address_of(compiled, OF_PART)
+            drives[k] = drive_of(blank)
         return cls(
             functions, table, np.array(affine, float).reshape(-1, 3), np.ascontiguousarray(rows),
-            np.ascontiguousarray(changes), places, np.array(memories, np.int64),
+            np.ascontiguousarray(changes), places, np.array(memories, np.int64), drives,
         )  # fmt: skip
 
 

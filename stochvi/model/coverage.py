@@ -8,6 +8,7 @@ from __future__ import annotations
 from stochvi.model.model import Model
 from stochvi.scenes.excitations import DENSITY_KINDS
 from stochvi.scenes.impact_laws import CompliantLaw, Restitution, SpeedRestitution, Viscoelastic
+from stochvi.scenes.modulated_force import ForceOfExcitation
 
 
 def functions(model: Model) -> list[str]:
@@ -60,13 +61,15 @@ def not_apart(model: Model) -> list[str]:
         "displacement alone or velocity alone, got "
         f"{'hysteresis' if part.law.remembers else 'both'} of kind {part.law.kind!r} ({part.name})"
         for part in model.functions
-        if part.law.needs == "both" and part.modulation is None
+        if part.law.needs == "both" and not isinstance(part.law, ForceOfExcitation)
     ]
 
 
 def modulated(model: Model) -> list[str]:
-    """A sentence for each modulation, for methods whose structure does not change in time."""
-    return [part.law.refusal(part.name) for part in model.modulations] + moving_stops(model)
+    """A sentence for each modulation and each excitation that is drawn, for methods whose structure
+    does not change in time, under Gaussian noise."""
+    forces = [part for part in model.functions if isinstance(part.law, ForceOfExcitation)]
+    return [part.law.refusal(part.name) for part in forces] + moving_stops(model)
 
 
 def moving_stops(model: Model) -> list[str]:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.model.coverage import functions, without_noise
+from stochvi.model.coverage import nonlinear, without_noise
 from stochvi.model.modal import LinearLaw, ModalForm, linear_law
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
@@ -47,7 +47,7 @@ def free_motion(model: Model) -> FreeMotion:
         If there is no such motion, or it is not Gaussian: the scene has a sine, no noise, a spring
         that is a function, or a coordinate that no spring holds or no damper damps.
     """
-    unmet = [condition for condition in functions(model) if condition.startswith("structure")]
+    unmet = nonlinear(model)
     if model.sines:
         unmet.append("excitation must be noise or constant, got sine")
     unmet += without_noise(model)

@@ -120,7 +120,8 @@ def form_of(part: FunctionOfMotion, motion: Motion) -> LinearForm:
 
 
 def _rough_law(model: Model) -> LinearLaw | None:
-    known = scales_of(model, model.modal)
+    planned = model.with_noise_of_drives
+    known = scales_of(planned, planned.modal)
     return None if known is None else known[0]
 
 

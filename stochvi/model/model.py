@@ -20,11 +20,13 @@ from stochvi.model.modal import ModalForm, modal_form
 from stochvi.results.errors import SceneError
 from stochvi.scenes.characteristics import Characteristic
 from stochvi.scenes.cross_densities import independent_sources
+from stochvi.scenes.drawn_force import DrawnForce
 from stochvi.scenes.drift import without_drift
 from stochvi.scenes.excitations import (
     BASE,
     ConstantLoad,
     DensityNoise,
+    DrawnExcitation,
     Excitation,
     FilteredNoise,
     Modulation,
@@ -209,6 +211,11 @@ class FunctionOfMotion:
     def modulation(self) -> Modulation | None:
         """What modulates a spring or a damper; None for a function of the motion."""
         return self.law.modulation if isinstance(self.law, ModulatedForce) else None
+
+    @property
+    def drawn(self) -> DrawnExcitation | None:
+        """The excitation whose values a simulation draws; None for any other function."""
+        return self.law.drawn if isinstance(self.law, DrawnForce) else None
 
     @property
     def white_modulation(self) -> float:
@@ -437,12 +444,35 @@ class Model:
     def remembers(self) -> bool:
         """Whether a spring has hysteresis or is modulated, so that its force does not follow from
         the motion."""
-        return any(part.law.remembers for part in self.functions)
+        return any(part.law.remembers and part.drawn is None for part in self.functions)
 
     @property
     def modulations(self) -> tuple[FunctionOfMotion, ...]:
         """The forces by which springs and dampers are modulated."""
         return tuple(part for part in self.functions if part.modulation is not None)
+
+    @property
+    def drives(self) -> tuple[FunctionOfMotion, ...]:
+        """The forces of excitations whose values a simulation draws."""
+        return tuple(part for part in self.functions if part.drawn is not None)
+
+    @property
+    def with_noise_of_drives(self) -> Model:
+        """The model with white noise and a constant load, of equal mean and intensity, in the place
+        of the excitations that are drawn; the model itself without any."""
+        if not self.drives:
+            return self
+        whites, constants = list(self.whites), list(self.constants)
+        for part in self.drives:
+            assert part.drawn is not None
+            whites.append((part.drawn.si_intensity, part.direction))
+            held = part.affine[2] * part.mass  # the linear part of a force against the motion
+            if load := part.drawn.mean + held:
+                constants.append((load, part.direction))
+        rest = tuple(part for part in self.functions if part.drawn is None)
+        return replace(
+            self, whites=tuple(whites), constants=tuple(constants), functions=rest
+        )  # fmt: skip
 
     @property
     def moves_stops(self) -> bool:
@@ -454,6 +484,7 @@ class Model:
         """Whether noise or a sine forces the structure: with modulations alone it may rest."""
         return bool(
             self.tables
+            or self.drives
             or any(intensity for intensity, _ in self.whites)
             or any(np.any(signal.direction) for signal in self.signals)
         )
@@ -480,8 +511,12 @@ class Model:
             *(direction for _, direction in self.whites),
             *(signal.direction for signal in self.signals if np.any(signal.direction)),
             *(direction for _, direction in self.tables),
+            *(part.direction for part in self.drives),
         ]
-        known = not any(part.white_modulation for part in self.functions)
+        known = not any(
+            part.white_modulation or (part.drawn is not None and part.drawn.mean)
+            for part in self.functions
+        )
         return (
             known
             and self.moving_base
@@ -507,6 +542,7 @@ class Model:
         """Whether any noise shakes the structure."""
         return bool(
             self.tables
+            or self.drives
             or any(intensity for intensity, _ in self.whites)
             or any(signal.intensity for signal in self.signals)
         )
@@ -597,6 +633,7 @@ class Model:
             *(d for _, d in self.whites),
             *(d for _, d in self.tables if not isinstance(d, InputMatrix)),
             *(signal.direction for signal in self.signals),
+            *(part.direction for part in self.drives),
         ]
         return any(direction[0] > 0.0 or not self.moving_base for direction in directions)
 
@@ -726,6 +763,7 @@ def _build_model(scene: Scene) -> Model:
         model = _with_functions(model, structure.functions)
     if scene.modulations:
         model = _with_modulations(model, scene)
+    model = _with_drives(model, shaken)
     records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
     if records and structure.linear and not model.functions:
         model = replace(model, cautions=(*model.cautions, *_lost_motion(model, records)))
@@ -813,6 +851,18 @@ def _with_modulations(model: Model, scene: Scene) -> Model:
     return replace(model, signals=tuple(signals), functions=tuple(functions), pairs=tuple(pairs))
 
 
+def _with_drives(model: Model, shaken: Sequence[tuple[Excitation, Vector]]) -> Model:
+    """A model with the forces of excitations that are drawn."""
+    functions = list(model.functions)
+    drives = [(each, d) for each, d in shaken if isinstance(each, DrawnExcitation) and np.any(d)]
+    for number, (each, force) in enumerate(drives, 1):
+        mass = float(1.0 / (force @ np.linalg.solve(model.mass, force)))
+        name = each.effect_word + (f" {number}" if len(drives) > 1 else "")
+        law = DrawnForce(kind=each.kind, mass=mass, drawn=each)
+        functions.append(FunctionOfMotion(name, force, mass, law))
+    return replace(model, functions=tuple(functions)) if drives else model
+
+
 def _lost_motion(model: Model, records: Sequence[RecordedNoise]) -> list[str]:
     """Warnings on the motion of the slowest mode that a spring holds, where the density of a record
     leaves a part of it out."""
@@ -891,7 +941,13 @@ def _seen_from(model: Model, references: list[int], motions: Matrix) -> Model:
         signals=tuple(replace(each, direction=forces @ each.direction) for each in model.signals),
         tables=tuple((table, forces @ np.asarray(force)) for table, force in model.tables),
         pairs=tuple(replace(pair, direction=pair.direction[kept]) for pair in model.pairs),
-        functions=tuple(replace(part, direction=part.direction[kept]) for part in model.functions),
+        functions=tuple(
+            replace(
+                part,
+                direction=part.direction[kept] if part.drawn is None else forces @ part.direction,
+            )
+            for part in model.functions
+        ),
         base={axis: row[kept] for axis, row in model.base.items()},
         rates=rates,
     )
@@ -909,7 +965,7 @@ def _signals(scene: Scene, shaken: Sequence[tuple[Excitation, Vector]]) -> Itera
                 wave = cmath.rect(1.0, math.radians(excitation.phase_deg))
                 wave *= _crank_force(scene, excitation, direction) or excitation.peak
                 yield Signal(omega, 0.0, 0.0, abs(wave), direction, cmath.phase(wave), on_base)
-            case WhiteNoise() | ConstantLoad() | DensityNoise() | Modulation():
+            case WhiteNoise() | ConstantLoad() | DensityNoise() | Modulation() | DrawnExcitation():
                 pass  # `Model` has other fields for these
             case _:
                 assert_never(excitation)

@@ -14,8 +14,10 @@ from .cross_densities import CrossDensity
 from .datasets import Profile, profiles, shipped_scene
 from .excitations import (
     ConstantLoad,
+    DriveFunction,
     FilteredNoise,
     Modulation,
+    Pulses,
     RecordedNoise,
     RoadNoise,
     Sine,
@@ -58,6 +60,7 @@ __all__ = [
     "ConstantLoad",
     "Coulomb",
     "CrossDensity",
+    "DriveFunction",
     "Duffing",
     "Elastic",
     "FilteredNoise",
@@ -77,6 +80,7 @@ __all__ = [
     "PolynomialDamper",
     "PolynomialSpring",
     "Profile",
+    "Pulses",
     "QuarterCar",
     "Rayleigh",
     "Record",

@@ -43,6 +43,7 @@ KEY_UNITS = {
     "fs": "Hz",
     "level_db": "dB",
     "speed": "m/s",
+    "rate": "1/s",
     "at_speed": "m/s",
     "displacement": "m",
     "velocity": "m/s",
@@ -78,7 +79,9 @@ def key_unit(document: Mapping[str, Any], part: Mapping[str, Any], name: str) ->
             return "s"
         case "van-der-pol", "amplitude":
             return "m"
-        case "sine", "amplitude":
+        case ("sine" | "function", "amplitude") | ("pulses", "impulse"):
             on_mount = document["structure"]["kind"] == "isolator"
-            return "m/s2" if part.get("on", "base" if on_mount else "") == "base" else "N"
+            on_base = part.get("on", "base" if on_mount else "") == "base"
+            units = ("m/s", "N s") if name == "impulse" else ("m/s2", "N")
+            return units[0] if on_base else units[1]
     return KEY_UNITS.get(name, "")

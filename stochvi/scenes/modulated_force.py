@@ -24,7 +24,20 @@ ROUNDING = 1e-12
 error of their sum."""
 
 
-class ModulatedForce(Characteristic):
+class ForceOfExcitation(Characteristic):
+    """A force that an excitation makes, in the place of a spring or damper of the structure."""
+
+    @property
+    def remembers(self) -> bool:  # type: ignore[override]
+        """True, as the force does not follow from the motion."""
+        return True
+
+    @property
+    def needs(self) -> str:
+        return "both"
+
+
+class ModulatedForce(ForceOfExcitation):
     """The force xi(t) (stiffness x + damping v), whose mean is in the linear structure.
 
     Parameters
@@ -41,15 +54,6 @@ class ModulatedForce(Characteristic):
     damping: float
     mass: float
     modulation: Modulation
-
-    @property
-    def remembers(self) -> bool:  # type: ignore[override]
-        """True, as the force does not follow from the motion."""
-        return True
-
-    @property
-    def needs(self) -> str:
-        return "both"
 
     @property
     def effect(self) -> str:

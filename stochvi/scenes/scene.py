@@ -23,6 +23,7 @@ from stochvi.scenes.excitations import (
     EXCITATIONS,
     ConstantLoad,
     DensityNoise,
+    DrawnExcitation,
     Excitation,
     Excitations,
     Modulation,
@@ -570,7 +571,7 @@ class Scene(Checked):
             if self.place(excitation) != BASE and isinstance(structure, Oscillator):
                 mass = structure.mass or 1.0
             match excitation:
-                case StrengthNoise():
+                case StrengthNoise() | DrawnExcitation():
                     intensity = excitation.si_intensity
                     if _fits(intensity):  # otherwise the same problem would be reported twice
                         intensity /= mass**2
@@ -804,7 +805,10 @@ class Scene(Checked):
         if getattr(self.structure, "gravity", False):
             found.add(ConstantLoad.family)
         found |= {f"stop {side}" for pair in self.impact_pairs for side, _ in pair.stops()}
-        known = [*(each.family for each in EXCITATIONS), "stop lower", "stop upper"]
+        written = (
+            each for each in EXCITATIONS if each.model_fields["kind"].default not in PYTHON_ONLY
+        )
+        known = [*(each.family for each in written), "stop lower", "stop upper"]
         return tuple(effect for effect in dict.fromkeys(known) if effect not in found)
 
     def assumptions(self) -> tuple[str, ...]:

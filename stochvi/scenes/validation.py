@@ -105,10 +105,10 @@ Function = Annotated[Callable[..., Any], PlainSerializer(_name_of, return_type=s
 document of a scene it is its name."""
 
 
-def arguments_fault(function: Any) -> str:
-    """Why a function does not take two numbers, as far as Python knows its arguments, or ""."""
+def arguments_fault(function: Any, numbers: int = 2) -> str:
+    """Why a function does not take so many numbers, as far as Python knows its arguments, or ""."""
     try:
-        inspect.signature(getattr(function, "py_func", function)).bind(0.0, 0.0)
+        inspect.signature(getattr(function, "py_func", function)).bind(*[0.0] * numbers)
     except TypeError as error:
         return str(error)
     except ValueError:  # a function of C

@@ -56,6 +56,8 @@ def why_no_acceleration(model: Model, on_base: bool) -> str:
     """Why records hold no acceleration, where they do not."""
     if model.modulations:
         return "the force of a modulation is not kept by the simulation"
+    if model.drives:
+        return "the force of pulses, or of random numbers, is not kept by the simulation"
     if model.remembers:
         return "the force of a spring with hysteresis is not kept by the simulation"
     if model.whites:

@@ -47,7 +47,8 @@ simulation = importlib.import_module("stochvi.methods.monte_carlo.simulate")
 def test_what_is_absent_is_told() -> None:
     told = explain(oscillator(None, 1.0, 0.8, load=0.5))
     assert told.effects == ("white noise on x", "constant load on x", "rigid stop upper")
-    assert told.absent == ("filtered noise", "tabulated noise", "sine", "modulation", "stop lower")
+    excitations = ("filtered noise", "tabulated noise", "sine", "modulation", "pulses")
+    assert told.absent == (*excitations, "stop lower")
     for method in ("average", "fokker-planck", "linearise", "simulate"):
         assert told.methods[method] == "applies"
     assert "restitution must be 1" in told.methods["exact"]

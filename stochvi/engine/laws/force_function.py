@@ -17,9 +17,6 @@ from stochvi.engine.compiling import kernel
 from stochvi.engine.ingredients import BY_NAME, Ingredients
 from stochvi.engine.law import force, is_lossy, is_smooth, rate, read
 
-TWO_NUMBERS = (types.float64, types.float64)
-"""Types of the arguments of a force."""
-
 DEFLECTIONS = np.geomspace(1e-9, 1e2, 133)
 """Deflections, m, at which the time scale of a force is known: twelve in a decade."""
 
@@ -48,8 +45,8 @@ class NotCompiled(ValueError):
     """A function that numba does not compile; the message says why."""
 
 
-def compiled_of(function: Callable[..., Any]) -> Any:
-    """A function of two numbers that kernels can call, with the functions that it calls.
+def compiled_of(function: Callable[..., Any], numbers: int = 2) -> Any:
+    """A function of so many numbers that kernels can call, with the functions that it calls.
 
     Raises
     ------
@@ -59,10 +56,11 @@ def compiled_of(function: Callable[..., Any]) -> Any:
     compiled = _kernel_of(function, ())
     if config.DISABLE_JIT:
         return compiled
+    arguments = (types.float64,) * numbers
     try:
-        compiled.get_call_template(TWO_NUMBERS, {})
+        compiled.get_call_template(arguments, {})
         versions = getattr(compiled, "linked", compiled).overloads
-        found = versions[TWO_NUMBERS].signature.return_type
+        found = versions[arguments].signature.return_type
     except NumbaError as error:
         lines = [line for line in str(error).splitlines() if line.strip()]
         why = next((line for line in lines if "name" in line or "known" in line), lines[-1])

@@ -38,6 +38,13 @@ ASSUMPTION = (
     "under a Gaussian motion"
 )
 
+SECOND_ORDER = (
+    "means and mean squares under pulses are those under white noise of equal mean and intensity; "
+    "the motion is not Gaussian"
+)
+
+EXACT = "exact: linear, moments of the second order"
+
 WEN = "the memory of a spring with hysteresis is Gaussian, and linearised by Wen's coefficients"
 
 SETTLED = 1e-10
@@ -65,11 +72,15 @@ def linearised_functions(scene: Scene, deadline: Deadline = NEVER) -> tuple[Resp
     """
     started = time.perf_counter()
     model = model_of(scene)
+    drawn = [part.drawn for part in model.functions]
+    if not model.pairs and all(each is not None and each.white for each in drawn):
+        white = model.with_noise_of_drives
+        return closure_of(scene, white, started, deadline, (SECOND_ORDER,), EXACT)
     conditions = [
         *functions_of_arrays(model), *speed_restitutions(model), *modulated(model),
         *without_noise(model, with_sines=not model.remembers),
     ]  # fmt: skip
-    if model.remembers and not model.modulations:
+    if model.remembers and not modulated(model):
         conditions += _beyond_hysteresis(model)
     if conditions:
         raise NotApplicable("linearise", conditions)

@@ -106,9 +106,11 @@ def closure(scene: Scene, deadline: Deadline = NEVER) -> tuple[Response, ...]:
 
 
 def closure_of(
-    scene: Scene, model: Model, started: float, deadline: Deadline, assumptions: Sequence[str] = ()
-) -> tuple[Response, ...]:
-    """`closure` for a model of the scene, which is approximate if that rests on assumptions."""
+    scene: Scene, model: Model, started: float, deadline: Deadline,
+    assumptions: Sequence[str] = (), exact_by: str = "",
+) -> tuple[Response, ...]:  # fmt: skip
+    """`closure` for a model of the scene, which is approximate if that rests on assumptions, unless
+    there are words for how the answer is exact."""
     if conditions := [
         *without_noise(model, with_sines=True), *unknown_dampers(model), *without_energy(model)
     ]:  # fmt: skip
@@ -119,8 +121,8 @@ def closure_of(
     found = solutions(model, deadline)
     elastic = len(model.pairs) == 1 and model.elastic
     exact = not model.pairs or (elastic and model.temperature is not None)
-    exact &= not assumptions
-    outline = _Outline(scene, model, 0.0 if exact else None, started, tuple(assumptions))
+    exact &= bool(exact_by) or not assumptions
+    outline = _Outline(scene, model, 0.0 if exact else None, started, tuple(assumptions), exact_by)
     warned = _several(found)
     return tuple(_response(outline, one, warned) for one in found)
 
@@ -287,9 +289,12 @@ class _Outline(NamedTuple):
     bias: float | None
     started: float
     rests_on: tuple[str, ...] = ()
+    exact_by: str = ""
 
     @property
     def how(self) -> str:
+        if self.exact_by:
+            return self.exact_by
         if self.rests_on and not self.model.pairs:
             return "linearisation of functions, Gaussian motion"
         return "moment closure" if self.model.pairs else "exact: linear and Gaussian"

@@ -58,7 +58,7 @@ from stochvi.methods.monte_carlo.step_bias import (
 )
 from stochvi.model.coverage import without_noise
 from stochvi.model.linear_part import fastest_rate, motions_of
-from stochvi.model.modal import LinearLaw, ModalForm
+from stochvi.model.modal import LinearLaw, ModalForm, linear_law
 from stochvi.model.model import UPPER, Model, Pair
 from stochvi.model.modulation import slowest_of
 from stochvi.model.no_stationary_state import not_stationary
@@ -262,7 +262,8 @@ class ModalPlan(SteppedPlan):
         for rates of slow impacts under white noise (`step_bias`)."""
         if not self.modes.kicked and any(part.law.sticks for part in self.model.functions):
             return bias_of_sticking(difference)
-        kicked = self.modes.kicked or bool(self._white_modulations)
+        drawn = bool(self.model.drives) or bool(self._white_modulations)
+        kicked = self.modes.kicked or drawn
         if not kicked or not self.model.stops:
             return bias_of_smooth_motion(difference)
         pressed = any(scale.pressing > 0.0 for scale in self.pairs)
@@ -516,7 +517,8 @@ class ModalPlan(SteppedPlan):
     @property
     def _unknown_noise(self) -> bool:
         """Whether noise acts whose values a path does not keep: white or filtered."""
-        return self.modes.kicked or len(self.model.sines) < len(self.model.signals)
+        known = len(self.model.sines) == len(self.model.signals) and not self.model.drives
+        return self.modes.kicked or not known
 
     def _sines(self, state: Matrix, before: int, samples: int, integrals: int) -> Matrix:
         """Forces of the sines (coordinates, samples), N, of a path that starts in `state`.
@@ -743,7 +745,9 @@ class ModalPlan(SteppedPlan):
         """Matrix from independent normals to the noise that the signals add to all states in a time
         h, s. The last columns are 0: two normals of each white modulation, for either kick."""
         modes = self.modes
-        modulated = np.zeros((len(flow), 2 * len(self._white_modulations)))
+        # a drive draws by the state of the streams, which normals advance
+        spare = 1 if self.model.drives else 0
+        modulated = np.zeros((len(flow), spare + 2 * len(self._white_modulations)))
         if not np.any(modes.signal_noise):
             return modulated
         size = self._size
@@ -916,8 +920,8 @@ def basis(
     lengths."""
     if conditions := without_noise(model, with_sines=True):
         raise NotApplicable("simulate", conditions)
-    modes = model.modal
-    found = scales(model, modes)
+    modes, planned = model.modal, model.with_noise_of_drives
+    found = scales(planned, planned.modal)
     if found is None:
         missing = not_stationary(model) or [
             "every mode must be shaken, lose energy by damping or at stops of a restitution below "
@@ -927,7 +931,7 @@ def basis(
             "simulate", [f"{each} (no stationary state was found)" for each in missing]
         )
     law, pairs = found
-    law = law._replace(slowest=slowest_of(model, law.slowest))
+    law = law._replace(slowest=max(slowest_of(model, law.slowest), _between_drives(model)))
     pairs = tuple(
         scale._replace(speed=math.hypot(scale.speed, _speed_of_stop(model, pair)))
         for scale, pair in zip(pairs, model.pairs, strict=True)
@@ -948,6 +952,24 @@ def basis(
     }  # fmt: skip
 
 
+def _between_drives(model: Model) -> float:
+    """Relaxation time, s, of the motion that drives leave alone: between two pulses it may be too
+    small to lose energy at the stops."""
+    quiet = replace(model.with_noise_of_drives, pairs=())
+    law = linear_law(quiet.modal) if model.drives else None
+    return 0.0 if law is None else law.slowest
+
+
+def _speed_of_jumps(model: Model, pair: Pair) -> float:
+    """Rms change of the rate of a gap by the pulses of all drives, m/s."""
+    square = 0.0
+    for part in model.drives:
+        assert part.drawn is not None
+        jump = float(pair.direction @ np.linalg.solve(model.mass, part.direction))
+        square += (jump * part.drawn.jump) ** 2
+    return math.sqrt(square)
+
+
 def _speed_of_stop(model: Model, pair: Pair) -> float:
     """Rms speed of the stops of a pair, m/s."""
     square = 0.0
@@ -959,7 +981,8 @@ def _speed_of_stop(model: Model, pair: Pair) -> float:
 
 
 def _step(model: Model, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale, ...]) -> float:
-    exact = not modes.kicked or (model.elastic and model.temperature is not None)
+    random = modes.kicked or bool(model.drives)
+    exact = not random or (model.elastic and model.temperature is not None)
     limits = []
     if modes.fastest > 0.0:
         limits.append((LARGEST_ANGLE if exact else LOSSY_ANGLE) / modes.fastest)
@@ -971,7 +994,8 @@ def _step(model: Model, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale
         limits += [LARGEST_ANGLE / fastest] if fastest > 0.0 else []
     for pair, scale in zip(model.pairs, pairs, strict=True):
         if pair.play is not None:
-            limits.append(GAP_PER_STEP * pair.play / scale.speed)
+            speed = math.hypot(scale.speed, _speed_of_jumps(model, pair))
+            limits.append(GAP_PER_STEP * pair.play / speed)
         if scale.pressing > 0.0:
             limits.append(BOUNCE_PER_STEP * scale.speed / scale.pressing)
     for part, motion in zip(model.functions, motions_of(model, law), strict=True):

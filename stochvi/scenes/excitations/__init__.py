@@ -11,8 +11,11 @@ from pydantic import BeforeValidator, Field
 
 from stochvi.scenes.excitations.base import BASE, BaseExcitation, DensityNoise, check_unit
 from stochvi.scenes.excitations.constant import ConstantLoad
+from stochvi.scenes.excitations.drawn import DrawnExcitation
+from stochvi.scenes.excitations.drive_function import DriveFunction
 from stochvi.scenes.excitations.filtered import FilteredNoise
 from stochvi.scenes.excitations.modulation import Modulation
+from stochvi.scenes.excitations.pulses import Pulses
 from stochvi.scenes.excitations.recorded import RecordedNoise
 from stochvi.scenes.excitations.road import RoadNoise
 from stochvi.scenes.excitations.shaped import (
@@ -36,6 +39,8 @@ Excitation = (
     | Sine
     | ConstantLoad
     | Modulation
+    | Pulses
+    | DriveFunction
 )
 """Every excitation that a scene may hold."""
 
@@ -64,10 +69,13 @@ __all__ = [
     "ConstantLoad",
     "DensityNoise",
     "Disturbance",
+    "DrawnExcitation",
+    "DriveFunction",
     "Excitation",
     "Excitations",
     "FilteredNoise",
     "Modulation",
+    "Pulses",
     "RecordedNoise",
     "RoadNoise",
     "ShapedNoise",

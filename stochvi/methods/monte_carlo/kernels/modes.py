@@ -44,6 +44,7 @@ from stochvi.engine.characteristic_calls import (
 from stochvi.engine.compiled_laws import Stops
 from stochvi.engine.compiling import kernel
 from stochvi.engine.contacts import END_ROWS, Following
+from stochvi.engine.drive import draw_all
 from stochvi.engine.fused import fma
 from stochvi.engine.impact_log import NO_RECORD, Log
 from stochvi.engine.lanes import LANES as LANES_TOGETHER
@@ -635,6 +636,10 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                 matrix_pass(mid, 0.0, old, kicks.states, width)
                 matrix_pass(mid, 1.0, z, kicks.states_drawn, width)
                 at = first_part if counted else -1
+                halves = 2 if passes.merged else 1
+                half_step = 4 * (number if passes.merged else (number - half) >> 1)
+                half_step += 0 if passes.merged else 2 * half
+                draw_all(kicks.parts, mid, words0, half_step, halves, 0.5 * step, width)
                 kick_all(kicks.parts, False, mid, smooth, of_parts, 0.5 * step, width, local, at)
                 if remembering(kicks.parts):
                     all_rates(kicks.parts, mid, smooth, of_ends[0], width)
@@ -699,6 +704,7 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                 if remembering(kicks.parts):
                     move_all(kicks.parts, new, smooth, of_parts, of_ends, step, width)
                 at = first_part if counted else -1
+                draw_all(kicks.parts, new, words0, half_step + halves, halves, 0.5 * step, width)
                 kick_all(kicks.parts, True, new, smooth, of_parts, 0.5 * step, width, local, at)
             old, new = new, old
             if following:
