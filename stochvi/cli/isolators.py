@@ -236,7 +236,7 @@ def size(
     asked = {name: each for name, each in asked.items() if name != "rel_error" or each is not None}
     alone = {"peak_acceleration": acceleration(peak_acceleration), "sensitivity": sensitivity,
              "tolerances": tolerances, "common": common}  # fmt: skip
-    if other_sizing(options, loaded, asked | alone, other):
+    if other_sizing(options, scene, loaded, asked | alone, other):
         return
     # wrong tolerances are refused before the work
     allowed, spreads = tolerances_of(loaded, tolerances)

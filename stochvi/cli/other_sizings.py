@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from stochvi.cli.options import Common, band, shown
 
 if TYPE_CHECKING:
+    from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.mathematics.arrays import Vector
     from stochvi.scenes.scene import Scene
 
@@ -27,11 +28,12 @@ NEVER_WITH = ("at", "pair", "common", "sensitivity", "tolerances")
 
 
 def other_sizing(
-    options: Common, loaded: Scene, given: dict[str, Any], other: dict[str, Any]
+    options: Common, scene: str, loaded: Scene, given: dict[str, Any], other: dict[str, Any]
 ) -> bool:
     """Show a map, a sizing by damage or one of phases, if one of them is asked for.
 
-    `given` are the arguments of `size`, and `other` those of `OTHER`.
+    `scene` is the file of the scene, `given` are the arguments of `size`, and `other` those of
+    `OTHER`.
     """
     limits = {name: other[name] for name in ("pad_force", "rattle_space")}
     if other["wanted"] is not None and other["damage_ratio"] is not None:
@@ -46,11 +48,11 @@ def other_sizing(
     if other["damage_ratio"] is not None:
         _refuse("--damage-ratio", given, (*NEVER_WITH, *TARGETS))
         left = {name: each for name, each in _left(given).items() if name != "exceedance"}
-        _show_damage(options, loaded, other, left)
+        _show_damage(options, scene, loaded, other, left)
         return True
     if loaded.phases:
         _refuse("a scene with phases", given, NEVER_WITH)
-        _show_phases(options, loaded, given)
+        _show_phases(options, scene, loaded, given)
         return True
     return False
 
@@ -70,19 +72,32 @@ def _left(given: dict[str, Any]) -> dict[str, Any]:
 
 def _show(
     options: Common, title: str, solve: Callable[..., Any], given: dict[str, Any],
-    tell: Callable[..., None], draw: Callable[[Any], Any],
+    tell: Callable[..., None], draw: Callable[[Any], Any], report_of: str | None = None,
 ) -> None:  # fmt: skip
-    """Find an answer and show it; its files have the name `title`."""
+    """Find an answer and show it; its files have the name `title`. A clearance also gets a report,
+    that of the scene file `report_of`."""
+    from stochvi.cli.isolators import fail_unless_gaussian
+    from stochvi.isolators.sizing.answer import ClearanceAnswer
+
+    judged: list[RecordVerdict] = []
 
     def found() -> Any:
         with options.progress(title) as report:
             return solve(progress=report, **options.sampling, **given)
 
     def show(answer: Any) -> None:
+        judged.extend(answer.doubtful.values() if isinstance(answer, ClearanceAnswer) else ())
         options.show(answer, tell, title)
         options.draw(title, lambda: draw(answer))
+        if options.out is not None and report_of is not None:
+            from stochvi.views.report import write_clearance_report
+
+            origin = options.origin(report_of, answer.provenance)
+            write_clearance_report(answer, options.out, origin)
 
     shown(found, show, given)
+    for record in judged:
+        fail_unless_gaussian(record)
 
 
 def _show_map(
@@ -101,7 +116,7 @@ def _show_map(
 
 
 def _show_damage(
-    options: Common, loaded: Scene, other: dict[str, Any], given: dict[str, Any]
+    options: Common, scene: str, loaded: Scene, other: dict[str, Any], given: dict[str, Any]
 ) -> None:
     from stochvi.isolators.sizing.by_damage import size_by_damage
     from stochvi.views.sized_missions import plot_damage_sizing, print_damage_sizing
@@ -110,17 +125,18 @@ def _show_damage(
         size_by_damage, loaded, ratio=other["damage_ratio"], q=other["q"],
         exponent=other["exponent"], equipment=band("--equipment", other["equipment"]),
     )  # fmt: skip
-    _show(options, "damage", solve, given, print_damage_sizing, plot_damage_sizing)
+    _show(options, "damage", solve, given, print_damage_sizing, plot_damage_sizing, scene)
 
 
-def _show_phases(options: Common, loaded: Scene, given: dict[str, Any]) -> None:
+def _show_phases(options: Common, scene: str, loaded: Scene, given: dict[str, Any]) -> None:
     from stochvi.isolators.sizing.method import size
     from stochvi.views.sized_missions import plot_mission_sizing, print_mission_sizing
 
     given = {name: each for name, each in given.items() if name not in NEVER_WITH}
     _show(
-        options, "phases", partial(size, loaded), given, print_mission_sizing, plot_mission_sizing
-    )
+        options, "phases", partial(size, loaded), given, print_mission_sizing, plot_mission_sizing,
+        scene,
+    )  # fmt: skip
 
 
 def _ranges(scene: Scene, text: str) -> dict[str, Vector]:

@@ -308,7 +308,7 @@ def reliability(
             "found for stops, from a stationary start"
         )
     deadline = options.until(options.budget)
-    phases = [phase.of(loaded) for phase in loaded.phases] or [loaded]
+    phases = {f"phase {each.name}: ": each.of(loaded) for each in loaded.phases} or {"": loaded}
     units: list[Production] = []
     limit_in_g = peak_acceleration if (peak_acceleration or "").endswith("g") else None
 
@@ -324,11 +324,16 @@ def reliability(
                 **asked,
             )
 
-    verdicts = [verdict for each in phases if (verdict := record_verdict(each)) is not None]
-    record = min(verdicts, key=lambda verdict: verdict.agrees, default=None)
+    verdicts = {
+        name: verdict
+        for name, each in phases.items()
+        if (verdict := record_verdict(each)) is not None
+    }
+    judged_in = min(verdicts, key=lambda name: verdicts[name].agrees, default="")
+    record = verdicts.get(judged_in)
 
     def tell(console: Console, answer: Reliability) -> None:
-        print_record(console, record)
+        print_record(console, record, judged_in)
         print_reliability(console, answer, limit_in_g)
         for each in units:
             print_line(console, each.summary())
@@ -353,10 +358,9 @@ def reliability(
             from stochvi.isolators.scene_at_rest import scene_at_rest
             from stochvi.views.report import write_reliability_report
 
-            origin = options.origin(scene, answer.provenance)
+            origin, first = options.origin(scene, answer.provenance), next(iter(phases.values()))
             write_reliability_report(
-                answer, phases[0], scene_at_rest(phases[0]), record, options.out, origin,
-                *units,
+                answer, first, scene_at_rest(first), record, options.out, origin, *units,
             )  # fmt: skip
 
     shown(found, show, asked)

@@ -159,6 +159,7 @@ def plot_extremes(found: Damage, ax: Axes | None = None) -> Axes:
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_ylabel("acceleration of the\nequipment (g)")
+    _show_one(ax, found)
     add_grid(ax)
     ax.legend(frameon=False, fontsize="x-small", ncols=2)
     return ax
@@ -193,3 +194,11 @@ def _curve(
     high = (values.value + half) / size
     ax.fill_between(f, low, high, color=colour, alpha=BAND_ALPHA, linewidth=0)
     ax.plot(f, values.value / size, color=colour, label=label)
+    _show_one(ax, found)
+
+
+def _show_one(ax: Axes, found: Damage) -> None:
+    """Mark the values of equipment of a single frequency, which no line would show."""
+    if len(found.equipment_frequency_hz) == 1:
+        for line in ax.lines:
+            line.set_marker("o")

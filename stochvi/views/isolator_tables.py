@@ -56,12 +56,15 @@ CONTRADICTED = "bold red"
 """Style of a verdict on a record that is not like Gaussian noise, or too short to tell."""
 
 
-def print_record(console: Console, record: RecordVerdict | None) -> None:
-    """Print whether a record moves the mount as Gaussian noise would; nothing without a record."""
+def print_record(console: Console, record: RecordVerdict | None, where: str = "") -> None:
+    """Print whether a record moves the mount as Gaussian noise would; nothing without a record.
+
+    `where` stands before it, such as the phase of the record.
+    """
     if record is None:
         return
     style = None if record.agrees else CONTRADICTED
-    console.print(record.sentence(), style=style, highlight=False)
+    console.print(f"{where}{record.sentence()}", style=style, highlight=False)
 
 
 CLEARANCE_COLUMNS = {

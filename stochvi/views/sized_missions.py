@@ -12,10 +12,12 @@ from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.views.axes import add_grid, axes_or_new, plain_ticks
 from stochvi.views.colours import BAND_ALPHA, CLEARANCES, COLOURS
 from stochvi.views.damage import print_damage
+from stochvi.views.isolator_tables import CONTRADICTED
 from stochvi.views.tables import print_frame, print_line
 from stochvi.views.words import MM, chance_in_words, line_to_copy
 
 if TYPE_CHECKING:
+    import pandas as pd
     from rich.console import Console
 
     from stochvi.isolators.sizing.answer import ClearanceAnswer
@@ -25,27 +27,36 @@ if TYPE_CHECKING:
 
 def _print_clearance(console: Console, found: ClearanceAnswer) -> None:
     """Print the clearance to make, the line to copy, and the clearance that was calculated."""
-    console.print(found.verdict(), style="bold", highlight=False)
+    style = CONTRADICTED if found.doubtful else "bold"
+    console.print(found.verdict(), style=style, highlight=False)
     if stops := found.stops_to_copy():
         print_line(console, line_to_copy(stops))
     print_line(console, found.calculated())
 
 
-def print_mission_sizing(console: Console, found: MissionSizing) -> None:
-    """Print the clearance to make, and the share of each phase in its risk."""
-    _print_clearance(console, found)
+def phases_table(found: MissionSizing) -> pd.DataFrame:
+    """The phases in words, lengths in mm."""
     table = found.phases.assign(
         duration=[spoken_mission(each) for each in found.phases["duration"]],
         displacement_std=MM * found.phases["displacement_std"],
         probability=[chance_in_words(each) for each in found.phases["probability"]],
-        share=[f"{100.0 * each:.3g} %" for each in found.phases["share"]],
+        share=[chance_in_words(each) for each in found.phases["share"]],
         clearance=MM * found.phases["clearance"],
     ).drop(columns="shift")
     names = {
         "displacement_std": "rms (mm)", "probability": "probability there",
         "share": "part of the risk", "clearance": "clearance alone (mm)",
     }  # fmt: skip
-    print_frame(console, table.rename(columns=names), "phases")
+    return table.rename(columns=names)
+
+
+def print_mission_sizing(console: Console, found: MissionSizing) -> None:
+    """Print the clearance to make, the share of each phase in its risk, and what records say."""
+    _print_clearance(console, found)
+    print_frame(console, phases_table(found), "phases")
+    for name, record in found.records.items():
+        if record.agrees:
+            print_line(console, f"phase {name}: {record.sentence()}")
     print_line(console, f"assumptions: {'; '.join(found.assumptions)}")
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
@@ -74,15 +85,20 @@ def plot_mission_sizing(found: MissionSizing, ax: Axes | None = None) -> Axes:
     return ax
 
 
-def print_damage_sizing(console: Console, found: DamageSizing) -> None:
-    """Print the clearance to make, the clearances that were tried, and the damage there."""
-    _print_clearance(console, found)
+def damage_table(found: DamageSizing) -> pd.DataFrame:
+    """The clearances that were tried, in mm."""
     table = found.tried.assign(clearance=MM * found.tried["clearance"])
     names = {
         "clearance": "clearance (mm)", "damage_ratio": "times the damage",
         "standard_error": "standard error", "frequency_hz": "at (Hz)",
     }  # fmt: skip
-    print_frame(console, table.rename(columns=names), "clearances that were tried")
+    return table.rename(columns=names)
+
+
+def print_damage_sizing(console: Console, found: DamageSizing) -> None:
+    """Print the clearance to make, the clearances that were tried, and the damage there."""
+    _print_clearance(console, found)
+    print_frame(console, damage_table(found), "clearances that were tried")
     print_damage(console, found.damage)
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from stochvi import (
@@ -21,6 +23,7 @@ from stochvi import (
     size,
 )
 from stochvi.isolators import MissionSizing, size_by_damage
+from stochvi.views.report import write_clearance_report
 
 PROFILE = "mil-std-810h-truck-vertical-5hz"
 
@@ -101,6 +104,53 @@ def test_a_mission_is_shown_and_copied() -> None:
     assert found.curve["probability"].is_monotonic_decreasing
 
 
+def with_records(folder: Path, potholes: float) -> Scene:
+    """Two phases, each by a record: of Gaussian noise, and of the same with potholes (g)."""
+    rng, fs = np.random.default_rng(1), 250.0
+    t = np.arange(int(120.0 * fs)) / fs
+    lines = np.fft.rfft(rng.normal(size=(2, t.size)))
+    noise = np.fft.irfft(lines * (np.abs(np.fft.rfftfreq(t.size, 1.0 / fs) - 40.0) < 35.0))
+    noise /= noise.std()
+    for start in (30.0, 70.0):
+        inside = (t >= start) & (t < start + 0.04)
+        noise[1, inside] += potholes * np.sin(np.pi * (t[inside] - start) / 0.04)
+    phases = []
+    for name, values in zip(("smooth", "rough"), noise, strict=True):
+        np.savetxt(folder / f"{name}.csv", np.column_stack([t, values]), delimiter=",")
+        record = {"kind": "record", "file": str(folder / f"{name}.csv"), "unit": "g"}
+        phases.append({"name": name, "duration": 600.0, "excitation": [record]})
+    return mission(phases)
+
+
+def test_the_record_of_each_phase_is_judged(tmp_path: Path) -> None:
+    found = sized(with_records(tmp_path, potholes=9.0))
+    assert set(found.records) == {"smooth", "rough"} and set(found.doubtful) == {"rough"}
+    assert found.verdict().startswith("phase rough: THE RECORD CONTRADICTS THE GAUSSIAN MODEL")
+    assert "For Gaussian noise of their spectra: clearance" in found.verdict()
+    assert found.stops_to_copy() == ""
+    assert found.to_dict()["records"]["rough"]["contradicts"] is True
+    page = write_clearance_report(found, tmp_path / "page").read_text("utf-8")
+    assert 'class="verdict alarm"' in page
+    # the control: without potholes nothing is said, and the page is calm
+    calm = sized(with_records(tmp_path, potholes=0.0))
+    assert not calm.doubtful and calm.stops_to_copy() and calm.verdict().startswith("clearance: ")
+    page = write_clearance_report(calm, tmp_path / "calm").read_text("utf-8")
+    assert 'class="verdict alarm"' not in page
+
+
+def test_the_report_of_a_mission_shows_its_phases(tmp_path: Path) -> None:
+    found = sized(THREE["rough and cold"])
+    page = write_clearance_report(found, tmp_path).read_text("utf-8").replace("\u00a0", " ")
+    for expected in (
+        f"Clearance: {found.made}", found.stops_to_copy(), "raised by +2 dB", "Phase by phase",
+        "stiffness of the mount times 0.9", "1.078 g rms", "Revision and signatures",
+    ):  # fmt: skip
+        assert expected in page, expected
+    assert page.count("<figure") == 3
+    document = json.loads((tmp_path / "size.json").read_text("utf-8"))
+    assert document["made"]["value"] == found.made.value
+
+
 def test_what_no_mission_is_sized_for_is_refused() -> None:
     scene = mission([ROAD])
     with pytest.raises(ValueError, match="mission must be left out where the scene has phases"):
@@ -128,7 +178,7 @@ def bumpers() -> Scene:
      pytest.param(10.0, (20.0, 2000.0), 0.1, marks=pytest.mark.verify)],
 )  # fmt: skip
 def test_the_sized_scene_has_the_damage_that_was_accepted(
-    ratio: float, equipment: tuple[float, ...], rel_error: float
+    tmp_path: Path, ratio: float, equipment: tuple[float, ...], rel_error: float
 ) -> None:
     found = size_by_damage(
         bumpers(),
@@ -153,6 +203,9 @@ def test_the_sized_scene_has_the_damage_that_was_accepted(
     )
     assert near.damage_ratio is not None
     assert near.damage_ratio.value.max() > 10.0 * ratio  # at the stops of the scene
+    page = write_clearance_report(found, tmp_path).read_text("utf-8").replace("\u00a0", " ")
+    assert f"Clearance: {found.made}" in page and "Clearances that were tried" in page
+    assert page.count("<figure") == 3
 
 
 def test_what_no_damage_is_sized_for_is_refused() -> None:

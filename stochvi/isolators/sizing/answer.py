@@ -196,6 +196,12 @@ class ClearanceAnswer(Result):
         """The scene in whose static equilibrium the mass hangs."""
         return self.scene
 
+    @property
+    def doubtful(self) -> Mapping[str, RecordVerdict]:
+        """The verdicts on records that do not agree with the Gaussian noise of the sizing, by their
+        phases."""
+        return {}
+
     def sized(self, clearance: float | None = None) -> Scene:
         """The scene with its stops at a clearance (m), by default the calculated one."""
         place = self.clearance.value if clearance is None else clearance
@@ -203,7 +209,10 @@ class ClearanceAnswer(Result):
         return self.scene.replace(impact_pairs=moved)
 
     def stops_to_copy(self) -> str:
-        """The stops at the clearance to make, as keys of a scene file; empty without a pair."""
+        """The stops at the clearance to make, as keys of a scene file; empty without a pair, and
+        where a record contradicts the noise for which they hold."""
+        if self.doubtful:
+            return ""
         rest = model_of(self.hanging).rest
         sides = [side for pair in self.scene.impact_pairs for side, _ in pair.stops()]
         return ", ".join(f"{side} = {self.made.position(rest, side):.9g}" for side in sides)

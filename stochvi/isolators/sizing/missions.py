@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.optimize import brentq
 
+from stochvi.isolators.record_verdict import RecordVerdict, record_verdict
 from stochvi.isolators.sizing.answer import (
     Clearance,
     ClearanceAnswer,
@@ -26,6 +27,7 @@ from stochvi.isolators.sizing.answer import (
 from stochvi.isolators.sizing.nominal import risk_curve
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.mathematics.impact_rates import rice_rate
+from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
@@ -70,6 +72,8 @@ class MissionSizing(ClearanceAnswer):
     curve
         `probability` of an impact in the mission over `clearance`, with its 95 % limits
         `probability_low` and `probability_high`.
+    records
+        Verdicts on the measured records, by the phases that have one.
 
     See Also
     --------
@@ -80,7 +84,13 @@ class MissionSizing(ClearanceAnswer):
     mission: float
     phases: pd.DataFrame
     curve: pd.DataFrame
+    records: Mapping[str, RecordVerdict] = field(default_factory=dict)
     assumptions: tuple[str, ...] = ()
+
+    @property
+    def doubtful(self) -> Mapping[str, RecordVerdict]:
+        """The verdicts on records that do not agree with the Gaussian noise of the sizing."""
+        return {name: each for name, each in self.records.items() if not each.agrees}
 
     @property
     def fell_short(self) -> tuple[str, ...]:
@@ -98,9 +108,13 @@ class MissionSizing(ClearanceAnswer):
 
     def verdict(self) -> str:
         """The clearance to make and the risk that it keeps, in one sentence."""
-        return (
+        made = (
             f"clearance: {self.made} per side from the static equilibrium keeps "
             f"{self.target.kept(self.mission)}, over {len(self.phases)} phases"
+        )
+        judged = [f"phase {name}: {each.sentence()}" for name, each in self.doubtful.items()]
+        return (
+            f"{'. '.join(judged)}. For Gaussian noise of their spectra: {made}" if judged else made
         )
 
     def calculated(self) -> str:
@@ -169,7 +183,17 @@ def size_mission(scene: Scene, target: Target, run: Run) -> MissionSizing:
         assumptions=(
             INDEPENDENT,
             *(f"phase {name} hardly matters, and counts by Rice's crossings" for name in idle),
+            *(
+                f"phase {name}: {note}"
+                for name in busy
+                for note in scene_notes(model_of(phases[name].scene))
+            ),
         ),
+        records={
+            name: verdict
+            for name, phase in phases.items()
+            if (verdict := record_verdict(phase.scene)) is not None
+        },
         warnings=joint.short(run.accuracy), cost=run.cost(),
         provenance=provenance(scene.document(), run.seed),
     )  # fmt: skip

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import pandas as pd
-
 from stochvi.absorbers.design import BestBox, Design
 from stochvi.absorbers.performance import AbsorberReport, Performance
 from stochvi.absorbers.sine import AbsorberSine
@@ -23,7 +21,7 @@ from stochvi.views.absorbers import (
     tuned_sentence,
     verdict,
 )
-from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
+from stochvi.views.report.pages import Fact, Grid, Page, Section, sentence, shown, write_page
 from stochvi.views.words import MM, UNKNOWN, G, millimetres, with_error, with_interval
 
 
@@ -49,7 +47,7 @@ def performance_page(found: AbsorberReport, origin: Origin) -> Page:
     return Page(
         title=found.scene.title or "Impact absorber",
         subtitle=f"Effect of loose masses in boxes on {found.carrier!r} under random excitation",
-        verdict=_sentence(verdict(found)),
+        verdict=sentence(verdict(found)),
         cards=[
             Fact(
                 "rms displacement",
@@ -118,7 +116,7 @@ def sine_page(found: AbsorberSine, origin: Origin) -> Page:
     return Page(
         title=found.scene.title or "Impact absorber under a sine",
         subtitle=f"Residual vibration of {found.carrier!r} with loose masses in boxes",
-        verdict=_sentence(found.summary()),
+        verdict=sentence(found.summary()),
         cards=[
             Fact("Mass", f"{100.0 * found.mass_ratio:.3g} %", "absorber over structure"),
             Fact("Without", millimetres(float(curve.without.max())), "largest displacement"),
@@ -137,8 +135,8 @@ def sine_page(found: AbsorberSine, origin: Origin) -> Page:
                 "is that of exact periodic regimes; where none is reached, that of simulated "
                 "sweeps, where the absorber works in clusters. A loose mass may also lie idle.",
                 grids=[
-                    _table("over frequency", ranges(curve)),
-                    *([_table("best tuning", tunings(found))] if found.tuning else []),
+                    Grid.of("over frequency", ranges(curve)),
+                    *([Grid.of("best tuning", tunings(found))] if found.tuning else []),
                 ],
                 pictures=[
                     shown(
@@ -152,14 +150,6 @@ def sine_page(found: AbsorberSine, origin: Origin) -> Page:
         origin=origin,
         footer=[f"calculated in {found.cost.wall_time:.3g} s"],
     )
-
-
-def _table(caption: str, frame: pd.DataFrame) -> Grid:
-    rows = [
-        [each if isinstance(each, str) else f"{each:.4g}" for each in row]
-        for row in frame.itertuples(index=False)
-    ]
-    return Grid(caption=caption, headings=list(frame.columns), rows=rows)
 
 
 def design_page(found: Design, origin: Origin) -> Page:
@@ -397,10 +387,6 @@ def _verification(found: AbsorberReport) -> Section:
         facts=facts,
         notes=[f"assumed: {text}" for text in central.assumptions],
     )
-
-
-def _sentence(text: str) -> str:
-    return f"{text[0].upper()}{text[1:]}."
 
 
 def _limits(*notes: str) -> Section:

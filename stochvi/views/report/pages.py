@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,6 +15,7 @@ from stochvi.results.base import plain
 from stochvi.views.files import time_for_pictures, to_json, write_report_page, write_text
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
 
     from stochvi.results.origin import Origin
@@ -41,6 +43,27 @@ class Grid:
     rows: Sequence[Sequence[str]]
     words: int = 1
     """Number of columns, from the left, that hold words."""
+
+    @classmethod
+    def of(cls, caption: str, table: pd.DataFrame, words: int = 1) -> Grid:
+        """A table with its numbers in four digits, and - where one is not known."""
+        rows = [[_cell(each) for each in row] for row in table.itertuples(index=False)]
+        return cls(caption=caption, headings=[str(name) for name in table], rows=rows, words=words)
+
+
+def _cell(value: object) -> str:
+    if not isinstance(value, float):
+        return str(value)
+    return "-" if math.isnan(value) else f"{value:.4g}"
+
+
+def sentence(text: str) -> str:
+    """A text as a sentence.
+
+    >>> sentence("phases are independent")
+    'Phases are independent.'
+    """
+    return f"{text[0].upper()}{text[1:].removesuffix('.')}."
 
 
 @dataclass(frozen=True, kw_only=True)

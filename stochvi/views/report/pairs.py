@@ -96,8 +96,8 @@ def pairs_page(
                 if sizing.pair is None
                 else "One pair is sized; the stops of the others stay where the scene has them.",
                 grids=[
-                    _grid(f"{PLACES[0].upper()}{PLACES[1:]}", places_in_rows(sizing)),
-                    _grid("Clearances and risk as calculated", pairs_in_words(sizing)),
+                    Grid.of(f"{PLACES[0].upper()}{PLACES[1:]}", places_in_rows(sizing)),
+                    Grid.of("Clearances and risk as calculated", pairs_in_words(sizing)),
                 ],
                 pictures=[
                     shown(
@@ -120,7 +120,7 @@ def pairs_page(
                 title="Other risks",
                 lead="The clearance of each pair for other probabilities of any impact, as "
                 "calculated.",
-                grids=[_grid("Clearances", required_in_rows(sizing))],
+                grids=[Grid.of("Clearances", required_in_rows(sizing))],
             ),
             _screening(sizing.screening),
             _tolerances(sizing),
@@ -158,8 +158,8 @@ def _screening(linear: Screening) -> Section:
         lead="The rule of three sigma rests on the Gaussian response of the structure without "
         "stops. Impacts are counted as Rice's crossings, as if impacts changed nothing.",
         grids=[
-            _grid("Coordinates and points", coordinates_in_rows(linear)),
-            _grid("Gaps and stops of the scene", linear.gaps_to_frame()),
+            Grid.of("Coordinates and points", coordinates_in_rows(linear)),
+            Grid.of("Gaps and stops of the scene", linear.gaps_to_frame()),
         ],
     )
 
@@ -171,7 +171,7 @@ def _tolerances(sizing: PairsSizing) -> Section:
     return Section(
         title="Tolerances",
         lead=f"{sizing.allowed.in_words()}.",
-        grids=[_grid(f"{TOLERANCES[0].upper()}{TOLERANCES[1:]}", tolerances_in_rows(sizing))],
+        grids=[Grid.of(f"{TOLERANCES[0].upper()}{TOLERANCES[1:]}", tolerances_in_rows(sizing))],
         notes=[f"{line[0].upper()}{line[1:]}." for line in worst_places(sizing)],
     )
 
@@ -207,8 +207,8 @@ def _box_sections(sizing: PairsSizing) -> list[Section]:
             "along each axis would give. The probability there is that of an impact on this "
             "snubber alone, by Rice's rate for its gap on the real box.",
             grids=[
-                _grid("Snubber by snubber, against one oscillator", one_axis_in_rows(sizing)),
-                _grid("Natural modes without stops", modes_in_rows(sizing.box)),
+                Grid.of("Snubber by snubber, against one oscillator", one_axis_in_rows(sizing)),
+                Grid.of("Natural modes without stops", modes_in_rows(sizing.box)),
             ],
             pictures=[
                 shown(
@@ -217,15 +217,3 @@ def _box_sections(sizing: PairsSizing) -> list[Section]:
             ],
         )
     ]
-
-
-def _grid(caption: str, table: pd.DataFrame) -> Grid:
-    """A table of text, its numbers with four digits."""
-    return Grid(
-        caption=caption,
-        headings=[str(name) for name in table.columns],
-        rows=[
-            [f"{cell:.4g}" if isinstance(cell, float) else str(cell) for cell in row]
-            for row in table.to_numpy()
-        ],
-    )

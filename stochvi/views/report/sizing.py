@@ -20,7 +20,7 @@ from stochvi.views.report.changes import (
     worst_case_section,
 )
 from stochvi.views.report.environment import environment_section, gap_section, mount_section
-from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
+from stochvi.views.report.pages import Fact, Grid, Page, Section, sentence, shown, write_page
 from stochvi.views.report.stops import (
     exceeding_in_words,
     hard_hits_section,
@@ -111,7 +111,7 @@ def clearance_page(review: Review, origin: Origin) -> Page:
         title=sizing.scene.title or "Clearance of an isolator",
         subtitle=f"Clearance of an isolated mass between its stops, for a mission of "
         f"{spoken_mission(sizing.mission)}",
-        verdict=_sentence(sizing.verdict()),
+        verdict=sentence(sizing.verdict()),
         statements=_statements(review),
         alarm=sizing.doubtful is not None,
         cards=_cards(review),
@@ -165,10 +165,6 @@ def _record_card(sizing: Sizing) -> list[Fact]:
     ]
 
 
-def _sentence(text: str) -> str:
-    return f"{text[0].upper()}{text[1:]}."
-
-
 def _statements(review: Review) -> list[str]:
     """Sentences on the verdict: the line to copy, what the number rests on, expected impacts, and
     risks at the calculated clearance and at 3 sigma."""
@@ -180,13 +176,13 @@ def _statements(review: Review) -> list[str]:
         *filter(
             None,
             [
-                *(_sentence(line) for line in places_of_stops(sizing).splitlines()),
+                *(sentence(line) for line in places_of_stops(sizing).splitlines()),
                 _hits_statement(review),
                 _risk_statement(review),
                 _worst_statement(review),
             ],
         ),
-        f"{_sentence(sizing.calculated())}{rounded}",
+        f"{sentence(sizing.calculated())}{rounded}",
     ]
 
 
@@ -505,7 +501,7 @@ def _limits(review: Review) -> Section:
         lead="Assumptions of this report, and its limits.",
         notes=[
             *(text[0].upper() + text[1:] for text in review.assumptions),
-            *([_sentence(NO_TOLERANCES)] if review.sizing.allowed == Tolerances() else []),
+            *([sentence(NO_TOLERANCES)] if review.sizing.allowed == Tolerances() else []),
             "One direction of motion; no rocking, and no coupling of directions.",
             "A linear spring and a viscous damper: an elastomer is stiffer at small amplitudes, "
             "and softer when warm.",

@@ -1,0 +1,246 @@
+"""The report of a clearance for all phases of a mission, or for a ratio of damage."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from stochvi.isolators.sizing.answer import ClearanceAnswer, spoken_mission, spoken_percent
+from stochvi.isolators.sizing.by_damage import DamageSizing
+from stochvi.isolators.sizing.missions import MissionSizing
+from stochvi.mathematics.spectra import Table
+from stochvi.model.model import model_of
+from stochvi.results.origin import Origin, origin_of
+from stochvi.scenes.phases import Phase
+from stochvi.scenes.scene import Scene
+from stochvi.views.axes import add_grid, axes_or_new, plain_ticks
+from stochvi.views.colours import OWNERS
+from stochvi.views.damage import draw_damage
+from stochvi.views.report.pages import Fact, Grid, Page, Section, sentence, shown, write_page
+from stochvi.views.schematic import draw_problem
+from stochvi.views.sized_missions import (
+    damage_table,
+    phases_table,
+    plot_damage_sizing,
+    plot_mission_sizing,
+)
+from stochvi.views.words import MM, G, line_to_copy, millimetres
+
+
+def write_clearance_report(
+    found: ClearanceAnswer, folder: str | Path, origin: Origin | None = None
+) -> Path:
+    """Write `report.html` and `size.json`, its numbers; returns the path of the page."""
+    page = clearance_page(found, origin or origin_of(found.provenance))
+    return write_page(page, found.to_dict(), "size", Path(folder))
+
+
+def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
+    """The page of a clearance: what to make, what decides, where the stops stand."""
+    subtitle, evidence = _evidence(found)
+    stops = found.stops_to_copy()
+    return Page(
+        title=found.scene.title or "Clearance",
+        subtitle=subtitle,
+        verdict=sentence(found.verdict()),
+        statements=[
+            *([sentence(line_to_copy(stops))] if stops else []),
+            sentence(found.calculated()),
+        ],
+        cards=[
+            Fact(
+                "Clearance to make", str(found.made),
+                f"per side, from the static equilibrium; rounded up to {found.made.step_in_words}",
+            ),
+            Fact(
+                "Calculated", millimetres(found.clearance.value),
+                f"{MM * found.clearance.lower:.4g} to {MM * found.clearance.upper:.4g} mm, 95 %",
+            ),
+            *_cards(found),
+        ],
+        alarm=bool(found.doubtful),
+        warnings=list(found.warnings),
+        sections=[*evidence, _stops(found), _limits(found)],
+        origin=origin,
+        footer=[f"Calculated in {found.cost.wall_time:.3g} s. size.json holds all numbers."],
+    )  # fmt: skip
+
+
+def _evidence(found: ClearanceAnswer) -> tuple[str, list[Section]]:
+    """The question in words, and the sections of what it rests on."""
+    if isinstance(found, MissionSizing):
+        mission = spoken_mission(found.mission)
+        return (
+            f"Clearance of an isolated mass for a mission of {mission} in "
+            f"{len(found.phases)} phases",
+            [_phases(found), _environment(found.scene)],
+        )
+    assert isinstance(found, DamageSizing)
+    return (
+        f"Clearance of an isolated mass by the damage of equipment in "
+        f"{spoken_mission(found.mission)}",
+        [_damage(found)],
+    )
+
+
+def _cards(found: ClearanceAnswer) -> list[Fact]:
+    if isinstance(found, MissionSizing):
+        worst = found.phases.iloc[int(np.argmax(found.phases["share"]))]
+        return [
+            Fact(
+                "Probability of any impact", spoken_percent(found.target.value),
+                f"in the whole mission of {spoken_mission(found.mission)}",
+            ),
+            Fact(
+                "Phase that decides", str(worst["phase"]),
+                f"{100.0 * worst['share']:.3g} % of the risk in "
+                f"{spoken_mission(worst['duration'])}",
+            ),
+        ]  # fmt: skip
+    assert isinstance(found, DamageSizing)
+    return [
+        Fact("Accepted damage", f"{found.ratio:.4g} times", "that without stops"),
+        Fact(
+            "Q and exponent", f"{found.damage.quality:g}, {found.damage.exponent:g}", "of equipment"
+        ),
+    ]
+
+
+def _phases(found: MissionSizing) -> Section:
+    return Section(
+        title="Phase by phase",
+        lead="Phases are independent, and each starts in its own stationary motion. So the "
+        "probability of no impact in the mission is the product of those of its phases.",
+        grids=[
+            Grid.of(
+                "At the calculated clearance, and the clearance that each phase alone would need",
+                phases_table(found),
+            )
+        ],
+        pictures=[
+            shown(
+                lambda: plot_mission_sizing(found),
+                "Probability of any impact in the mission against the clearance, 95 %.",
+            )
+        ],
+    )
+
+
+def _environment(scene: Scene) -> Section:
+    """What shakes in each phase."""
+    return Section(
+        title="Environment",
+        lead="Densities are one-sided per hertz. 1 g = 9.80665 m/s².",
+        facts=[
+            Fact(
+                f"{phase.name}, {spoken_mission(phase.duration)}",
+                "; ".join(f"{rms:.4g} g rms" for rms, _ in _densities(phase, scene)) or "-",
+                "; ".join([*_sources(phase.of(scene)), *_mounts(phase)]),
+            )
+            for phase in scene.phases
+        ],
+        pictures=[
+            shown(
+                lambda: plot_phase_densities(scene),
+                "One-sided density of the acceleration of the base in each phase.",
+            )
+        ],
+    )
+
+
+def _densities(phase: Phase, scene: Scene) -> list[tuple[float, Table]]:
+    """The tabulated accelerations of a phase, and the rms of each, g."""
+    tables = [table for table, _ in model_of(phase.of(scene)).tables]
+    return [(G * math.sqrt(table.mean_square()), table) for table in tables]
+
+
+def _sources(scene: Scene) -> list[str]:
+    """The excitations in words."""
+    found = []
+    for excitation in scene.excitations:
+        name, value, *_ = excitation.facts(scene.place(excitation), excitation.numbers())[0]
+        found.append(f"{name}: {value}")
+    return found
+
+
+def _mounts(phase: Phase) -> list[str]:
+    """What is changed at the mounts in a phase, in words."""
+    factors = {"stiffness": phase.stiffness_factor, "damping": phase.damping_factor}
+    return [f"{name} of the mount times {each:g}" for name, each in factors.items() if each != 1.0]
+
+
+def plot_phase_densities(scene: Scene, ax: Axes | None = None) -> Axes:
+    """Acceleration density of the base against frequency, a curve for each phase."""
+    ax = axes_or_new(ax)
+    for number, phase in enumerate(scene.phases):
+        colour, style = OWNERS[number % len(OWNERS)], STYLES[number % len(STYLES)]
+        label: str | None = phase.name
+        for rms, table in _densities(phase, scene):
+            density = G**2 * table.density
+            named = label and f"{label}, {rms:.3g} g rms"
+            ax.plot(table.frequency_hz, density, style, color=colour, label=named)
+            label = None
+    ax.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel="density (g²/Hz)")
+    plain_ticks(ax)
+    add_grid(ax)
+    ax.legend(frameon=False, fontsize="small")
+    return ax
+
+
+STYLES = ("-", "--", ":")
+"""Styles of curves that follow each other: phases may have the same density."""
+
+
+def _damage(found: DamageSizing) -> Section:
+    return Section(
+        title="Damage of equipment",
+        lead="Equipment is a resonator on the mass, of each natural frequency and one Q. Its "
+        "damage is that of its pseudo-velocity, by rainflow cycles and Miner's sum.",
+        grids=[Grid.of("Clearances that were tried", damage_table(found), words=0)],
+        pictures=[
+            shown(lambda: plot_damage_sizing(found), "What stops add to the damage, less 1."),
+            shown(
+                lambda: draw_damage(found.damage, ""),
+                "Spectra at the clearance that is nearest to the calculated one.",
+            ),
+        ],
+    )
+
+
+def _stops(found: ClearanceAnswer) -> Section:
+    """Where the stops stand, with the drawing of the scene."""
+    made, rest = found.sized(found.made.value), model_of(found.hanging).rest
+    names = [pair.name for pair in made.impact_pairs] or ["stops"]
+    return Section(
+        title="Gap and stops",
+        lead="A clearance is the distance of a stop from the static equilibrium, where the mass "
+        "hangs, relative to the base. Positions in a scene file (lower, upper) count from the "
+        "unloaded spring.",
+        facts=[
+            Fact(
+                f"{side.capitalize()} stop", millimetres(getattr(pair, side)),
+                f"from the unloaded spring; {law.phrase()}",
+            )
+            for pair in made.impact_pairs
+            for side, law in pair.stops()
+        ],
+        pictures=[
+            shown(
+                lambda: draw_problem(made, dict.fromkeys(names, rest)),
+                "The scene with its stops at the clearance to make; not to scale.",
+                wide=True,
+            )
+        ],
+    )  # fmt: skip
+
+
+def _limits(found: ClearanceAnswer) -> Section:
+    own = found.assumptions if isinstance(found, MissionSizing) else ()
+    return Section(
+        title="Limits",
+        lead="Assumptions of this report.",
+        notes=[sentence(text) for text in (*found.hanging.assumptions(), *own)],
+    )
