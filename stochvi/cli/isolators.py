@@ -17,6 +17,7 @@ from stochvi.cli.options import (
     acceleration,
     common,
     equipped,
+    fail_unless_gaussian,
     keeping,
     lengths,
     numbers,
@@ -32,14 +33,6 @@ if TYPE_CHECKING:
     from stochvi.isolators import Jolts, Sizing
     from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
-
-
-def fail_unless_gaussian(record: RecordVerdict | None) -> None:
-    """End with exit code 1 if a record contradicts Gaussian noise of its spectrum, or is too short
-    to be judged."""
-    if record is not None and not record.agrees:
-        why = "contradicts" if record.contradicts else "is too short to be judged against"
-        stop(f"the record {why} the Gaussian model; stochvi replay shows its motion", FAILED)
 
 
 @main.command()

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from rich.console import Console
 
+    from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.results.origin import Origin
     from stochvi.results.progress import Progress
     from stochvi.scenes.scene import Scene
@@ -330,6 +331,14 @@ number of paths bounds the work, and a checkpoint keeps it. Else the budget is `
 
 FIELDS = {"json": "json_file", "open budget": "budget", "kept budget": "budget"}
 """Fields of `Common` by their option, where the two names differ."""
+
+
+def fail_unless_gaussian(record: RecordVerdict | None) -> None:
+    """End with exit code 1 if a record contradicts Gaussian noise of its spectrum, or is too short
+    to be judged."""
+    if record is not None and not record.agrees:
+        why = "contradicts" if record.contradicts else "is too short to be judged against"
+        stop(f"the record {why} the Gaussian model; stochvi replay shows its motion", FAILED)
 
 
 def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:

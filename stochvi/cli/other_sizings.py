@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from stochvi.cli.options import Common, band, shown
+from stochvi.cli.options import Common, band, fail_unless_gaussian, shown
 
 if TYPE_CHECKING:
     from stochvi.isolators.record_verdict import RecordVerdict
@@ -76,7 +76,6 @@ def _show(
 ) -> None:  # fmt: skip
     """Find an answer and show it; its files have the name `title`. A clearance also gets a report,
     that of the scene file `report_of`."""
-    from stochvi.cli.isolators import fail_unless_gaussian
     from stochvi.isolators.sizing.answer import ClearanceAnswer
 
     judged: list[RecordVerdict] = []

@@ -15,6 +15,7 @@ from stochvi.cli.options import (
     barriers,
     common,
     equipped,
+    fail_unless_gaussian,
     keeping,
     numbers,
     shown,
@@ -283,7 +284,6 @@ def reliability(
 
     Example: stochvi reliability box.toml --mission 3600 --impact-speed 0.5 --start rest
     """
-    from stochvi.cli.isolators import fail_unless_gaussian
     from stochvi.isolators.production_risk.method import production
     from stochvi.isolators.record_verdict import record_verdict
     from stochvi.scenes.scene import load_scene, phase_duration
