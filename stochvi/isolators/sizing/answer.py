@@ -197,6 +197,11 @@ class ClearanceAnswer(Result):
         return self.scene
 
     @property
+    def rest(self) -> float:
+        """The static equilibrium, m from the unloaded spring."""
+        return model_of(self.hanging).rest
+
+    @property
     def doubtful(self) -> Mapping[str, RecordVerdict]:
         """The verdicts on records that do not agree with the Gaussian noise of the sizing, by their
         phases."""
@@ -213,9 +218,8 @@ class ClearanceAnswer(Result):
         where a record contradicts the noise for which they hold."""
         if self.doubtful:
             return ""
-        rest = model_of(self.hanging).rest
         sides = [side for pair in self.scene.impact_pairs for side, _ in pair.stops()]
-        return ", ".join(f"{side} = {self.made.position(rest, side):.9g}" for side in sides)
+        return ", ".join(f"{side} = {self.made.position(self.rest, side):.9g}" for side in sides)
 
     def verdict(self) -> str:
         """The clearance to make and what it keeps, in one sentence."""

@@ -40,6 +40,8 @@ from stochvi.statistics.reliability.phases import INDEPENDENT, NEGLIGIBLE, parts
 if TYPE_CHECKING:
     import pandas as pd
 
+    from stochvi.mathematics.spectra import Table
+
 POINTS, AROUND = 41, 0.35
 """Number of clearances of the curve of an answer, and how far it reaches from the clearance that
 was found, as a share of it."""
@@ -91,6 +93,13 @@ class MissionSizing(ClearanceAnswer):
     def doubtful(self) -> Mapping[str, RecordVerdict]:
         """The verdicts on records that do not agree with the Gaussian noise of the sizing."""
         return {name: each for name, each in self.records.items() if not each.agrees}
+
+    def densities(self) -> dict[str, list[Table]]:
+        """The densities of the accelerations in each phase, level included."""
+        return {
+            phase.name: [table for table, _ in model_of(phase.of(self.scene)).tables]
+            for phase in self.scene.phases
+        }
 
     @property
     def fell_short(self) -> tuple[str, ...]:

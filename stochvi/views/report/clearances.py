@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,6 @@ from stochvi.isolators.sizing.answer import ClearanceAnswer, spoken_mission, spo
 from stochvi.isolators.sizing.by_damage import DamageSizing
 from stochvi.isolators.sizing.missions import MissionSizing
 from stochvi.mathematics.spectra import Table
-from stochvi.model.model import model_of
 from stochvi.results.origin import Origin, origin_of
 from stochvi.scenes.phases import Phase
 from stochvi.scenes.scene import Scene
@@ -76,7 +76,7 @@ def _evidence(found: ClearanceAnswer) -> tuple[str, list[Section]]:
         return (
             f"Clearance of an isolated mass for a mission of {mission} in "
             f"{len(found.phases)} phases",
-            [_phases(found), _environment(found.scene)],
+            [_phases(found), _environment(found)],
         )
     assert isinstance(found, DamageSizing)
     return (
@@ -129,32 +129,31 @@ def _phases(found: MissionSizing) -> Section:
     )
 
 
-def _environment(scene: Scene) -> Section:
+def _environment(found: MissionSizing) -> Section:
     """What shakes in each phase."""
+    scene, densities = found.scene, found.densities()
     return Section(
         title="Environment",
         lead="Densities are one-sided per hertz. 1 g = 9.80665 m/s².",
         facts=[
             Fact(
                 f"{phase.name}, {spoken_mission(phase.duration)}",
-                "; ".join(f"{rms:.4g} g rms" for rms, _ in _densities(phase, scene)) or "-",
+                "; ".join(f"{_g_rms(table):.4g} g rms" for table in densities[phase.name]) or "-",
                 "; ".join([*_sources(phase.of(scene)), *_mounts(phase)]),
             )
             for phase in scene.phases
         ],
         pictures=[
             shown(
-                lambda: plot_phase_densities(scene),
+                lambda: plot_densities(densities),
                 "One-sided density of the acceleration of the base in each phase.",
             )
         ],
     )
 
 
-def _densities(phase: Phase, scene: Scene) -> list[tuple[float, Table]]:
-    """The tabulated accelerations of a phase, and the rms of each, g."""
-    tables = [table for table, _ in model_of(phase.of(scene)).tables]
-    return [(G * math.sqrt(table.mean_square()), table) for table in tables]
+def _g_rms(table: Table) -> float:
+    return G * math.sqrt(table.mean_square())
 
 
 def _sources(scene: Scene) -> list[str]:
@@ -172,17 +171,15 @@ def _mounts(phase: Phase) -> list[str]:
     return [f"{name} of the mount times {each:g}" for name, each in factors.items() if each != 1.0]
 
 
-def plot_phase_densities(scene: Scene, ax: Axes | None = None) -> Axes:
-    """Acceleration density of the base against frequency, a curve for each phase."""
+def plot_densities(densities: Mapping[str, Sequence[Table]], ax: Axes | None = None) -> Axes:
+    """Acceleration density against frequency, a colour for each phase."""
     ax = axes_or_new(ax)
-    for number, phase in enumerate(scene.phases):
+    for number, (name, tables) in enumerate(densities.items()):
         colour, style = OWNERS[number % len(OWNERS)], STYLES[number % len(STYLES)]
-        label: str | None = phase.name
-        for rms, table in _densities(phase, scene):
+        for first, table in enumerate(tables):
+            label = f"{name}, {_g_rms(table):.3g} g rms" if first == 0 else None
             density = G**2 * table.density
-            named = label and f"{label}, {rms:.3g} g rms"
-            ax.plot(table.frequency_hz, density, style, color=colour, label=named)
-            label = None
+            ax.plot(table.frequency_hz, density, style, color=colour, label=label)
     ax.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel="density (g²/Hz)")
     plain_ticks(ax)
     add_grid(ax)
@@ -212,7 +209,7 @@ def _damage(found: DamageSizing) -> Section:
 
 def _stops(found: ClearanceAnswer) -> Section:
     """Where the stops stand, with the drawing of the scene."""
-    made, rest = found.sized(found.made.value), model_of(found.hanging).rest
+    made = found.sized(found.made.value)
     names = [pair.name for pair in made.impact_pairs] or ["stops"]
     return Section(
         title="Gap and stops",
@@ -229,7 +226,7 @@ def _stops(found: ClearanceAnswer) -> Section:
         ],
         pictures=[
             shown(
-                lambda: draw_problem(made, dict.fromkeys(names, rest)),
+                lambda: draw_problem(made, dict.fromkeys(names, found.rest)),
                 "The scene with its stops at the clearance to make; not to scale.",
                 wide=True,
             )
