@@ -215,7 +215,7 @@ def size(
     """Find the clearance that keeps a stated risk."""
     from stochvi.cli.other_sizings import OTHER, other_sizing
     from stochvi.isolators.sizing.method import size as solve
-    from stochvi.isolators.sizing.missions import MissionSizing
+    from stochvi.isolators.sizing.missions_answer import MissionSizing
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
     from stochvi.results.base import plain

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from stochvi.isolators.sizing.answer import ClearanceAnswer
-    from stochvi.isolators.sizing.by_damage import DamageSizing
-    from stochvi.isolators.sizing.missions import MissionSizing
+    from stochvi.isolators.sizing.damage_answer import DamageSizing
+    from stochvi.isolators.sizing.missions_answer import MissionSizing
 
 
 def _print_clearance(console: Console, found: ClearanceAnswer) -> None:

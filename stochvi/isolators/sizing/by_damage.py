@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 
 from stochvi.isolators.moved_stops import at_clearances
-from stochvi.isolators.sizing.answer import Clearance, ClearanceAnswer, spoken_mission
+from stochvi.isolators.sizing.answer import Clearance
+from stochvi.isolators.sizing.damage_answer import DamageSizing
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.free_motion import free_motion
@@ -29,7 +29,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.statistics.damage import Damage, damage
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 FIRST_SIGMA, LEAST_SIGMA = 3.5, 0.5
 """The first clearance that is tried and the smallest one, in rms displacements."""
@@ -45,65 +45,6 @@ LEAST_ADDED = 1e-6
 
 LONGEST_STEP = 3.0
 """Largest change of the logarithm of the added damage that a step of the search aims at."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class DamageSizing(ClearanceAnswer):
-    """The clearance at which stops keep the damage of equipment below a ratio.
-
-    Parameters
-    ----------
-    scene
-        The scene; its stops are where it states them.
-    ratio
-        Largest accepted damage of equipment with stops over that without, at all its frequencies.
-    mission
-        Duration, s.
-    clearance
-        Metres per side from the static equilibrium, with the 95 % interval.
-    sigma
-        Rms displacement without stops, m.
-    tried
-        The clearances that were tried, m, each with the largest `damage_ratio`, its
-        `standard_error`, the `frequency_hz` where it is, and `by`, "clusters" or "simulation".
-    damage
-        The answer of `damage` at the clearance nearest to the one that was found.
-
-    See Also
-    --------
-    stochvi.isolators.size_by_damage : The calculation.
-    """
-
-    ratio: float
-    mission: float
-    sigma: float
-    tried: pd.DataFrame
-    damage: Damage
-
-    def to_frame(self) -> pd.DataFrame:
-        """The clearances that were tried."""
-        return self.tried
-
-    def verdict(self) -> str:
-        """The clearance to make and what it keeps, in one sentence."""
-        f = self.damage.equipment_frequency_hz
-        band = f"{f[0]:.4g} Hz" if len(f) == 1 else f"{f[0]:.4g} to {f[-1]:.4g} Hz"
-        return (
-            f"clearance: {self.made} per side from the static equilibrium keeps the damage of "
-            f"equipment at {band} within {self.ratio:.4g} times that without stops"
-        )
-
-    def calculated(self) -> str:
-        """The clearance before rounding, and the equipment that decides."""
-        place = self.clearance.value
-        near = self.tried.iloc[int(np.argmin(np.abs(self.tried["clearance"] - place)))]
-        return (
-            f"calculated: {self.clearance}, {place / self.sigma:.3g} sigma; equipment of "
-            f"{near['frequency_hz']:.4g} Hz decides, in a mission of {spoken_mission(self.mission)}"
-        )
-
-    def _document(self) -> dict[str, Any]:
-        return {"method": "size:damage", **super()._document()}
 
 
 class _Trial(NamedTuple):

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Unpack
 
 from stochvi.isolators.sizing.answer import Sizing, Target
 from stochvi.isolators.sizing.changes import Tolerances
-from stochvi.isolators.sizing.missions import MissionSizing, size_mission
+from stochvi.isolators.sizing.missions import size_mission
+from stochvi.isolators.sizing.missions_answer import MissionSizing
 from stochvi.isolators.sizing.nominal import ACCEPTED, SEARCH, nominal_sizing
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.question import Question

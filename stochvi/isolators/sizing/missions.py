@@ -10,20 +10,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import brentq
 
-from stochvi.isolators.record_verdict import RecordVerdict, record_verdict
+from stochvi.isolators.record_verdict import record_verdict
 from stochvi.isolators.sizing.answer import (
     Clearance,
-    ClearanceAnswer,
     Target,
-    spoken_mission,
-    spoken_percent,
 )
+from stochvi.isolators.sizing.missions_answer import MissionSizing, as_stated
 from stochvi.isolators.sizing.nominal import risk_curve
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.mathematics.impact_rates import rice_rate
@@ -40,7 +38,6 @@ from stochvi.statistics.reliability.phases import INDEPENDENT, NEGLIGIBLE, parts
 if TYPE_CHECKING:
     import pandas as pd
 
-    from stochvi.mathematics.spectra import Table
 
 POINTS, AROUND = 41, 0.35
 """Number of clearances of the curve of an answer, and how far it reaches from the clearance that
@@ -51,97 +48,6 @@ LEAST = 1e-300
 
 FARTHEST = 20.0
 """Largest clearance that is tried, in the largest rms displacement of a phase."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class MissionSizing(ClearanceAnswer):
-    """The clearance of a mission of several phases.
-
-    Parameters
-    ----------
-    scene
-        The scene with its phases; stops are at the places that the scene states.
-    target
-        Probability of any impact in the whole mission.
-    mission
-        Duration of all phases, s.
-    clearance
-        Metres per side from the static equilibrium of the mount as stated, with the 95 % interval.
-    phases
-        By phase its `duration` (s), `displacement_std` and `shift` of its static equilibrium (m),
-        `probability` of an impact at the clearance, its `share` of the hazard, and `clearance`,
-        which the phase alone needs for the target (NaN where it does not matter).
-    curve
-        `probability` of an impact in the mission over `clearance`, with its 95 % limits
-        `probability_low` and `probability_high`.
-    records
-        Verdicts on the measured records, by the phases that have one.
-
-    See Also
-    --------
-    stochvi.size : The calculation.
-    """
-
-    target: Target
-    mission: float
-    phases: pd.DataFrame
-    curve: pd.DataFrame
-    records: Mapping[str, RecordVerdict] = field(default_factory=dict)
-    assumptions: tuple[str, ...] = ()
-
-    @property
-    def doubtful(self) -> Mapping[str, RecordVerdict]:
-        """The verdicts on records that do not agree with the Gaussian noise of the sizing."""
-        return {name: each for name, each in self.records.items() if not each.agrees}
-
-    def densities(self) -> dict[str, list[Table]]:
-        """The densities of the accelerations in each phase, level included."""
-        return {
-            phase.name: [table for table, _ in model_of(phase.of(self.scene)).tables]
-            for phase in self.scene.phases
-        }
-
-    @property
-    def fell_short(self) -> tuple[str, ...]:
-        """Warnings of an accuracy that was not reached."""
-        return tuple(self.warnings)
-
-    @property
-    def hanging(self) -> Scene:
-        """The scene with the mount as stated, neither warm nor cold."""
-        return as_stated(self.scene)
-
-    def to_frame(self) -> pd.DataFrame:
-        """The phases."""
-        return self.phases
-
-    def verdict(self) -> str:
-        """The clearance to make and the risk that it keeps, in one sentence."""
-        made = (
-            f"clearance: {self.made} per side from the static equilibrium keeps "
-            f"{self.target.kept(self.mission)}, over {len(self.phases)} phases"
-        )
-        judged = [f"phase {name}: {each.sentence()}" for name, each in self.doubtful.items()]
-        return (
-            f"{'. '.join(judged)}. For Gaussian noise of their spectra: {made}" if judged else made
-        )
-
-    def calculated(self) -> str:
-        """The clearance before rounding, and the phase that decides."""
-        most = self.phases.iloc[int(np.argmax(self.phases["share"]))]
-        return (
-            f"calculated: {self.clearance}; phase {most['phase']} of "
-            f"{spoken_mission(most['duration'])} has {spoken_percent(most['share'])} of the risk"
-        )
-
-    def _document(self) -> dict[str, Any]:
-        return {"method": "size", **super()._document()}
-
-
-def as_stated(scene: Scene) -> Scene:
-    """The first phase with the mount as the scene states it, neither warm nor cold."""
-    factors = {"stiffness_factor": 1.0, "damping_factor": 1.0}
-    return scene.phases[0].model_copy(update=factors).of(scene)
 
 
 def size_mission(scene: Scene, target: Target, run: Run) -> MissionSizing:

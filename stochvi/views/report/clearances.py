@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from stochvi.isolators.sizing.answer import ClearanceAnswer, spoken_mission, spoken_percent
-from stochvi.isolators.sizing.by_damage import DamageSizing
-from stochvi.isolators.sizing.missions import MissionSizing
+from stochvi.isolators.sizing.damage_answer import DamageSizing
+from stochvi.isolators.sizing.missions_answer import MissionSizing
 from stochvi.mathematics.spectra import Table
 from stochvi.results.origin import Origin, origin_of
 from stochvi.scenes.phases import Phase
