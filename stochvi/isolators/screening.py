@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from stochvi.isolators.record_verdict import RecordVerdict, record_verdict
-from stochvi.mathematics.impact_rates import rice_rate
+from stochvi.mathematics.moving_means import MovingMean, Sines
 from stochvi.mathematics.units import STANDARD_GRAVITY, density_from_intensity
 from stochvi.model.calculations import calculation
 from stochvi.model.cautions import scene_notes
@@ -39,12 +39,16 @@ class CoordinateScreening:
         the masses themselves.
     zero_crossing_rate
         Up-crossings of the mean per second; None where nothing moves.
+    sines
+        Frequency (Hz) and amplitude (m; rad) of each sine, whose mean square is a part of the
+        others.
     """
 
     displacement_std: float
     velocity_std: float
     acceleration_std: float | None
     zero_crossing_rate: float | None
+    sines: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +69,8 @@ class GapScreening:
         Distance of each stop of the scene from the mean gap, m, by "lower" and "upper".
     rice_rate
         Impacts per second on these stops, as if impacts changed nothing.
+    sines
+        Frequency (Hz) and amplitude (m) of each sine, whose mean square is a part of those above.
     """
 
     displacement_std: float
@@ -74,12 +80,13 @@ class GapScreening:
     three_sigma_rate: float
     stops: Mapping[str, float]
     rice_rate: float
+    sines: tuple[tuple[float, float], ...] = ()
 
     def rate_at(self, clearance: float) -> float:
         """Impacts per second on the stops of the pair, each at this distance from the mean gap, m,
         as if impacts changed nothing (Rice)."""
         place, speed = self.displacement_std, self.velocity_std
-        return len(self.stops) * rice_rate(clearance, place, speed) if place else 0.0
+        return len(self.stops) * _rate(clearance, place, speed, self.sines)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -155,7 +162,8 @@ class Screening(Result):
     def rice_rate(self, clearance: float) -> float:
         """Impacts per second on two stops at +-clearance from the mean of the only coordinate, as
         if impacts changed nothing (Rice)."""
-        return 2.0 * rice_rate(clearance, self.displacement_std, self.velocity_std)
+        sines = self.only.sines
+        return 2.0 * _rate(clearance, self.displacement_std, self.velocity_std, sines)
 
     def to_frame(self) -> pd.DataFrame:
         """A table for people: a row per coordinate and point (millimetres and g; thousandths of a
@@ -169,6 +177,10 @@ class Screening(Result):
         rows = [
             ("input acceleration", self.input_acceleration_std, g, "g rms"),
             ("relative displacement", sigma, mm, "mm rms"),
+            *(
+                (f"of it the sine of {hertz:.4g} Hz", amplitude, mm, "mm peak")
+                for hertz, amplitude in self.only.sines
+            ),
             ("relative velocity", self.velocity_std, 1.0, "m/s rms"),
             ("absolute acceleration", self.acceleration_std, g, "g rms"),
             ("Miles' equation for it", self.miles, g, "g rms"),
@@ -244,7 +256,8 @@ def screen(
     """Linear screening of a scene, stops left out.
 
     The covariance of all coordinates is that of a Lyapunov equation for white and filtered noise,
-    and an integral over frequency for tables. For an isolator on its moving base Miles' equation,
+    and an integral over frequency for tables. Sines of random phases add to it, and Rice's rates
+    are averages over their phases. For an isolator on its moving base Miles' equation,
     G_rms = sqrt(pi / 2 f_n Q W(f_n)), is listed with the absolute acceleration.
 
     Parameters
@@ -262,7 +275,7 @@ def screen(
     Raises
     ------
     NotApplicable
-        If the motion without stops is not a stationary Gaussian process.
+        If the motion without stops is not a stationary Gaussian process beside sines.
 
     See Also
     --------
@@ -285,35 +298,32 @@ def screened(scene: Scene) -> Screening:
     """The answer of `screen`, for calculations that need it on their way."""
     model = model_of(scene)
     try:
-        motion = free_motion(model)
+        motion = free_motion(model, with_sines=True)
     except NotApplicable as reason:
         raise NotApplicable("screening", reason.conditions) from reason
-    places, speeds = motion.deviations(model.output_rows)
+    moved = motion.moving_means(model.output_rows)
     accelerations = _accelerations(model, motion)
     gaps = np.array([pair.direction for pair in model.pairs]).reshape(-1, len(model.coordinates))
-    own_places, own_speeds = motion.deviations(gaps)
     shaken, miles = _one_axis(model)
     return Screening(
         coordinates={
             name: CoordinateScreening(
-                displacement_std=float(place),
-                velocity_std=float(speed),
+                displacement_std=each.deviations[0],
+                velocity_std=each.deviations[1],
                 acceleration_std=acceleration,
-                zero_crossing_rate=float(speed / place / (2.0 * math.pi)) if place else None,
+                zero_crossing_rate=each.rate(0.0) if each.place else None,
+                sines=_sines(each),
             )
-            for name, place, speed, acceleration in zip(
-                model.outputs, places, speeds, accelerations, strict=True
-            )
+            for name, each, acceleration in zip(model.outputs, moved, accelerations, strict=True)
         },
         impact_pairs={
             pair.name: _gap(
-                float(place),
-                float(speed),
+                each,
                 float(mean),
                 {stop.name: stop.side * (stop.position - float(mean)) for stop in pair.stops},
             )
-            for pair, place, speed, mean in zip(
-                model.pairs, own_places, own_speeds, model.mean_gaps, strict=True
+            for pair, each, mean in zip(
+                model.pairs, motion.moving_means(gaps), model.mean_gaps, strict=True
             )
         },
         rotations=tuple(f"r{axis}" for axis in AXES)
@@ -338,14 +348,39 @@ def _one_axis(model: Model) -> tuple[float | None, float | None]:
     # pi / 2 f_n Q W(f_n) with f_n = omega / (2 pi) and Q = omega / b
     miles = math.sqrt(math.pi / 2.0 * omega / (2.0 * math.pi) * omega / b * density)
     area = sum(table.mean_square() for table in tables)
+    area += sum(0.5 * signal.amplitude**2 for signal in model.sines if signal.on_base)
     return None if model.intensity else math.sqrt(area), miles if density > 0.0 else None
 
 
-def _gap(place: float, speed: float, mean: float, stops: dict[str, float]) -> GapScreening:
+def _sines(motion: MovingMean) -> tuple[tuple[float, float], ...]:
+    """Frequency (Hz) and amplitude of each sine."""
+    amplitudes = np.abs(motion.sines.waves[0])
+    frequencies = motion.sines.omega / (2.0 * math.pi)
+    return tuple(zip(frequencies.tolist(), amplitudes.tolist(), strict=True))
+
+
+def _rate(
+    distance: float, place: float, speed: float, sines: Sequence[tuple[float, float]]
+) -> float:
+    """Up-crossings per second of a level (Rice), from deviations in which the sines are; 0 where
+    noise moves nothing."""
+    omega = 2.0 * math.pi * np.array([hertz for hertz, _ in sines])
+    moved = Sines(omega, np.array([[amplitude for _, amplitude in sines]], complex))
+    squares = [float(each[0]) for each in moved.mean_squares]
+    noise = [
+        math.sqrt(max(std**2 - own, 0.0)) for std, own in zip((place, speed), squares, strict=True)
+    ]
+    return MovingMean(noise[0], noise[1], moved).rate(distance) if noise[0] else 0.0
+
+
+def _gap(motion: MovingMean, mean: float, stops: dict[str, float]) -> GapScreening:
+    place, speed = motion.deviations
+
     def rate(distance: float) -> float:
-        return rice_rate(distance, place, speed) if place else 0.0
+        return motion.rate(distance) if motion.place else 0.0
 
     return GapScreening(
+        sines=_sines(motion),
         displacement_std=place,
         velocity_std=speed,
         mean=mean,

@@ -132,6 +132,7 @@ def beyond_one_oscillator(
     *,
     with_functions: bool = False,
     with_filters: bool = False,
+    with_sines: bool = False,
     white_only: bool = False,
 ) -> list[str]:
     """The conditions of a method for one oscillator that a model does not meet.
@@ -142,6 +143,8 @@ def beyond_one_oscillator(
         Whether the method takes springs, dampers and restitutions that are functions.
     with_filters
         Whether the method takes filtered noise.
+    with_sines
+        Whether the method takes sines beside noise.
     white_only
         Whether the method takes no noise but white noise (see `not_white`).
     """
@@ -157,7 +160,7 @@ def beyond_one_oscillator(
     if white_only:
         words = {"filtered": "filtered noise", "sine": "a sine"}
         return found + [f"{WHITE}, got {words[kind]}" for kind in sorted(kinds)]
-    covered = ["white", *["filtered"] * with_filters, *DENSITY_KINDS]
+    covered = ["white", *["filtered"] * with_filters, *["sine"] * with_sines, *DENSITY_KINDS]
     found += [
         f"excitation must be {', '.join(covered)} or constant, got {kind}"
         for kind in sorted(kinds - set(covered))

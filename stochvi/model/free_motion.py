@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.mathematics.arrays import Matrix, Vector, Waves
+from stochvi.mathematics.moving_means import MovingMean, Sines
 from stochvi.model.coverage import nonlinear, without_noise
 from stochvi.model.modal import LinearLaw, ModalForm, linear_law
 from stochvi.model.model import Model
@@ -25,9 +26,24 @@ class FreeMotion(NamedTuple):
     modes: ModalForm
     law: LinearLaw
 
+    def sines(self, directions: Matrix) -> Sines:
+        """The sines that move displacements along `directions` (rows, n)."""
+        n = self.modes.size
+        omega = np.array([omega for _, omega, _ in self.modes.sines])
+        modal: Waves = np.array([wave[:n] for wave in self.law.waves], complex).reshape(-1, n)
+        return Sines(omega, (directions @ self.modes.shapes) @ modal.T)
+
+    def moving_means(self, directions: Matrix) -> list[MovingMean]:
+        """Displacements along `directions` (rows, n): noise beside sines."""
+        sines = self.sines(directions)
+        return [
+            MovingMean(float(place), float(speed), Sines(sines.omega, sines.waves[row : row + 1]))
+            for row, (place, speed) in enumerate(zip(*self.deviations(directions), strict=True))
+        ]
+
     def deviations(self, directions: Matrix) -> tuple[Vector, Vector]:
         """Standard deviations of displacements (m) and velocities (m/s) along `directions`
-        (rows, n); 0 where the motion is a rounding error only."""
+        (rows, n) under noise alone; 0 where the motion is a rounding error only."""
         n, rows = self.modes.size, directions @ self.modes.shapes
         places, speeds = (
             np.einsum("gm,mk,gk->g", rows, self.law.covariance[part, part], rows)
@@ -38,17 +54,23 @@ class FreeMotion(NamedTuple):
         return np.sqrt(np.where(moves, places, 0.0)), np.sqrt(np.where(moves, speeds, 0.0))
 
 
-def free_motion(model: Model) -> FreeMotion:
+def free_motion(model: Model, *, with_sines: bool = False) -> FreeMotion:
     """The stationary motion of a structure under Gaussian noise, its stops left out.
+
+    Parameters
+    ----------
+    with_sines
+        Whether sines may be there beside the noise.
 
     Raises
     ------
     NotApplicable
-        If there is no such motion, or it is not Gaussian: the scene has a sine, no noise, a spring
-        that is a function, or a coordinate that no spring holds or no damper damps.
+        If there is no such motion, or it is not Gaussian: the scene has a sine that is not asked
+        for, no noise, a spring that is a function, or a coordinate that no spring holds or no
+        damper damps.
     """
     unmet = nonlinear(model)
-    if model.sines:
+    if model.sines and not with_sines:
         unmet.append("excitation must be noise or constant, got sine")
     unmet += without_noise(model)
     law = None if unmet else linear_law(model.modal)

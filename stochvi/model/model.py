@@ -499,6 +499,11 @@ class Model:
         """The signals that are sines."""
         return tuple(signal for signal in self.signals if signal.amplitude)
 
+    def without_sines(self) -> Model:
+        """The model under its noise and loads alone."""
+        kept = tuple(signal for signal in self.signals if not signal.amplitude)
+        return replace(self, signals=kept)
+
     @cached_property
     def base_alone_moves(self) -> bool:
         """Whether all excitations but constant loads move the base.

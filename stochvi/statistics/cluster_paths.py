@@ -7,7 +7,8 @@ Given that the gap y_c reaches its stop u with the slope p at t = 0, the modes a
     rho_m(t) = E[q_m(t) y_c(0)] / E y_c^2,    eta_m(t) = E[q_m(t) y_c'(0)] / E y_c'^2
 
 before and after the crossing (`kernels.crossings`). Where the crossing is a first impact of any
-pair, the engine in modal coordinates simulates what all stops change in that motion.
+pair, the engine in modal coordinates simulates what all stops change in that motion. Beside sines
+x_m is the noise alone, and the sines of each mode are added at the phases of the crossing.
 """
 
 from __future__ import annotations
@@ -17,13 +18,14 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.engine.impact_log import COLUMNS, Log
 from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.mathematics.moving_means import Crossings, Sines
 from stochvi.methods.monte_carlo.choose_plan import unmet
 from stochvi.methods.monte_carlo.gap_response import GapResponse, shaken_by_tables
 from stochvi.methods.monte_carlo.kernels.crossings import motions_around
@@ -35,6 +37,7 @@ from stochvi.results.errors import NotApplicable
 from stochvi.statistics.crossing_ages import STRIDES
 from stochvi.statistics.pair_crossings import (
     MEMORY_RELAXATIONS,
+    Draws,
     GapRecords,
     PairCrossings,
     PairMotion,
@@ -83,13 +86,26 @@ class ModalMotion(PairMotion):
     @cached_property
     def modes(self) -> GapResponse:
         """Synthesis of the modal displacements, in the same records as those of the gaps."""
-        modal, law = self.model.modal, free_motion(self.model).law
+        modal, law = self.model.modal, free_motion(self.model, with_sines=True).law
         n = modal.size
         return replace(
             self.response,
             modes=modal._replace(gaps=np.eye(n)),
             velocities=np.diag(law.covariance)[n : 2 * n],
         )
+
+    @cached_property
+    def modal_sines(self) -> Sines:
+        """The sines of all modal displacements."""
+        inverse: Matrix = np.linalg.inv(self.model.modal.shapes).astype(float)
+        return self.sines(inverse)
+
+    def sines_after(self, phases: Matrix, times: Any) -> tuple[Records, Records]:
+        """Modal displacements and velocities by sines (times, modes, paths), so many seconds after
+        they had these phases (paths, sines)."""
+        turned = phases + times[:, None, None] * self.modal_sines.omega
+        places, rates = self.modal_sines.at(turned)
+        return places.transpose(1, 0, 2), rates.transpose(1, 0, 2)
 
     @cached_property
     def rows(self) -> Matrix:
@@ -142,14 +158,16 @@ class FirstImpacts(NamedTuple):
         Number of the side in `GapRecords.sides`.
     path, start
         Path within the block, and number of the start of its crossing.
-    unit, sign, weight
-        Slope in rms speeds of the gap; -1 where the motion is turned over; weight as in `Bursts`.
+    draws
+        Random numbers of the crossing.
+    sign, weight
+        -1 where the motion is turned over; weight as in `Bursts`.
     """
 
     side: int
     path: NDArray[np.int64]
     start: NDArray[np.int64]
-    unit: Vector
+    draws: Draws
     sign: Vector
     weight: Vector
 
@@ -158,7 +176,7 @@ class FirstImpacts(NamedTuple):
         for first in range(0, len(self.path), size):
             part = slice(first, first + size)
             yield FirstImpacts(
-                self.side, self.path[part], self.start[part], self.unit[part], self.sign[part],
+                self.side, self.path[part], self.start[part], self.draws.of(part), self.sign[part],
                 self.weight[part],
             )  # fmt: skip
 
@@ -186,8 +204,9 @@ class ClusterPaths:
         if conditions := unmet(model):
             raise NotApplicable("bursts", conditions)
         self.model, self.seed = model, seed
-        free_motion(model)  # raises what no stationary Gaussian motion covers
-        tables = shaken_by_tables(model)
+        free_motion(model, with_sines=True)  # raises what no stationary motion covers
+        # sines are a part of the motion that the stops change
+        tables = shaken_by_tables(model.without_sines())
         plan = plan_modal_tables(tables, None, None, scales_of_free_motion)
         self.motion = ModalMotion(model, min(plan.step, longest_step), memories)
         self.plans: dict[int, ModalTablesPlan] = {
@@ -202,7 +221,7 @@ class ClusterPaths:
 
     def between(self, model: Model) -> ClusterPaths:
         """The same motions between stops at the same places with other laws, those of a model."""
-        found, tables = copy.copy(self), shaken_by_tables(model)
+        found, tables = copy.copy(self), shaken_by_tables(model.without_sines())
         found.model = model
         found.plans = {stride: replace(plan, model=tables) for stride, plan in self.plans.items()}
         return found
@@ -245,7 +264,7 @@ class ClusterPaths:
         for each in found:
             for one in each.parts(size):
                 starts = self.records.starts[one.start]
-                motion = self.around(free, one.side, one.path, starts, one.unit, one.sign)
+                motion = self.around(free, one.side, one.path, starts, one.draws, one.sign)
                 columns.append(
                     np.vstack([first_path + one.path, one.weight, self._cluster(motion)])
                 )
@@ -257,10 +276,11 @@ class ClusterPaths:
         """Ages of the crossings in one block of paths, and the first impacts that are simulated on,
         by the stop that they meet."""
         records, gaps = self.records, self.gaps(free)
-        units = records.units(first_path, self.together)
-        ages = records.ages_in(gaps, units, STRIDES)
-        slopes, weights = widened(units, widening)
-        wide = ages[:1] if widening == 1.0 else records.ages_in(gaps, slopes, STRIDES[:1])
+        draws = records.draws(first_path, self.together)
+        ages = records.ages_in(gaps, draws, STRIDES)
+        units, weights = widened(draws.units, widening)
+        fast = draws._replace(units=units)
+        wide = ages[:1] if widening == 1.0 else records.ages_in(gaps, fast, STRIDES[:1])
         rates = records.rice_rates[:, 0]
         kept = np.maximum(rates / rates.max(), LEAST_SHARE)
         random = np.random.default_rng([self.seed, CHOICE, first_path])
@@ -271,24 +291,27 @@ class ClusterPaths:
             p, s = np.nonzero(chosen[side])
             weight = rates[side] / kept[side] * weights[gap, p, s]
             sign = self._signs(side, p + s)
-            found.append(FirstImpacts(side, p, s, slopes[gap, p, s], sign, weight))
+            found.append(FirstImpacts(side, p, s, fast.of((gap, p, s)), sign, weight))
         return ages, found
 
     def recorded(self, free: Records, some: FirstImpacts, before: int, after: int) -> Records:
         """Modal motion without stops (before + after, modes, 2 impacts) around first impacts, as
         `around`, in the order of time: so many samples before them, and from them on."""
-        gap, near, _ = self.records.sides[some.side]
+        gap = self.records.sides[some.side][0]
         row = self.motion.rows[self.records.chosen[gap]]
         shape = self._recorded_shapes(int(self.records.chosen[gap]), before, after)
         start = self.records.starts[some.start]
         here = free[some.path, start]
-        away = (1.0 + TOUCH) * near[0, gap] - here[:, 0::2] @ row
-        change = self.records.speed(gap) * some.unit - here[:, 1::2] @ row
+        place, slope, phases = self._crossings(some.side, some.draws)
+        away, change = place - here[:, 0::2] @ row, slope - here[:, 1::2] @ row
+        seconds = self.plans[1].step * np.arange(-before, after)
+        sines = self.motion.sines_after(phases, seconds) if phases.shape[1] else (0.0, 0.0)
         times = (start + np.arange(-before, after)[:, None]) % free.shape[1]
         motion = free[some.path, times].transpose(0, 2, 1)  # (samples, 2 modes, impacts)
         found = np.empty((before + after, len(row), 2 * len(start)))
         for part, scale in ((0, 1.0), (1, self.plans[1].scale)):
             moved = shape[:, :, part, None] * away + shape[:, :, 2 + part, None] * change
+            moved += sines[part]
             found[:, :, part::2] = some.sign * (motion[:, part::2] + moved) / scale
         return found
 
@@ -327,7 +350,7 @@ class ClusterPaths:
 
     def around(
         self, free: Records, side: int, path: NDArray[np.int64], start: NDArray[np.int64],
-        units: Vector, signs: Vector, stride: int = 1,
+        draws: Draws, signs: Vector, stride: int = 1,
     ) -> Records:  # fmt: skip
         """Modal displacements and velocities around crossings of the stop of one side, for
         `follow`.
@@ -336,22 +359,34 @@ class ClusterPaths:
         ----------
         path, start
             (crossings,): path and sample of the `free` motion that become a crossing.
-        units, signs
-            (crossings,): slope in rms speeds of the gap, and -1 where the motion is turned over.
+        draws, signs
+            (crossings,): random numbers of each, and -1 where the motion is turned over.
         stride
             Number of samples in a step.
         """
-        gap, near, _ = self.records.sides[side]
+        gap = self.records.sides[side][0]
         row = self.motion.rows[self.records.chosen[gap]]
         shape = np.ascontiguousarray(self._around[gap][max(STRIDES) - stride :: stride])
         here = free[path, start]
-        away = (1.0 + TOUCH) * near[0, gap] - here[:, 0::2] @ row
-        change = self.records.speed(gap) * units - here[:, 1::2] @ row
+        place, slope, phases = self._crossings(side, draws)
+        away, change = place - here[:, 0::2] @ row, slope - here[:, 1::2] @ row
         motion = np.empty((len(shape), len(row), 2 * len(path)))
         motions_around(
             free, path, start, stride, shape, away, change, signs, self.plans[1].scale, motion
         )
+        if phases.shape[1]:
+            # from the crossing on; the last step is the one before it
+            steps = (np.arange(len(shape)) + 1) % len(shape) - 1
+            found = self.motion.sines_after(phases, self.plans[stride].step * steps)
+            motion[:, :, 0::2] += signs * found[0]
+            motion[:, :, 1::2] += signs * found[1] / self.plans[1].scale
         return motion
+
+    def _crossings(self, side: int, draws: Draws) -> Crossings:
+        """Crossings of the stop of one side, a little beyond it."""
+        gap, near, _ = self.records.sides[side]
+        found = self.records.crossings(side, draws)
+        return found._replace(place=found.place + TOUCH * near[0, gap])
 
     @cached_property
     def _around(self) -> list[Records]:

@@ -11,22 +11,25 @@ limiting decay rate
 
     lambda = sum_s nu_s G_s(t) / P(no impact before t)
 
-which thus needs no record as long as the mission. The gaps of any number of pairs are
-the case of `pair_crossings`, one of them at many places that of `first_crossings`.
+which thus needs no record as long as the mission. Beside sines all of these are averages over
+their phases, and the rate at which survivors are hit follows the phases. Where a beat, or a slow
+sine, lasts as long as the mission, missions differ in their `Exposure`. The gaps of any number of
+pairs are the case of `pair_crossings`, one of them at many places that of `first_crossings`.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.mathematics.moving_means import MovingMean, even_phases
 from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_error
@@ -58,6 +61,56 @@ STRIDES = (1, 2)
 cubics between samples may miss."""
 
 
+EXPOSURES, TIMES = 128, 2048
+"""Number of missions with phases of their own, and of times in each, over which rates are
+averaged."""
+
+MANY_PERIODS = 1000
+"""Periods of a single sine in a mission from which on all missions are alike: the last period, of
+which phases decide, is a thousandth of it."""
+
+RARE, FREQUENT = 1e-4, 50.0
+"""Expected first impacts of a mission outside of which it does not matter how missions differ."""
+
+
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """How the missions under sines differ: by the rate of outcrossings that their phases bring.
+
+    Parameters
+    ----------
+    omega
+        Frequencies of the sines, rad/s.
+    rates_at
+        Outcrossings per second of all stops at one level, at phases (..., sines).
+    """
+
+    omega: Vector
+    rates_at: Callable[[int, Matrix], Vector]
+    known: dict[tuple[int, float], Vector] = field(default_factory=dict)
+
+    def of(self, level: int, mission: float) -> Vector:
+        """(EXPOSURES,): mean rate of outcrossings in missions with other phases at the start, over
+        that of all missions."""
+        if len(self.omega) == 1 and self.omega[0] * mission > 2.0 * math.pi * MANY_PERIODS:
+            return np.ones(1)
+        if (level, mission) not in self.known:
+            self.known[level, mission] = self._averaged(level, mission)
+        return self.known[level, mission]
+
+    def _averaged(self, level: int, mission: float) -> Vector:
+        starts = even_phases(len(self.omega), EXPOSURES)
+        jitter = np.random.default_rng(0).random((EXPOSURES, TIMES))
+        times = mission * (np.arange(TIMES) + jitter) / TIMES
+        found = np.array(
+            [
+                self.rates_at(level, start + each[:, None] * self.omega).mean()
+                for start, each in zip(starts, times, strict=True)
+            ]
+        )
+        return np.asarray(found / found.mean())
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CrossingAges:
     """Ages of outcrossings at several levels, and the probability and rate of first impacts that
@@ -75,6 +128,8 @@ class CrossingAges:
     ages
         (strides, sides, levels, paths, records): how long before such an outcrossing the last
         exceedance of any stop ended, s, at most `horizon`.
+    exposure
+        How missions differ by the phases of sines; None without sines.
     """
 
     outside: Vector
@@ -82,6 +137,7 @@ class CrossingAges:
     interval: float
     rice_rates: Vector
     ages: NDArray[np.float32]
+    exposure: Exposure | None = None
 
     @cached_property
     def rice_rate(self) -> Vector:
@@ -104,10 +160,35 @@ class CrossingAges:
             return self._probability(sums, mission)
 
         limits = self._few(self._path_means(0, mission).mean(axis=-1), mission)
-        return [
+        found = [
             replace(found, bias=max(found.bias or 0.0, 1.0 - found.value)) if limit else found
             for found, limit in zip(self._estimates(chance, mission), limits, strict=True)
         ]
+        if self.exposure is None or mission <= self.horizon:
+            return found
+        return [self._exposed(level, each, mission) for level, each in enumerate(found)]
+
+    def _exposed(self, level: int, found: Estimate, mission: float) -> Estimate:
+        """A probability of missions that differ in their exposure to sines.
+
+        First impacts are taken to follow the phases as all outcrossings do. They follow them less
+        where outcrossings come in clumps: the share of outcrossings that are no first impacts, of
+        all that this changes, is the bias.
+        """
+        assert self.exposure is not None
+        hazard = -math.log1p(-min(found.value, 1.0 - FEWEST_SURVIVORS**4))
+        if not RARE < hazard < FREQUENT:
+            return found
+        shares = self.exposure.of(level, mission)
+        value = -float(np.mean(np.expm1(-hazard * shares)))
+        slope = float(np.mean(shares * np.exp(-hazard * shares))) / math.exp(-hazard)
+        first = min(hazard / mission / float(self.rice_rate[level]), 1.0)
+        return replace(
+            found,
+            value=value,
+            standard_error=found.standard_error * slope,
+            bias=(found.bias or 0.0) * slope + (1.0 - first) * abs(value - found.value),
+        )
 
     def _few(self, means: Vector, mission: float) -> NDArray[np.bool_]:
         """(levels,): whether these sums leave fewer survivors than `FEWEST_SURVIVORS`, so that this
@@ -196,6 +277,8 @@ class FirstCrossings(CrossingAges):
         (levels,) distances of the stops from the mean position, m; infinite for none.
     displacement_std, velocity_std
         Standard deviations of the process and of its rate, m and m/s.
+    motion
+        Its noise and its sines; None where they are not known.
 
     See Also
     --------
@@ -206,6 +289,19 @@ class FirstCrossings(CrossingAges):
     upper: Vector
     displacement_std: float
     velocity_std: float
+    motion: MovingMean | None = None
+
+    def upcrossings(self, distance: float) -> float:
+        """Upcrossings per second of a level above the mean position (S. O. Rice 1944)."""
+        return self._motion.rate(distance)
+
+    def distance_of(self, upcrossings: float) -> float:
+        """The level above the mean position, m, that has so many upcrossings per second."""
+        return self._motion.distance_of(upcrossings)
+
+    @property
+    def _motion(self) -> MovingMean:
+        return self.motion or MovingMean.still(self.displacement_std, self.velocity_std)
 
 
 def _columns(levels: Vector, like: Vector) -> Vector:

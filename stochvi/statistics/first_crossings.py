@@ -46,8 +46,8 @@ def first_crossings(
     Parameters
     ----------
     scene
-        One oscillator under Gaussian noise (white, filtered, tabulated, any sum) and constant
-        loads; its own stops do not matter.
+        One oscillator under Gaussian noise (white, filtered, tabulated, any sum), sines beside it
+        and constant loads; its own stops do not matter.
     clearances
         Distances of two stops from the mean position, m.
     lower, upper
@@ -60,7 +60,8 @@ def first_crossings(
     Raises
     ------
     NotApplicable
-        If the response without stops is not a stationary Gaussian process of one oscillator.
+        If the response without stops is not that of one oscillator: a stationary Gaussian process,
+        beside sines about a mean that moves.
 
     Examples
     --------
@@ -106,7 +107,7 @@ def one_gap(model: Model) -> Model:
     """
     free = replace(model, pairs=())
     unmet = (
-        beyond_one_oscillator(free, with_filters=True)
+        beyond_one_oscillator(free, with_filters=True, with_sines=True)
         or without_noise(free)
         or without_free_response(free)
     )

@@ -1,6 +1,7 @@
 """Probability that any of several impact pairs is hit at all: first crossings of a Gaussian vector.
 
-Before the first contact the gaps of a linear structure are a stationary Gaussian process.
+Before the first contact the gaps of a linear structure are a stationary Gaussian process, beside
+sines a Gaussian process about means that move (`mathematics.moving_means`).
 A first impact of any pair is its first outcrossing of the region in which no gap is beyond a stop.
 Every stop has its own outcrossings, with the rate of Rice; around one of them all gaps are
 Gaussian, with the cross-correlations of the process (`monte_carlo.kernels.crossings`). Before it
@@ -14,16 +15,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
 from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.mathematics.impact_rates import rice_rate
+from stochvi.mathematics.moving_means import Crossings, MovingMean, Sines, even_phases
 from stochvi.methods.monte_carlo.gap_response import GapResponse, plan_gaps
-from stochvi.methods.monte_carlo.kernels.crossings import outcrossing_ages
+from stochvi.methods.monte_carlo.kernels.crossings import SinesAtCrossings, outcrossing_ages
 from stochvi.methods.monte_carlo.tabulated import MOST_SAMPLES
 from stochvi.model.calculations import calculation
 from stochvi.model.free_motion import free_motion
@@ -36,6 +37,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import (
     STRIDES,
     CrossingAges,
+    Exposure,
     FirstCrossings,
     until_accurate,
 )
@@ -44,6 +46,10 @@ SAMPLES_PER_PERIOD = 40.0
 """Number of samples in a natural period. White noise leaves the path rough between samples: with
 half as many (and zeta 0.05) the limiting rate is 1.2(4) % higher at 2 sigma, 0.18(5) % at 3,
 0.03(2) % at 5."""
+
+FELT = 1e-4
+"""Share of a sine in the velocity variance of a gap, from which on its period is sampled as finely
+as a natural period."""
 
 MEMORY_RELAXATIONS = 6.0
 """Horizon in time constants of the structure; in its second half the rate of first impacts is
@@ -89,6 +95,8 @@ class PairCrossings(CrossingAges):
         (pairs, n): the gaps as combinations of coordinates.
     outside_error
         (levels,): standard error of `outside`.
+    motions
+        The motion of each gap; None where it is not known.
     """
 
     pairs: tuple[str, ...]
@@ -99,6 +107,7 @@ class PairCrossings(CrossingAges):
     crossing: NDArray[np.int64]
     directions: Matrix
     outside_error: Vector
+    motions: Sequence[MovingMean] | None = None
 
     def probability(self, mission: float) -> list[Estimate]:
         """Probability that any pair is hit in the first `mission` seconds of the stationary motion.
@@ -131,6 +140,8 @@ class PairCrossings(CrossingAges):
             interval=self.interval,
             rice_rates=self.rice_rates,
             ages=self.ages,
+            exposure=self.exposure,
+            motion=None if self.motions is None else self.motions[pair],
             lower=self.lower[:, pair],
             upper=self.upper[:, pair],
             displacement_std=float(self.displacement_std[pair]),
@@ -208,7 +219,21 @@ class PairMotion:
             raise NotApplicable("first_crossings", ["the scene needs an impact_pair"])
         self.model, self.longest_step, self.memories = model, longest_step, memories
         self.directions = np.array([pair.direction for pair in model.pairs])
-        self.displacement_std, self.velocity_std = free_motion(model).deviations(self.directions)
+        motion = free_motion(model, with_sines=True)
+        self.motions, self.sines = motion.moving_means(self.directions), motion.sines
+        self.displacement_std, self.velocity_std = np.array(
+            [each.deviations for each in self.motions]
+        ).T
+        still = [
+            pair.name
+            for pair, each in zip(model.pairs, self.motions, strict=True)
+            if not each.place and each.reach
+        ]
+        if still:
+            raise NotApplicable(
+                "first_crossings",
+                [f"noise must move the gap of {still[0]}, got sines alone; `sine` follows these"],
+            )
 
     @cached_property
     def moving(self) -> NDArray[np.int64]:
@@ -225,7 +250,8 @@ class PairMotion:
     def response(self) -> GapResponse:
         """Synthesis of the gaps that move."""
         plan = crossing_response(self.model, self.directions[self.moving], self.memories)
-        return plan.with_step(self.longest_step) if plan.step > self.longest_step else plan
+        longest = min(self.longest_step, *map(_longest_step, self.motions))
+        return plan.with_step(longest) if plan.step > longest else plan
 
     @cached_property
     def count(self) -> int:
@@ -250,6 +276,15 @@ class PairMotion:
         below, above = np.broadcast_arrays(*given)
         records = GapRecords(self, run.seed, below, above)
         return until_accurate(run, records, mission, run.accuracy)
+
+
+def _longest_step(motion: MovingMean) -> float:
+    """Longest sampling interval for the sines that move a gap, s."""
+    moved = 0.5 * np.abs(motion.sines.omega * motion.sines.waves[0]) ** 2
+    (fast,) = np.nonzero(moved >= FELT * motion.speed**2)
+    if not len(fast):
+        return math.inf
+    return 2.0 * math.pi / float(motion.sines.omega[fast].max()) / SAMPLES_PER_PERIOD
 
 
 def own_distances(model: Model) -> tuple[Vector, Vector]:
@@ -327,6 +362,18 @@ def memory_of(plan: GapResponse) -> float:
     return max(correlation, MEMORY_RELAXATIONS * plan.relaxation)
 
 
+class Draws(NamedTuple):
+    """Random numbers of crossings: slopes of the unit Rayleigh distribution and, beside sines,
+    numbers between 0 and 1 that choose the phases, None without sines."""
+
+    units: Vector
+    shares: Vector | None
+
+    def of(self, which: Any) -> Draws:
+        """Those of one gap, or of some crossings."""
+        return Draws(self.units[which], None if self.shares is None else self.shares[which])
+
+
 class GapRecords:
     """Stationary records of all gaps that have stops, and the crossings that are put into them."""
 
@@ -368,13 +415,43 @@ class GapRecords:
         """Time for which records look back, s."""
         return self.count * self.plan.step
 
-    @property
+    @cached_property
+    def sines(self) -> Sines:
+        """The sines of the chosen gaps."""
+        return self.motion.sines(self.motion.directions[self.pairs])
+
+    @cached_property
+    def motions(self) -> list[MovingMean]:
+        """The chosen gaps, with the noise of the records."""
+        variance, bend = (np.diag(self.correlations[order, 0]) for order in (0, 2))
+        return [
+            MovingMean(math.sqrt(square), math.sqrt(-rate), Sines(self.sines.omega, wave[None]))
+            for square, rate, wave in zip(variance, bend, self.sines.waves, strict=True)
+        ]
+
+    @cached_property
     def rice_rates(self) -> Matrix:
         """(sides, levels), see `CrossingAges`."""
-        variance, bend = (np.diag(self.correlations[order, 0]) for order in (0, 2))
-        place, speed = np.sqrt(variance), np.sqrt(-bend)
-        rates = [rice_rate(near[:, gap], place[gap], speed[gap]) for gap, near, _ in self.sides]
+        rates = [
+            [self.motions[gap].rate(float(each)) for each in near[:, gap]]
+            for gap, near, _ in self.sides
+        ]
         return (1.0 + self.alike) * np.array(rates)
+
+    @cached_property
+    def exposure(self) -> Exposure:
+        """How missions differ by the phases of the sines."""
+        return Exposure(self.sines.omega, self.rates_at)
+
+    def rates_at(self, level: int, phases: Matrix) -> Vector:
+        """Outcrossings of all stops per second at one level, at phases (..., sines)."""
+        found = np.zeros(phases.shape[:-1])
+        # where stops are alike, the lower ones are crossed half a turn later
+        for turn in (0.0, math.pi)[: 1 + self.alike]:
+            for gap, near, _ in self.sides:
+                ahead = turn if near is self.above else turn + math.pi
+                found += self.motions[gap].rates_at(float(near[level, gap]), phases + ahead)
+        return found
 
     @cached_property
     def _looking_back(self) -> list[Vector]:
@@ -387,28 +464,24 @@ class GapRecords:
             found.append(np.ascontiguousarray(rows.transpose(1, 0, 2)))
         return found
 
-    def units(self, first_path: int, paths: int) -> Vector:
-        """Slopes of the unit Rayleigh distribution (pairs, paths, starts) of one block of paths."""
+    def draws(self, first_path: int, paths: int) -> Draws:
+        """Random numbers of the crossings in one block of paths."""
         random = np.random.default_rng([self.seed, SLOPES, first_path])
-        return random.rayleigh(size=(len(self.pairs), paths, len(self.starts)))
-
-    def speed(self, gap: int) -> float:
-        """Rms speed of a gap, m/s."""
-        return math.sqrt(-float(self.correlations[2, 0, gap, gap]))
+        size = len(self.pairs), paths, len(self.starts)
+        units = random.rayleigh(size=size)
+        return Draws(units, random.random(size) if self.sines.number else None)
 
     def ages(self, first_path: int) -> NDArray[np.float32]:
         """Ages (strides, sides, levels, paths, starts) of the crossings in one block of paths."""
         records = self.plan.records(self.seed, first_path, self.together, self.chosen)
-        return self.ages_in(records, self.units(first_path, self.together), STRIDES)
+        return self.ages_in(records, self.draws(first_path, self.together), STRIDES)
 
-    def ages_in(
-        self, records: Vector, units: Vector, strides: Sequence[int]
-    ) -> NDArray[np.float32]:
-        """The ages of crossings in records (paths, samples, 2 pairs) and with slopes that have been
-        made."""
+    def ages_in(self, records: Vector, draws: Draws, strides: Sequence[int]) -> NDArray[np.float32]:
+        """The ages of crossings in records (paths, samples, 2 pairs) and with random numbers that
+        have been made."""
         ages = [
             [
-                self.ages_before(side, records, self.starts, units[gap], stride)
+                self.ages_before(side, records, self.starts, draws.of(gap), stride)
                 for side, (gap, _, _) in enumerate(self.sides)
             ]
             for stride in strides
@@ -416,20 +489,37 @@ class GapRecords:
         return np.array(ages, np.float32)
 
     def ages_before(
-        self, side: int, records: Vector, starts: NDArray[np.int64], units: Vector, stride: int = 1
+        self, side: int, records: Vector, starts: NDArray[np.int64], draws: Draws, stride: int = 1
     ) -> Vector:
         """Ages (levels, paths, starts) of crossings of the stop of one side.
 
-        They are put at the samples `starts` of records, with slopes of `units` times the rms speed
-        of the gap.
+        They are put at the samples `starts` of records; the draws (paths, starts) are those of the
+        gap.
         """
         gap, near, far = self.sides[side]
-        ages = np.empty((len(near), *units.shape))
+        ages = np.empty((len(near), *draws.units.shape))
+        sines = None
+        if self.sines.number:
+            found = [self.crossings(side, draws, level) for level in range(len(near))]
+            sines = SinesAtCrossings(
+                self.sines.omega, np.ascontiguousarray(self.sines.waves.real),
+                np.ascontiguousarray(self.sines.waves.imag),
+                *(np.ascontiguousarray(each) for each in map(np.array, zip(*found, strict=True))),
+            )  # fmt: skip
         outcrossing_ages(
-            records, starts, self.speed(gap) * units, self._looking_back[gap], gap, self.plan.step,
-            stride, near, far, ages,
+            records, starts, self.motions[gap].speed * draws.units, self._looking_back[gap], gap,
+            self.plan.step, stride, near, far, sines, ages,
         )  # fmt: skip
         return ages
+
+    def crossings(self, side: int, draws: Draws, level: int = 0) -> Crossings:
+        """Crossings of the stop of one side at one level, from the draws of its gap.
+
+        Those of a lower stop belong to the process with the opposite sign, whose phases have the
+        same law.
+        """
+        gap, near, _ = self.sides[side]
+        return self.motions[gap].crossings(float(near[level, gap]), draws.units, draws.shares)
 
     def found(self, ages: NDArray[np.float32]) -> PairCrossings:
         """The answer from the ages of all crossings so far."""
@@ -448,6 +538,8 @@ class GapRecords:
             interval=self.plan.step,
             rice_rates=self.rice_rates,
             ages=ages,
+            exposure=self.exposure if self.sines.number else None,
+            motions=self.motion.motions,
         )
 
     @cached_property
@@ -465,19 +557,24 @@ class GapRecords:
         root = np.linalg.cholesky(covariance + ADDED_VARIANCE * np.diag(std**2))
         normal = random.standard_normal((STARTS, len(std))) @ root.T
         uniform = random.random(STARTS)
+        means = self.sines.at(even_phases(self.sines.number, STARTS))[0]
         total, variance = np.zeros((2, len(self.lower)))
         rows = zip(self.lower[:, self.pairs], self.upper[:, self.pairs], strict=True)
         for level, (lower, upper) in enumerate(rows):
-            for near, far in ((upper, lower), (lower, upper)):
+            for near, far, side in ((upper, lower, 1.0), (lower, upper, -1.0)):
+                # distances from the means of the noise, (gaps, phases)
+                ahead, behind = near[:, None] - side * means, far[:, None] + side * means
                 for gap in np.flatnonzero(np.isfinite(near)):
-                    chance = float(ndtr(-near[gap] / std[gap]))
-                    if chance < np.finfo(float).tiny:
+                    chance = ndtr(-ahead[gap] / std[gap])
+                    if chance.max() < np.finfo(float).tiny:
                         continue
-                    place = np.maximum(-std[gap] * ndtri(chance * uniform), near[gap])
+                    least = np.maximum(chance, np.finfo(float).tiny)
+                    place = np.maximum(-std[gap] * ndtri(least * uniform), ahead[gap])
                     share = covariance[gap] / covariance[gap, gap]
                     gaps = normal + (place - normal[:, gap])[:, None] * share
                     gaps[:, gap] = place
-                    stops = np.sum((gaps >= near) | (gaps <= -far), axis=1)
-                    total[level] += chance * np.mean(1.0 / stops)
-                    variance[level] += chance**2 * np.var(1.0 / stops) / STARTS
+                    stops = np.sum((gaps >= ahead.T) | (gaps <= -behind.T), axis=1)
+                    some = chance / stops
+                    total[level] += np.mean(some)
+                    variance[level] += np.var(some) / STARTS
         return total, np.sqrt(variance)

@@ -30,6 +30,7 @@ from typing import NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.missions import NEEDS_FORCE
@@ -58,7 +59,7 @@ from stochvi.sampling.stop_flag import GivenUp
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import UNFINISHED
 from stochvi.statistics.cluster_paths import WINDOW_RELAXATIONS, WINDOWS, ClusterPaths
-from stochvi.statistics.pair_crossings import GapRecords
+from stochvi.statistics.pair_crossings import Draws, GapRecords
 
 FLOWN_TOGETHER = 128
 """Number of trials that one call of the engine simulates."""
@@ -137,8 +138,9 @@ class Trials(NamedTuple):
         (trials, samples, 2 modes): displacement and velocity of each mode without stops, in turn,
         before anything is made a crossing.
     pairs
-        (trials, 2): standard normal numbers; the length of a pair is the slope of the crossing over
-        the rms velocity (Rayleigh's distribution).
+        (trials, 2 + sines): standard normal numbers. The length of the first two is the slope of
+        the crossing over the rms velocity (Rayleigh's distribution). The third chooses the phases
+        of sines at a crossing; where there is none, each number chooses the phase of one sine.
     side
         (trials,): number of the stop that is crossed, see `Kind`.
     score
@@ -212,7 +214,7 @@ class Kind(ABC):
                 records[done : done + size] = free[:size, start : start + self.samples]
                 done += size
         random = np.random.default_rng([self.records.seed, STREAM, draw])
-        pairs = random.standard_normal((self.trials, 2))
+        pairs = random.standard_normal((self.trials, 2 + self.records.sines.number))
         side = random.choice(len(self.sides), self.trials, p=self.sides)
         return Trials(records, pairs, side, np.full(self.trials, -math.inf))
 
@@ -333,7 +335,7 @@ class AfterCrossings(Kind):
         for number, (side, _) in enumerate(self.crossed):
             (which,) = np.nonzero(trials.side == number)
             found = self.records.ages_before(
-                side, gaps[which], np.array([crossing]), _slopes(trials)[which, None]
+                side, gaps[which], np.array([crossing]), _draws(trials).of((which, None))
             )
             ages[which] = found[0, :, 0]
         return ages
@@ -343,7 +345,7 @@ class AfterCrossings(Kind):
         count = len(trials.side)
         crossing = np.full(count, self.records.count + 1)
         motion = self.paths.around(
-            trials.records, side, np.arange(count), crossing, _slopes(trials),
+            trials.records, side, np.arange(count), crossing, _draws(trials),
             np.full(count, sign), stride,
         )  # fmt: skip
         return motion, 0
@@ -365,9 +367,10 @@ class AfterCrossings(Kind):
         return max(share - 0.5 * self.overlap(scored), 0.0)  # without those of new clusters
 
 
-def _slopes(trials: Trials) -> Vector:
-    """(trials,): slopes of the crossings, in rms speeds of the gaps."""
-    return np.asarray(np.hypot(*trials.pairs.T))
+def _draws(trials: Trials) -> Draws:
+    """Random numbers (trials,) of the crossings."""
+    units: Vector = np.hypot(trials.pairs[:, 0], trials.pairs[:, 1])
+    return Draws(units, ndtr(trials.pairs[:, 2]) if trials.pairs.shape[1] > 2 else None)
 
 
 def risk_of_windows(exceeded: Vector, late: Vector, window: float, mission: float) -> Vector:
@@ -403,6 +406,11 @@ class Windows(Kind):
         motion[:, :, 0::2] = records[:, :, 0::2].transpose(1, 2, 0)
         motion[:, :, 1::2] = records[:, :, 1::2].transpose(1, 2, 0) / self.paths.plans[1].scale
         burn_in = samples - 1 - self.counted // stride
+        if trials.pairs.shape[1] > 2:
+            phases = 2.0 * math.pi * ndtr(trials.pairs[:, 2:])
+            found = self.paths.motion.sines_after(phases, stride * self.step * np.arange(samples))
+            motion[:, :, 0::2] += found[0]
+            motion[:, :, 1::2] += found[1] / self.paths.plans[1].scale
         return np.roll(motion, -burn_in - 1, axis=0), burn_in
 
     def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
@@ -429,7 +437,7 @@ def kinds_of(
     """
     model = model_of(scene)
     # trials of the stops that are reached seldom would be too few where pairs differ
-    if unmet := beyond_one_oscillator(model, with_filters=True):
+    if unmet := beyond_one_oscillator(model, with_filters=True, with_sines=True):
         raise NotApplicable("rare impacts", unmet)
     own = int(np.random.SeedSequence([seed, STREAM]).generate_state(1, np.uint64)[0] >> 1)
     paths = ClusterPaths(model, own, HORIZONS)
@@ -638,7 +646,7 @@ def rare_hits(
 ) -> RareHits:
     """The probability that an impact of a mission exceeds an "impact_speed" (m/s) or a
     "peak_acceleration" (m/s^2). The motion is the stationary one of one oscillator under any
-    Gaussian noise.
+    Gaussian noise, and sines beside it.
 
     It ends once the probability is known to `rel_error`, or at the end of the budget with the
     accuracy reached by then.

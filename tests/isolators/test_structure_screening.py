@@ -112,7 +112,7 @@ def test_one_mass_between_the_stops_of_two_pairs() -> None:
 
 def test_a_sine_is_refused() -> None:
     sine = Sine(amplitude=1.0, frequency_hz=1.0, on="x")
-    with pytest.raises(NotApplicable, match="got sine"):
+    with pytest.raises(NotApplicable, match="got a sine alone"):
         screen(uncoupled(pair("x", "x", 3.0)).model_copy(update={"excitations": (sine,)}))
 
 

@@ -236,8 +236,8 @@ def test_filtered_noise_is_one_of_them() -> None:
 
 def test_what_is_not_covered_says_why() -> None:
     sine = Sine(amplitude=1.0, frequency_hz=1.0)
-    with pytest.raises(NotApplicable, match="got sine"):
-        first_crossings(UNIT.model_copy(update={"excitations": (*UNIT.excitations, sine)}), [3.0])
+    with pytest.raises(NotApplicable, match="got a sine alone"):
+        first_crossings(UNIT.model_copy(update={"excitations": (sine,)}), [3.0])
     with pytest.raises(ValueError, match="not both"):
         first_crossings(UNIT, [3.0], upper=[2.0])
     with pytest.raises(ValueError, match="as many lower as upper"):

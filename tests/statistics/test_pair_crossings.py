@@ -380,7 +380,7 @@ def test_what_reliability_of_pairs_does_not_cover(change: dict[str, object], wor
 
 
 @pytest.mark.parametrize(("pairs", "excitations", "words"), [
-    ([pair("x", "x", 3.0)], [Sine(amplitude=1.0, frequency_hz=1.0, on="x")], "got sine"),
+    ([pair("x", "x", 3.0)], [Sine(amplitude=1.0, frequency_hz=1.0, on="x")], "got a sine alone"),
     ([pair("z", "z", 3.0)], [WhiteNoise(intensity=0.2, on="x")], "must move at least one gap"),
     ([ImpactPair(name="x", on="x", lower=1.0, law=LAW)], [WhiteNoise(intensity=0.2, on="x")],
      "mean gap of x must lie between"),

@@ -244,7 +244,7 @@ def test_a_start_beyond_the_barriers_is_a_mission_that_fails_at_once_and_is_said
 
 def test_what_does_not_apply_is_said() -> None:
     sine = BOX.model_copy(update={"excitations": (Sine(amplitude=1.0, frequency_hz=0.1),)})
-    with pytest.raises(NotApplicable, match="got sine"):
+    with pytest.raises(NotApplicable, match="got a sine alone"):
         reliability(sine, mission=10.0)
     filtered = BOX.model_copy(
         update={"excitations": (FilteredNoise(intensity=0.2, frequency_hz=0.2, zeta=0.5),)}

@@ -108,7 +108,7 @@ class ClearanceTrials(TrialSampler):
         for each in chosen:
             for one in each.parts(size):
                 starts = clusters.records.starts[one.start]
-                motion = clusters.around(free, one.side, one.path, starts, one.unit, one.sign)
+                motion = clusters.around(free, one.side, one.path, starts, one.draws, one.sign)
                 columns.append(self._followed(motion))
                 path.append(first_path + one.path)
                 weight.append(one.weight)

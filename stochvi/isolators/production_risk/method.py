@@ -31,6 +31,7 @@ from stochvi.isolators.sizing.sensitivity import LEAST_SECONDS
 from stochvi.isolators.sizing.tolerance_region import Region
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.model.calculations import calculation
+from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, provenance
 from stochvi.sampling.options import AccuracyOptions
@@ -176,6 +177,12 @@ def about(
     start: Start, spreads: Mapping[str, Spread], tolerances: Tolerances, run: Run
 ) -> Production:
     """The production about a scene as stated."""
+    if model_of(start.scene).sines:
+        raise NotApplicable(
+            "production",
+            ["excitation must be noise or constant, got a sine: the gaps of units are compared as "
+             "Gaussian ones; give tolerances without a distribution"],
+        )  # fmt: skip
     felt = {name: each for name, each in spreads.items() if name not in UNFELT}
     return _Job(
         start=start, spreads=felt, tolerances=tolerances.felt(start.scene, by_hits=False), run=run

@@ -24,7 +24,7 @@ from stochvi.isolators.sizing.answer import (
 from stochvi.isolators.sizing.missions_answer import MissionSizing, as_stated
 from stochvi.isolators.sizing.nominal import risk_curve
 from stochvi.isolators.sizing.risk_curve import RiskCurve
-from stochvi.mathematics.impact_rates import rice_rate
+from stochvi.mathematics.moving_means import MovingMean
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.free_motion import free_motion
@@ -120,8 +120,7 @@ class _Phase:
 
     scene: Scene
     duration: float
-    sigma: float
-    speed: float
+    motion: MovingMean
     shift: float
     sides: tuple[float, ...]
     curve: RiskCurve | None = None
@@ -129,20 +128,24 @@ class _Phase:
     @classmethod
     def of(cls, scene: Scene, duration: float, whole: Scene) -> _Phase:
         model = model_of(scene)
-        if conditions := beyond_one_oscillator(model, with_filters=True):
+        if conditions := beyond_one_oscillator(model, with_filters=True, with_sines=True):
             raise NotApplicable("size", [f"{each} (in phases)" for each in conditions])
-        (sigma,), (speed,) = free_motion(model).deviations(np.eye(1))
+        (motion,) = free_motion(model, with_sines=True).moving_means(np.eye(1))
         sides = tuple(float(stop.side) for stop in model.stops) or (-1.0, 1.0)
         shift = model.rest - model_of(as_stated(whole)).rest
         return cls(
-            scene=scene, duration=duration, sigma=float(sigma), speed=float(speed), shift=shift,
-            sides=sides,
+            scene=scene, duration=duration, motion=motion, shift=shift, sides=sides
         )  # fmt: skip
+
+    @property
+    def sigma(self) -> float:
+        """rms displacement, sines included."""
+        return self.motion.deviations[0]
 
     def expected(self, clearance: float) -> float:
         """Rice's number of crossings."""
         distances = [max(clearance - side * self.shift, 0.0) for side in self.sides]
-        return self.duration * sum(rice_rate(each, self.sigma, self.speed) for each in distances)
+        return self.duration * sum(self.motion.rate(each) for each in distances)
 
     def simulated(self, target: Target, run: Run) -> _Phase:
         """The phase with its curve of risk."""

@@ -31,7 +31,7 @@ from stochvi.isolators.sizing.hits_at_clearance import ClearanceTrial, Hits
 from stochvi.isolators.sizing.pairs import size_pairs
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.question import Question
-from stochvi.isolators.sizing.risk_curve import RiskCurve
+from stochvi.isolators.sizing.risk_curve import RiskCurve, clearances_of_curve
 from stochvi.isolators.sizing.targets import check_laws, limit_of_pairs, widening
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator, modulated
@@ -58,9 +58,8 @@ class SearchSettings:
 
     Parameters
     ----------
-    lowest_sigma, sigma_step
-        The first clearance of the curve and the distance to the next, in standard deviations of the
-        linear displacement.
+    lowest_sigma
+        The first clearance of the curve, in standard deviations of the linear displacement.
     required
         Probabilities of any impact in the mission whose clearances every answer lists.
     most_clearances
@@ -115,7 +114,6 @@ class SearchSettings:
     """
 
     lowest_sigma: float = 1.0
-    sigma_step: float = 0.25
     required: tuple[float, ...] = (0.1, 0.01, 0.001)
     most_clearances: int = 24
     rough_looks: int = 6
@@ -198,16 +196,15 @@ def risk_curve(
     """Probability of any impact against clearance, from 1 sigma to a clearance that is more than
     the target needs; the stops lie uneven where the static equilibrium is shifted, m, and the
     clearance is that of the nearer one."""
-    motion = free_motion(one_gap(model_of(scene)))
-    (s_x,), (s_v,) = motion.deviations(np.eye(1))
+    free = free_motion(one_gap(model_of(scene)), with_sines=True)
+    (motion,) = free.moving_means(np.eye(1))
     chances = [*SEARCH.required, target.exceedance or 1.0]
     if target.name == "probability":
         chances.append(target.value)
-    crossings = s_v / s_x / math.pi * max(mission, 2.0 * math.pi * s_x / s_v)
-    highest = math.sqrt(2.0 * math.log(10.0 * crossings / min(chances)))
-    levels = s_x * np.arange(
-        SEARCH.lowest_sigma, highest + 2.0 * SEARCH.sigma_step, SEARCH.sigma_step
-    )
+    # the clearance at which both stops are crossed so seldom in a mission, or in a cycle
+    exposed = max(mission, 1.0 / motion.rate(0.0))
+    highest = motion.distance_of(min(chances) / (20.0 * exposed))
+    levels = clearances_of_curve(motion, SEARCH.lowest_sigma * motion.deviations[0], highest)
     pair = scene.impact_pairs[0] if scene.impact_pairs else None
     one_sided = pair is not None and (pair.lower is None or pair.upper is None)
     farther = levels + 2.0 * abs(shift)
@@ -381,7 +378,7 @@ class _Job:
         place = self._first_guess(wanted)
         above: tuple[float, float] | None = None
         below: tuple[float, float] | None = None
-        slope = -1.0 / (2.0 * self.sigma**2)
+        slope = self.curve.slope(place)
         nearest: tuple[float, Estimate, float] | None = None
         for attempt in range(SEARCH.most_clearances):
             if attempt and self.late.passed():
@@ -471,7 +468,7 @@ class _Job:
             share = above[1] / (above[1] - below[1])
             # not too near an end, which would move the other one too slowly
             return above[0] + min(max(share, 0.1), 0.9) * (below[0] - above[0])
-        step = 2.0 * self.sigma**2 * max(min(last[1], 8.0), -8.0)
+        step = -max(min(last[1], 8.0), -8.0) / self.curve.slope(math.sqrt(last[0]))
         return max(last[0] + step, self._least**2)
 
     @cached_property
@@ -574,9 +571,7 @@ class _Job:
         below the clearance at which any impact has the accepted probability."""
         if self.target.exceedance is not None:
             return max(0.9 * self.curve.clearance(self.target.exceedance).value, self._least)
-        crossings = self.curve.crossings
-        zero = crossings.rice_rate[0] * math.exp(0.5 * (self.curve.clearances[0] / self.sigma) ** 2)
-        return self.sigma * math.sqrt(2.0 * math.log(max(zero / wanted, 1.2)))
+        return self.curve.place_of_rice(min(wanted, self.curve.rice_rate(0.0) / 1.2))
 
     def _hit_rate(self, clearance: float, rel_error: float) -> Estimate:
         found = self.hits.at(clearance, rel_error).hit_rate

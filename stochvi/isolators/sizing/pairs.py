@@ -26,7 +26,7 @@ from stochvi.isolators.sizing.box_overview import box_overview
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
 from stochvi.isolators.sizing.question import Question
-from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
+from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve, clearances_of_curve
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.model.cautions import scene_notes
@@ -59,8 +59,8 @@ if TYPE_CHECKING:
 REQUIRED = (0.1, 0.01, 0.001)
 """Probabilities of any impact in the mission whose clearances every answer lists."""
 
-LOWEST_SIGMA, SIGMA_STEP = 1.0, 0.25
-"""Smallest clearance of the curve of a pair and distance to the next, in standard deviations."""
+LOWEST_SIGMA = 1.0
+"""Smallest clearance of the curve of a pair, in standard deviations."""
 
 CLUSTERED = 1e3
 """Largest number of crossings per first impact for which the curve of a pair leaves room."""
@@ -368,12 +368,12 @@ class _PairsJob:
         """The probability that a pair is hit, if it alone had stops, against their distance."""
         step = 0.4 / len(self.sized)
         self._stage(step * number, step * (number + 1), self.names[k])
-        sigma, speed = self.sigma[k], self.speed[k]
-        crossings = speed / sigma / math.pi * max(self.mission, 2.0 * math.pi * sigma / speed)
+        motion = self.motion.motions[k]
+        # rates of one stop of two at which the pair is crossed so often in a mission, or in a cycle
+        exposed = 2.0 * max(self.mission, 1.0 / motion.rate(0.0))
         most, least = CLUSTERED * ROOM * float(self._hazards[-1]), 0.1 * self._least_risk
-        lowest = math.sqrt(2.0 * math.log(max(crossings / most, 1.0)))
-        highest = math.sqrt(2.0 * math.log(crossings / least)) + 2.0 * SIGMA_STEP
-        levels = sigma * np.arange(max(lowest, LOWEST_SIGMA), highest, SIGMA_STEP)
+        lowest, highest = (motion.distance_of(each / exposed) for each in (most, least))
+        levels = clearances_of_curve(motion, max(lowest, LOWEST_SIGMA * self.sigma[k]), highest)
         rows = np.full((len(levels), *self.own.shape), math.inf)
         for side in np.flatnonzero(np.isfinite(self.own[:, k])):
             rows[:, side, k] = levels

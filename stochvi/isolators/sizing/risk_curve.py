@@ -14,6 +14,7 @@ from scipy.optimize import brentq
 
 from stochvi.isolators.sizing.answer import Clearance
 from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.moving_means import MovingMean
 from stochvi.results.estimates import Estimate
 from stochvi.statistics.crossing_ages import FirstCrossings, largest_error
 
@@ -34,6 +35,17 @@ probabilities; for more, it is read from the rate of first impacts."""
 LIKELY = 0.5
 """Probability of an impact above which the rate of first impacts may give its error, if that is
 smaller."""
+
+
+SIGMA_STEP, MOST_LEVELS = 0.25, 64
+"""Distance from one clearance of a curve to the next, in standard deviations of the noise, and the
+largest number of clearances, to which it gives way where sines are much larger than the noise."""
+
+
+def clearances_of_curve(motion: MovingMean, lowest: float, highest: float) -> Vector:
+    """The clearances of a curve of risk, m, from the lowest one to beyond the highest one."""
+    step = max(SIGMA_STEP * motion.place, (highest - lowest) / MOST_LEVELS)
+    return np.arange(lowest / step, highest / step + 2.0) * step
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -146,9 +158,21 @@ class RiskCurve:
 
     def rice_rate(self, clearance: float) -> float:
         """Rice's rate of crossings of all stops, 1/s."""
-        rate = self.crossings.rice_rate[0]
-        levels = np.array([self.clearances[0], clearance]) / self.crossings.displacement_std
-        return float(rate * math.exp(0.5 * (levels[0] ** 2 - levels[1] ** 2)))
+        first = self.crossings.upcrossings(float(self.clearances[0]))
+        ratio = self.crossings.upcrossings(clearance) / first
+        return float(self.crossings.rice_rate[0]) * ratio
+
+    def place_of_rice(self, rate: float) -> float:
+        """The clearance at which Rice's rate of all stops is so many times a second."""
+        first = self.crossings.upcrossings(float(self.clearances[0]))
+        return self.crossings.distance_of(rate * first / float(self.crossings.rice_rate[0]))
+
+    def slope(self, clearance: float) -> float:
+        """Slope of the logarithm of Rice's rate over the square of the clearance, 1/m^2; it is the
+        same at all clearances where there is noise alone."""
+        near, far = clearance, clearance * (1.0 + 1e-3)
+        change = math.log(self.crossings.upcrossings(far) / self.crossings.upcrossings(near))
+        return change / (far**2 - near**2)
 
     def _logarithms(self) -> tuple[NDArray[np.bool_], Vector, Vector]:
         """Levels with a probability between 0 and 1, ln(-ln(1 - P)) there, and its 95 % half

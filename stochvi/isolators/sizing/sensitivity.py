@@ -126,7 +126,9 @@ def sensitivity(sizing: Sizing | PairsSizing, **options: Unpack[AccuracyOptions]
     curve = again.curves.get(UNCHANGED)
     if isinstance(sizing, PairsSizing) or sizing.target.name != "probability":
         curve = None
-    if isinstance(sizing, Sizing) and curve and not run.deadline.passed():
+    # beside sines an input that is not Gaussian has no curve of its own
+    noise_alone = not model_of(sizing.scene).sines
+    if isinstance(sizing, Sizing) and curve and noise_alone and not run.deadline.passed():
         rows += _not_gaussian(sizing, curve, run.seed, run.deadline)
     if run.deadline.interrupted:
         raise run.deadline.fell_short("before all rows were known", "", pd.DataFrame(rows))

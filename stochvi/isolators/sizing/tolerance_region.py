@@ -29,6 +29,7 @@ from stochvi.isolators.sizing.changes import (
     worded,
 )
 from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.mathematics.moving_means import MovingMean
 from stochvi.mathematics.units import power_ratio
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model, model_of
@@ -64,22 +65,27 @@ class Gaps(NamedTuple):
     """rms (m), crossings of the mean per second and mean (m) of every gap, (pairs,) each.
 
     A scene without pairs has one gap, that of its only coordinate. `frequency` is the factor on
-    the natural frequencies.
+    the natural frequencies. `beside_sines` holds noise and sines of each, None without sines.
     """
 
     sigma: Vector
     rate: Vector
     mean: Vector
     frequency: float = 1.0
+    beside_sines: tuple[MovingMean, ...] | None = None
 
     @classmethod
     def of(cls, model: Model, gain: float = 1.0, frequency: float = 1.0) -> Gaps:
-        """The gaps of a structure whose noise is larger by a factor."""
+        """The gaps of a structure whose noise and sines are larger by a factor."""
         directions = np.array([pair.direction for pair in model.pairs] or [np.ones(1)])
-        sigma, speed = free_motion(model).deviations(directions)
+        motions = tuple(
+            each.louder(gain)
+            for each in free_motion(model, with_sines=True).moving_means(directions)
+        )
+        sigma, speed = np.array([each.deviations for each in motions]).T
         rate = np.divide(speed, 2.0 * math.pi * sigma, out=np.zeros_like(speed), where=sigma > 0.0)
         mean = directions @ model.modal.shapes @ model.modal.rest
-        return cls(gain * sigma, rate, mean, frequency)
+        return cls(sigma, rate, mean, frequency, motions if model.sines else None)
 
     @property
     def speed(self) -> Vector:
@@ -114,6 +120,15 @@ class SameRisk:
         before, distance = self.nominal, self.stops.min(axis=0)
         shift = changed.mean - before.mean
         sides = np.where(np.isfinite(self.stops), [-shift, shift], -math.inf).max(axis=0)
+        if before.beside_sines is not None and changed.beside_sines is not None:
+            share = self.harm ** (1.0 - (before.speed / changed.speed) ** 2)
+            again = [
+                new.distance_of(old.rate(float(away)) * float(part))
+                for old, new, away, part in zip(
+                    before.beside_sines, changed.beside_sines, distance, share, strict=True
+                )
+            ]
+            return np.asarray(np.maximum(np.array(again) + sides, 0.0))
         moved = np.where(before.sigma > 0.0, before.sigma, math.inf)
         rates, speeds = (
             np.maximum(new, NEVER_CROSSED) / np.maximum(old, NEVER_CROSSED)

@@ -1,4 +1,4 @@
-"""Motion of the gaps of a linear structure under Gaussian noise, without impacts.
+"""Motion of the gaps of a linear structure under Gaussian noise, without impacts and sines.
 
 The response is a sum over bins of frequency, as in `modal_tables`; white and filtered noise become
 tables, so that all of it is synthesised, and no step is taken.
@@ -157,7 +157,7 @@ def plan_gaps(model: Model, directions: Matrix) -> GapResponse:
         too far apart.
     """
     modes = model.modal._replace(gaps=directions @ model.modal.shapes)
-    law = free_motion(model).law
+    law = free_motion(model, with_sines=True).law
     n = modes.size
     moving = law.covariance[n : 2 * n, n : 2 * n]
     velocities = np.einsum("gm,mk,gk->g", modes.gaps, moving, modes.gaps)
@@ -196,12 +196,12 @@ def plan_gaps(model: Model, directions: Matrix) -> GapResponse:
 
 def with_tables(model: Model) -> Model:
     """The model with every noise as a density: white noise up to where hardly any of its velocity
-    variance is left, filtered noise as far as its filter lets it."""
+    variance is left, filtered noise as far as its filter lets it. Sines stay."""
     modes = model.modal
     tables = list(model.tables)
     natural = np.sqrt(modes.squares[modes.squares > 0.0])
     slowest, fastest = float(np.min(natural)), float(np.max(natural))
-    for signal in model.signals:
+    for signal in model.without_sines().signals:
         tables.append((_filtered(signal, slowest), signal.direction))
     widest = float(np.max(np.diag(modes.damping)))
     highest = max(
@@ -213,7 +213,7 @@ def with_tables(model: Model) -> Model:
             density=np.full(2, density_from_intensity(intensity)),
         )
         tables.append((flat, direction))
-    return replace(model, whites=(), signals=(), tables=tuple(tables))
+    return replace(model, whites=(), signals=model.sines, tables=tuple(tables))
 
 
 def shaken_by_tables(model: Model) -> Model:

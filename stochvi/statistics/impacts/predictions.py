@@ -9,11 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.special import ndtr
 
-from stochvi.mathematics.impact_rates import rice_rate
+from stochvi.mathematics.moving_means import MovingMean
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.free_motion import free_motion
 from stochvi.model.modal import linear_law
 from stochvi.model.model import Model, Pair
+from stochvi.results.errors import NotApplicable
 
 CLUMPING = 1.2
 """Power of the bandwidth in E. H. Vanmarcke's rate (J. Appl. Mech. 42 (1975) 215)."""
@@ -24,19 +26,23 @@ NODES = 20_001
 
 class LinearGap(NamedTuple):
     """Stationary gap of a pair without stops: mean, deviations of it and of its rate; `bandwidth`
-    q = (1 - l1^2 / (l0 l2))^(1/2) of its spectrum, None where it is not computed."""
+    q = (1 - l1^2 / (l0 l2))^(1/2) of its spectrum, None where it is not computed; its noise and
+    sines, None without sines."""
 
     mean: float
     displacement_std: float
     velocity_std: float
     bandwidth: float | None
+    motion: MovingMean | None = None
 
 
 def linear_gap(model: Model, pair: Pair) -> LinearGap | None:
-    """None where noise and structure have no Gaussian stationary distribution, or a sine is in
-    it, or a spring or damper is a function."""
-    if model.sines or model.functions:
+    """None where noise and structure have no Gaussian stationary distribution, or a spring or a
+    damper is a function."""
+    if model.functions:
         return None
+    if model.sines:
+        return _beside_sines(model, pair)
     if not model.tables:
         modes = replace(model, pairs=(pair,)).modal
         law = linear_law(modes)
@@ -62,6 +68,18 @@ def linear_gap(model: Model, pair: Pair) -> LinearGap | None:
     return LinearGap(model.rest, math.sqrt(x2), math.sqrt(v2), bandwidth)
 
 
+def _beside_sines(model: Model, pair: Pair) -> LinearGap | None:
+    try:
+        free = free_motion(model, with_sines=True)
+    except NotApplicable:
+        return None
+    (motion,) = free.moving_means(pair.direction[None])
+    if not motion.place:
+        return None
+    mean = float(pair.direction @ model.modal.shapes @ model.modal.rest)
+    return LinearGap(mean, *motion.deviations, None, motion)
+
+
 def _white_bandwidth(model: Model) -> float | None:
     """q of an oscillator under white noise, in closed form below critical damping."""
     zeta = model.damping_rate / (2.0 * model.omega) if model.omega else math.inf
@@ -83,10 +101,8 @@ def _first_moment(table: Table, omega: float, damping_rate: float) -> float:
 def rice_rates(gap: LinearGap, pair: Pair) -> dict[str, float]:
     """Rice's rate of crossings of each stop, 1/s, as if impacts changed nothing, and their sum
     under "both"."""
-    found = {
-        stop.name: rice_rate(stop.position - gap.mean, gap.displacement_std, gap.velocity_std)
-        for stop in pair.stops
-    }
+    motion = gap.motion or MovingMean.still(gap.displacement_std, gap.velocity_std)
+    found = {stop.name: motion.rate(stop.side * (stop.position - gap.mean)) for stop in pair.stops}
     return found | {"both": sum(found.values())}
 
 

@@ -19,8 +19,8 @@ from dataclasses import replace
 from typing import Unpack
 
 import numpy as np
-from scipy.special import ndtr
 
+from stochvi.mathematics.moving_means import MovingMean
 from stochvi.methods.monte_carlo.missions import (
     MissionPlan,
     Start,
@@ -87,9 +87,9 @@ def reliability(
     ----------
     scene
         One oscillator: under white noise with any rigid stops, or compliant stops; under any
-        Gaussian noise with stops, from a stationary start. Or a linear structure of several
-        coordinates or pairs under Gaussian noise, from that start. It may have phases, which are
-        then those of the mission.
+        Gaussian noise and sines beside it, with stops, from a stationary start. Or a linear
+        structure of several coordinates or pairs under the same, from that start. It may have
+        phases, which are then those of the mission.
     mission
         Duration, s; left out where the scene has phases.
     barrier
@@ -483,7 +483,7 @@ def _outside(model: Model, ends: Ends) -> str:
 
 def _is_coloured(scene: Scene, model: Model, start: str, way: str | None) -> bool:
     """Whether the noise has a memory of its own; raises for what no way covers."""
-    unmet = beyond_one_oscillator(model, with_filters=True)
+    unmet = beyond_one_oscillator(model, with_filters=True, with_sines=True)
     if unmet:
         raise NotApplicable("reliability", unmet)
     if unmet := without_noise(model):
@@ -532,11 +532,12 @@ def _beyond_at_the_start(
     if start == "rest" or chance is None:
         return []
     if coloured:
-        std = float(free_motion(model).deviations(np.eye(1))[0][0])
+        (motion,) = free_motion(model, with_sines=True).moving_means(np.eye(1))
     else:
         std = math.sqrt(model.intensity / (2.0 * model.damping_rate)) / model.omega
+        motion = MovingMean.still(std, model.omega * std)
     outside = sum(
-        float(ndtr(-side * (end - model.rest) / std))
+        motion.beyond(side * (end - model.rest))
         for side, end in zip((-1.0, 1.0), ends, strict=True)
         if end is not None
     )

@@ -17,10 +17,8 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
-from scipy.special import ndtr
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
@@ -104,25 +102,25 @@ def _idle(scenes: Mapping[str, Scene], durations: Mapping[str, float]) -> dict[s
 
 
 def _most_hits(scene: Scene, duration: float) -> float | None:
-    """A bound of the probability of a first impact of Gaussian motion; None where it is unknown.
+    """A bound of the probability of a first impact of linear motion; None where it is unknown.
 
     It is Rice's number of crossings of all stops in the duration, and the probability to start
     beyond one."""
     model = model_of(scene)
     try:
-        motion = free_motion(model)
+        motion = free_motion(model, with_sines=True)
     except NotApplicable:
         return None
     rows = np.array([pair.direction for pair in model.pairs]).reshape(len(model.pairs), -1)
     means = rows @ motion.modes.shapes @ (motion.modes.rest + motion.law.mean)
     total = 0.0
-    for pair, mean, sigma, speed in zip(model.pairs, means, *motion.deviations(rows), strict=True):
+    for pair, mean, gap in zip(model.pairs, means, motion.moving_means(rows), strict=True):
         for stop, side in ((pair.lower, -1.0), (pair.upper, 1.0)):
-            if stop is None or not sigma > 0.0:
+            if stop is None or not gap.place > 0.0:
                 continue
             away = side * (stop.position - mean)
-            crossings = rice_rate(max(away, 0.0), sigma, speed) * duration
-            total += crossings + float(ndtr(-away / sigma))
+            crossings = gap.rate(max(away, 0.0)) * duration
+            total += crossings + gap.beyond(away)
     return max(total, LEAST) if model.pairs else None
 
 

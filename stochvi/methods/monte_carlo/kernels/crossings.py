@@ -11,16 +11,42 @@ x_c(0) and x_c'(0), z_j(t) = x_j(t) - x_c(0) rho_j(t) - x_c'(0) eta_j(t). Betwee
 is the cubic through values and slopes. A crossing of a lower stop is that of an upper one by the
 process with the opposite sign, which has the same law: its stops change sides.
 
+Beside sines a gap is y_j + m_j, where m_j is the sum of its sines. The noise alone then crosses the
+level u - m_c with the slope p - m_c', each at the phases of the crossing
+(`mathematics.moving_means`).
+
 Symbols: shape holds rho, rho', eta, eta' at 0, -span, -2 span, ...
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from stochvi.engine.compiling import kernel
 from stochvi.methods.monte_carlo.kernels.compliant_response import cubic_maximum
 
 TIE = 1e-9
 """Relative distance from a stop up to which two gaps reach their stops at the same time."""
+
+
+class SinesAtCrossings(NamedTuple):
+    """Sines beside the noise, and what they make of crossings.
+
+    Parameters
+    ----------
+    omega : (sines,), rad/s.
+    real, imaginary : (gaps, sines), complex amplitudes of each gap.
+    places, slopes : (levels, paths, starts), level and slope of the noise alone.
+    phases : (levels, paths, starts, sines), at the crossing.
+    """
+
+    omega: NDArray[np.float64]
+    real: NDArray[np.float64]
+    imaginary: NDArray[np.float64]
+    places: NDArray[np.float64]
+    slopes: NDArray[np.float64]
+    phases: NDArray[np.float64]
 
 
 @kernel
@@ -68,8 +94,35 @@ def last_exceedance(x, v, shape, u, span, stride, near, far, crosses, most):
 
 
 @kernel
+def look_back(record, start, away, change, shape, stride, x, v):
+    """Fill `x` and `v` (gaps, n + 1) with x_j + away rho_j + change eta_j and its slope, at the
+    samples before a crossing."""
+    for k in range(0, shape.shape[1], stride):
+        sample = (start - k) % record.shape[0]
+        for j in range(shape.shape[0]):
+            row = shape[j, k]
+            x[j, k] = record[sample, 2 * j] + away * row[0] + change * row[2]
+            v[j, k] = record[sample, 2 * j + 1] + away * row[1] + change * row[3]
+
+
+@kernel
+def add_sines(sines, phases, span, stride, x, v):
+    """Add the sines of all gaps to `x` and `v` (gaps, n + 1), at the samples before a crossing at
+    which they have these phases."""
+    for s in range(sines.omega.shape[0]):
+        omega = sines.omega[s]
+        for k in range(0, x.shape[1], stride):
+            phase = phases[s] - omega * span * k
+            c, d = np.cos(phase), np.sin(phase)
+            for j in range(x.shape[0]):
+                a, b = sines.real[j, s], sines.imaginary[j, s]
+                x[j, k] += a * c - b * d
+                v[j, k] -= omega * (a * d + b * c)
+
+
+@kernel
 def outcrossing_ages(
-    records, starts, slopes, shape, crossing, span, stride, near, far, ages
+    records, starts, slopes, shape, crossing, span, stride, near, far, sines, ages
 ):  # fmt: skip
     """Time in s from the end of the last exceedance of any stop to an outcrossing of near[:, c].
 
@@ -78,31 +131,33 @@ def outcrossing_ages(
     records : (paths, samples, 2 gaps), each x_j followed by x_j', of stationary records that are
         periodic in time.
     starts : (starts,), the samples at which the outcrossings are placed.
-    slopes : (paths, starts), slopes p > 0 of the crossings.
+    slopes : (paths, starts), slopes p > 0 of the crossings; of no use beside sines.
     shape : (gaps, n + 1, 4), as above; `stride` divides n.
     crossing : number c of the gap that crosses its stop.
     span, stride : sampling interval in s, and number of intervals that one cubic spans.
     near, far : (levels, gaps), distances of the stops on the side that is crossed and on the other
         one; infinite for none.
+    sines : None, or `SinesAtCrossings`.
     ages : (levels, paths, starts), replaced; n span where there was no exceedance, 0 where another
         gap is beyond a stop at the crossing, or where the gap that crosses has no such stop.
     """
-    samples, gaps, count = records.shape[1], shape.shape[0], shape.shape[1] - 1
+    gaps, count = shape.shape[0], shape.shape[1] - 1
     x, v = np.empty((gaps, count + 1)), np.empty((gaps, count + 1))
     for path in range(records.shape[0]):
         for i in range(starts.shape[0]):
-            record = records[path]
-            away = -record[starts[i], 2 * crossing]
-            change = slopes[path, i] - record[starts[i], 2 * crossing + 1]
-            for k in range(0, count + 1, stride):
-                sample = (starts[i] - k) % samples
-                for j in range(gaps):
-                    row = shape[j, k]
-                    x[j, k] = record[sample, 2 * j] + away * row[0] + change * row[2]
-                    v[j, k] = record[sample, 2 * j + 1] + away * row[1] + change * row[3]
+            record, start = records[path], starts[i]
+            if sines is None:
+                change = slopes[path, i] - record[start, 2 * crossing + 1]
+                look_back(record, start, -record[start, 2 * crossing], change, shape, stride, x, v)
             for level in range(near.shape[0]):
                 u = near[level, crossing]
                 found = np.isinf(u)
+                if sines is not None and not found:
+                    away = sines.places[level, path, i] - record[start, 2 * crossing]
+                    change = sines.slopes[level, path, i] - record[start, 2 * crossing + 1]
+                    look_back(record, start, away, change, shape, stride, x, v)
+                    add_sines(sines, sines.phases[level, path, i], span, stride, x, v)
+                    u = 0.0
                 for j in range(gaps):
                     if j != crossing and not found:
                         here = x[j, 0] + u * shape[j, 0, 0]
