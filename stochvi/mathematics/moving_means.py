@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 from scipy.special import ndtr
-from scipy.stats import qmc
 
 from stochvi.mathematics.arrays import Matrix, Vector, Waves
 from stochvi.mathematics.impact_rates import rice_rate
@@ -70,6 +69,8 @@ def even_phases(sines: int, count: int = PHASES) -> Matrix:
     """(count, sines): phases that fill the torus evenly, the first sine's rising."""
     if not sines:
         return np.zeros((1, 0))
+    from scipy.stats import qmc
+
     net = qmc.Sobol(sines, scramble=False).random_base2(round(math.log2(count)))
     return np.asarray(2.0 * math.pi * net[np.argsort(net[:, 0], kind="stable")])
 

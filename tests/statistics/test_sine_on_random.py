@@ -439,6 +439,7 @@ def test_a_screening_holds_the_sines() -> None:
     gap = screen(case.scene(3.0)).impact_pairs["stops"]
     assert gap.displacement_std == pytest.approx(math.sqrt(1.0 + 0.32), rel=1e-9)
     assert gap.velocity_std == pytest.approx(math.sqrt(1.0 + 0.32 * 0.36), rel=1e-9)
+    assert gap.sines == screen(case.scene(3.0)).only.sines
     ((hertz, amplitude),) = gap.sines
     assert (hertz * 2.0 * math.pi, amplitude) == pytest.approx((0.6, 0.8))
     rates = impacts(case.scene(3.0), rel_error=0.2, seed=1).pairs["stops"].rice_rates

@@ -39,7 +39,7 @@ smaller."""
 
 SIGMA_STEP, MOST_LEVELS = 0.25, 64
 """Distance from one clearance of a curve to the next, in standard deviations of the noise, and the
-largest number of clearances, to which it gives way where sines are much larger than the noise."""
+largest number of clearances; the distance grows where sines are much larger than the noise."""
 
 
 def clearances_of_curve(motion: MovingMean, lowest: float, highest: float) -> Vector:
