@@ -30,6 +30,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.methods.monte_carlo.history_plans import plan_histories
 from stochvi.methods.monte_carlo.kernels.equipment import STACK, count_turn, open_cycles
+from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.scenes.datasets import profiles
 from stochvi.statistics.accelerations import accelerations
@@ -557,22 +558,78 @@ def test_a_year_of_rare_hits_is_found_by_bursts() -> None:
     assert largest > 2.0 * without
 
 
+def pulse_damage(stiffness: float, frequency: float, exponent: float, speed: float = 1.0) -> float:
+    """Damage of one contact of 1 kg with a viscoelastic stop (damping ratio 0.2), by plain steps:
+    the mass, the equipment (Q 10) and its cycles."""
+    contact, w = math.sqrt(stiffness), 2.0 * math.pi * frequency
+    step = 1.0 / (200.0 * max(frequency, contact / (2.0 * math.pi)))
+    x, v, z, u, touching, signal = 0.0, speed, 0.0, 0.0, True, [0.0]
+    for n in range(int((80.0 / w + 4.0 / contact) / step)):
+        push = -(contact**2) * x - 0.4 * contact * v
+        touching = touching and (n == 0 or push <= 0.0)
+        a = push if touching else 0.0
+        v += step * a
+        x += step * v
+        u += step * (-a - w / 10.0 * u - w * w * z)
+        z += step * u
+        signal.append(w * z)
+    return counted(turns_of(np.array(signal)), exponent)[1]
+
+
+STIFFER = 10.0
+
+
+def test_a_pulse_of_a_stop_ten_times_as_stiff_is_as_much_faster_as_its_root() -> None:
+    """Pseudo-velocity over impact speed depends on f / f_c alone, f_c = (k / m)^(1/2) / (2 pi).
+
+    Slow equipment sees the change of velocity, whatever the stiffness. Fast equipment follows the
+    pulse, w z = a / w with a in proportion to k^(1/2), so that the damage grows with k^(b/2)."""
+    same = pulse_damage(1e5, 40.0, 6.0), pulse_damage(STIFFER * 1e5, 40.0 * STIFFER**0.5, 6.0)
+    assert same[1] == pytest.approx(same[0], rel=1e-9)
+    slow, fast = (
+        pulse_damage(STIFFER * 1e4, f, 3.0) / pulse_damage(1e4, f, 3.0) for f in (0.5, 4000.0)
+    )
+    assert slow == pytest.approx(1.0, abs=0.2)
+    assert math.log10(fast) == pytest.approx(1.5, abs=0.1)
+    # damage goes with the power of the speed
+    assert pulse_damage(1e5, 40.0, 6.0, 2.0) == pytest.approx(64.0 * same[0], rel=1e-9)
+
+
 @pytest.mark.verify
-def test_a_stiffer_stop_shakes_fast_equipment_more() -> None:
-    """Ten times the stiffness: peaks of stiff equipment grow by about the root, those of soft
-    equipment, which sees the impulse alone, hardly."""
-    soft, hard = (
-        damage(
-            between(Viscoelastic(stiffness=stiffness, damping_ratio=0.2), 6e-3), mission=3600.0,
-            equipment=[25.0, 100.0, 1000.0, 2000.0], rel_error=0.15, budget=400.0, seed=4,
-        )
-        for stiffness in (5.7e4, 5.7e5)
-    )  # fmt: skip
-    growth = hard.with_stops.extreme_response.value / soft.with_stops.extreme_response.value
-    assert 0.6 < growth[0] < 1.6
-    assert 2.0 < growth[-1] < 5.0
-    worse = hard.with_stops.fatigue_damage.value / soft.with_stops.fatigue_damage.value
-    assert worse[2] > 100.0 * worse[0]
+def test_a_stop_ten_times_as_stiff_does_the_same_to_equipment_root_ten_times_as_fast() -> None:
+    """What hits add to the damage at (f, k) they add at (10^(1/2) f, 10 k), as of one pulse; at one
+    frequency it grows as that of one pulse.
+
+    The mount pulls as well while the stop is touched: its share of the force, 4 pi^2 f_0^2 c over
+    the mean of w (k / m)^(1/2), b times, is the bias.
+    """
+    exponent, clearance, stiffness = 3.0, 8e-3, (5.7e6, STIFFER * 5.7e6)
+    frequencies = [200.0, 200.0 * STIFFER**0.5, 200.0 * STIFFER]
+    added = []
+    for each in stiffness:
+        found = damage(
+            between(Viscoelastic(stiffness=each, damping_ratio=0.2), clearance), mission=3600.0,
+            equipment=frequencies, exponent=exponent, rel_error=0.1, budget=None, seed=4,
+        )  # fmt: skip
+        assert found.without_stops is not None and found.way == "clusters"
+        wear, alone = (e.fatigue_damage for e in (found.with_stops, found.without_stops))
+        added.append((wear.value - alone.value, wear.standard_error / (wear.value - alone.value)))
+    speed = float(free_motion(model_of(FREE)).deviations(np.eye(1))[1][0])
+    share = (24.0 * math.pi) ** 2 * clearance / (1.25 * speed * math.sqrt(stiffness[0]))
+
+    def log_ratio(hard: int, soft: int) -> Estimate:
+        value = math.log(added[1][0][hard] / added[0][0][soft])
+        error = math.hypot(added[1][1][hard], added[0][1][soft])
+        return Estimate(value=value, standard_error=error, bias=exponent * share)
+
+    for k in (0, 1):
+        assert_agrees(log_ratio(k + 1, k), 0.0)
+        one, ten = (pulse_damage(each, frequencies[k], exponent) for each in stiffness)
+        assert_agrees(log_ratio(k, k), math.log(ten / one))
+    # the control: equipment that is as fast at both, or ten times as fast, goes through another
+    for hard, soft in ((1, 1), (2, 0)):
+        with pytest.raises(AssertionError):
+            assert_agrees(log_ratio(hard, soft), 0.0)
 
 
 def test_a_sine_on_random_has_a_ratio_by_simulation() -> None:
