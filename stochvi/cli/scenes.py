@@ -61,6 +61,7 @@ law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law whe
 # area = 4e-4 (m^2) and thickness = 0.01 (m)), { kind = "hertz",
 # coefficient = 1e6 }, { kind = "table", deflection = [..], force = [..] } (m, N), or a measured
 # one: { kind = "table", file = "bumper.csv", unit = "mm,N" }
+# a restitution may have friction = 0.2 if the pair has tangent = "y", the motion along its stops
 # on = "absorber", or between = ["absorber", "box"] (first minus second), or weights = { box = 1.0 }
 
 [[excitation]]

@@ -27,6 +27,7 @@ from stochvi.engine.contacts import (
     integrate_contacts,
     make_contacts,
 )
+from stochvi.engine.friction import rub_along, rub_at_rest
 from stochvi.engine.impact_log import log_impact
 from stochvi.engine.law_calls import margin_of, mean_rebound_of, rebound_of
 from stochvi.engine.pushes import (
@@ -262,6 +263,7 @@ def keep_between_stops(gaps, change, stops, laws, responses, tally):
                 if side * (gaps[Y1, j] - stop) > 0.0 and stops.rigid[j, which]:
                     taken = put_on_stop(j, stop, side, gaps, change, responses)
                     add_rest(tally, taken, stops, laws, j, which)
+                    rub_at_rest(j, which, taken, stops, gaps, change, responses, tally)
                     gaps[Y1, j] = stop
                     moved = True
         if not moved:
@@ -305,7 +307,14 @@ def until_contact(step, span, impacts, stops, laws, responses, followed, work, t
             return pair, upper, span, impacts
         uniform = uniform_of(tally.word, impacts)
         rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
-        add_impulse(pair, -side * (w + rebound), span, responses, followed, work)
+        push, rubbed, tangent = w + rebound, 0.0, stops.tangents[pair]
+        if tangent >= 0:
+            rebound, push, rubbed = rub_along(
+                pair, upper, w, rebound, gaps[V0, tangent], stops, responses, tally
+            )  # fmt: skip
+        add_impulse(pair, -side * push, span, responses, followed, work)
+        if tangent >= 0:
+            add_impulse(tangent, rubbed, span, responses, followed, work)
         gaps[Y0, pair], gaps[V0, pair] = stop, -side * rebound
         pressing = side * gaps[A0, pair]
         rests = (pressing > 0.0) & (rebound <= RESTING * pressing * step)
@@ -313,6 +322,7 @@ def until_contact(step, span, impacts, stops, laws, responses, followed, work, t
             resting[pair, upper] = 1
             taken = put_on_stop(pair, stop, side, gaps, work.change, responses)
             add_rest(tally, taken, stops, laws, pair, upper)
+            rub_at_rest(pair, upper, taken, stops, gaps, work.change, responses, tally)
     return NO_PAIR, 0, 0.0, impacts
 
 

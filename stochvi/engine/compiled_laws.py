@@ -24,6 +24,10 @@ class Stops(NamedTuple):
     order, ranks : (2 pairs,), the stops, 2 j + 1 for the upper one of the pair j, sorted by the
         classes of their laws; and the place of each in that order.
     thresholds : (pairs,), m/s, speed of the slowest impact that is counted.
+    tangents : (pairs,), the pair without stops whose gap is the motion along those of this pair,
+        below 0 where nothing rubs.
+    ratios : (pairs,), reduced mass of the pair over that of its tangent.
+    frictions : (pairs, 2), coefficient of friction of each stop.
     """
 
     places: NDArray[np.float64]
@@ -35,6 +39,9 @@ class Stops(NamedTuple):
     order: NDArray[np.int64]
     ranks: NDArray[np.int64]
     thresholds: NDArray[np.float64]
+    tangents: NDArray[np.int64]
+    ratios: NDArray[np.float64]
+    frictions: NDArray[np.float64]
 
 
 _COMPILED: dict[type, tuple[Any, ...]] = {}
@@ -81,11 +88,14 @@ def row_of_numbers(law: Any) -> NDArray[np.float64]:
 
 
 def stops_of(
-    places: NDArray[np.float64], thresholds: NDArray[np.float64], laws: dict[tuple[int, int], Any]
-) -> tuple[Stops, list[Any]]:
+    places: NDArray[np.float64], thresholds: NDArray[np.float64],
+    laws: dict[tuple[int, int], Any], tangents: NDArray[np.int64] | None = None,
+    ratios: NDArray[np.float64] | None = None, frictions: NDArray[np.float64] | None = None,
+) -> tuple[Stops, list[Any]]:  # fmt: skip
     """The stops of all pairs, and a law of each class, for `functions_of`.
 
-    `laws` holds the law of each stop by its pair and 0 for the lower, 1 for the upper stop.
+    `laws` holds the law of each stop by its pair and 0 for the lower, 1 for the upper stop; the
+    other arrays are those of `Stops`, and left out where nothing rubs.
     """
     example = {type(law): law for law in laws.values()}
     classes = sorted(example, key=lambda kind: kind.__qualname__)
@@ -101,6 +111,9 @@ def stops_of(
         rigid[at], lossy[at], smooth[at] = is_rigid(law), is_lossy(law), is_smooth(law)
     order = np.argsort(kinds.ravel(), kind="stable")
     stops = Stops(
-        places, kinds, rigid, lossy, smooth, numbers, order, np.argsort(order), thresholds
-    )
+        places, kinds, rigid, lossy, smooth, numbers, order, np.argsort(order), thresholds,
+        np.full(len(places), -1) if tangents is None else tangents,
+        np.ones(len(places)) if ratios is None else ratios,
+        np.zeros(places.shape) if frictions is None else frictions,
+    )  # fmt: skip
     return stops, [example[kind] for kind in classes]

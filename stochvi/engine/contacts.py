@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from stochvi.engine.bounces import MOST_BOUNCES, RESTING
 from stochvi.engine.compiling import kernel
+from stochvi.engine.friction import rub_along
 from stochvi.engine.impact_log import log_impact
 from stochvi.engine.law_calls import force_of, margin_of, rate_of, rebound_of
 from stochvi.engine.pushes import (
@@ -506,10 +507,19 @@ def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, t
     uniform = uniform_of(word, MOST_BOUNCES + contacts.struck[0])
     contacts.struck[0] += 1
     rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
-    change = -side * (w + rebound)
-    contacts.moments[pair, 0] += change
+    push, rubbed, tangent = w + rebound, 0.0, stops.tangents[pair]
+    if tangent >= 0:
+        u = gaps[V, tangent]
+        rebound, push, rubbed = rub_along(
+            pair, upper, w, rebound, u, stops, responses, tally
+        )  # fmt: skip
+        contacts.pushed[tangent] = 1
+        contacts.moments[tangent, 0] += rubbed
+    contacts.moments[pair, 0] -= side * push
     for j in range(gaps.shape[1]):
-        gaps[V, j] += change * responses.gaps[pair, j, 1, 0]
+        gaps[V, j] -= side * push * responses.gaps[pair, j, 1, 0]
+        if tangent >= 0:
+            gaps[V, j] += rubbed * responses.gaps[tangent, j, 1, 0]
     gaps[V, pair] = -side * rebound
     _, _, bend = gap_at(contacts.quintics, pair, t)
     pressing = side * (bend + memory(

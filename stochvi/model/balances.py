@@ -13,6 +13,7 @@ they read S0 / 2 = b E v^2 + ..., E v^2 = omega^2 Var x + ... At a compliant sto
 replaces mu (1 + R) F1, and the mean power that the stop takes replaces mu (1 - R^2) F2 / 2; the
 virial balance would also need E y F, y the deflection, and is left out. A spring or damper that is
 a function of y = d . q has the mean force, E y F and the mean power of what K and C leave out.
+Where stops rub, the energy balance has the power of friction, and the others are left out.
 Under coloured noise only the force balance holds as it stands; the energy balance gains E f v and
 the virial balance E f x.
 """
@@ -67,6 +68,9 @@ def residuals(
         deviation = _mean(moments[coordinate, "variance"]) ** 0.5
         name = "force" if len(mean) == 1 else f"force on {coordinate}"
         found[name] = sum(terms) / _scale(terms, model.stiffness[row, row] * deviation)
+    rubs = any(pair.tangent is not None for pair in model.pairs)
+    if rubs:  # mean impulses along stops, and of coupled impacts, are not added up
+        found.clear()
     if (
         model.tables
         or model.moves_stops
@@ -79,6 +83,11 @@ def residuals(
         "energy": [
             supply, -energies["dissipation"], *_losses(model, moments),
             *(-part.mass * moments[part.name, "work"] for part in model.functions),
+            *(
+                -pair.mass * moments[pair.name, "rubbing"]
+                for pair in model.pairs
+                if pair.tangent is not None
+            ),
         ],
         "virial": [
             energies["kinetic"],
@@ -93,7 +102,7 @@ def residuals(
             ),
         ],
     }  # fmt: skip
-    if model.not_rigid():
+    if model.not_rigid() or rubs:
         del balances["virial"]
     return {name: sum(terms) / _scale(terms) for name, terms in balances.items()} | found
 

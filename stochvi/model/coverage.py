@@ -13,7 +13,18 @@ from stochvi.scenes.modulated_force import ForceOfExcitation
 
 def functions(model: Model) -> list[str]:
     """A sentence for each function in a model, for methods that take numbers only."""
-    return nonlinear(model) + speed_restitutions(model)
+    return nonlinear(model) + speed_restitutions(model) + rubbing(model)
+
+
+def rubbing(model: Model) -> list[str]:
+    """A sentence for each stop that rubs, for methods without motion along stops."""
+    return [
+        f"law.friction must be 0, got {stop.law.friction_coefficient:g} at the {stop.name} stop of "
+        f"{pair.name}; simulate follows it"
+        for pair in model.pairs
+        for stop in pair.stops
+        if stop.law.friction_coefficient
+    ]
 
 
 def speed_restitutions(model: Model) -> list[str]:

@@ -141,6 +141,7 @@ class Pair:
     `mass` is the reduced mass 1 / (direction . M^-1 direction), kg. `relative` says whether the gap
     is a combination of coordinates: the difference of two, or the motion of a place of a body.
     `moved` holds the number of each signal that moves its stops, and by how much, m per unit.
+    `tangent` (n,) is the row of the motion along its stops, where they rub, else None.
     """
 
     name: str
@@ -149,6 +150,7 @@ class Pair:
     relative: bool
     stops: tuple[Stop, ...]
     moved: tuple[tuple[int, float], ...] = ()
+    tangent: Vector | None = None
 
     @property
     def lower(self) -> Stop | None:
@@ -945,7 +947,14 @@ def _seen_from(model: Model, references: list[int], motions: Matrix) -> Model:
         constants=tuple((strength, forces @ force) for strength, force in model.constants),
         signals=tuple(replace(each, direction=forces @ each.direction) for each in model.signals),
         tables=tuple((table, forces @ np.asarray(force)) for table, force in model.tables),
-        pairs=tuple(replace(pair, direction=pair.direction[kept]) for pair in model.pairs),
+        pairs=tuple(
+            replace(
+                pair,
+                direction=pair.direction[kept],
+                tangent=None if pair.tangent is None else pair.tangent[kept],
+            )
+            for pair in model.pairs
+        ),
         functions=tuple(
             replace(
                 part,
@@ -1052,6 +1061,7 @@ def _pair(scene: Scene, pair: ImpactPair, mass: Matrix) -> Pair:
         direction=direction,
         mass=float(1.0 / (direction @ np.linalg.solve(mass, direction))),
         relative=bool(np.count_nonzero(direction) > 1) or pair.at is not None,
+        tangent=scene.tangent_of(pair),
         stops=tuple(
             Stop(side, position, pair.law_of(name).in_series(compliance))
             for name, (side, position) in places.items()

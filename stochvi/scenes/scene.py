@@ -32,12 +32,18 @@ from stochvi.scenes.excitations import (
     check_unit,
 )
 from stochvi.scenes.excitations.base import Density, StrengthNoise
-from stochvi.scenes.impact_laws import Elastic, Law, SpeedRestitution, Viscoelastic
+from stochvi.scenes.impact_laws import (
+    Elastic,
+    Law,
+    Restitution,
+    SpeedRestitution,
+    Viscoelastic,
+)
 from stochvi.scenes.impact_laws.rubber_data import AS_WRITTEN
 from stochvi.scenes.modulated_force import changed_by
 from stochvi.scenes.phases import Phase
 from stochvi.scenes.structures import Matrices, NonlinearOscillator, Oscillator, Structure
-from stochvi.scenes.structures.rigid_body import AXES, RigidBody, Triple
+from stochvi.scenes.structures.rigid_body import AXES, RigidBody, Triple, rows_at
 from stochvi.scenes.text_tables import read_text
 from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, Weights, given
 from stochvi.scenes.vehicles import QuarterCar
@@ -63,6 +69,9 @@ class ImpactPair(Checked):
     at, direction
         On a rigid body: the place that hits the stops, m from the centre of mass, and the direction
         in which its displacement counts as positive. The length of the direction does not matter.
+    tangent
+        Motion along the stops, where a law has `friction`: the name of a coordinate or point, the
+        weights of several, or on a rigid body a direction.
     law, lower_law, upper_law
         The impact law of both stops, or of one where they differ.
 
@@ -86,6 +95,7 @@ class ImpactPair(Checked):
     weights: Weights | None = None
     at: Triple | None = None
     direction: Triple | None = None
+    tangent: str | Weights | Triple | None = None
     lower: Number | None = None
     upper: Number | None = None
     clearance: Positive | None = Field(default=None, exclude=True)
@@ -157,6 +167,10 @@ class ImpactPair(Checked):
             raise ValueError("needs at least one of lower and upper (m from rest), or clearance")
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
             raise ValueError(f"needs lower < upper, got {self.lower:g} and {self.upper:g}")
+        rubs = any(law is not None and law.friction_coefficient for law in self._laws)
+        if rubs != (self.tangent is not None):
+            got = "a law with friction" if rubs else "tangent"
+            raise ValueError(f"takes tangent and a law with friction together, got {got} alone")
         for side in ("lower", "upper"):
             own = getattr(self, f"{side}_law")
             if getattr(self, side) is None:
@@ -167,6 +181,10 @@ class ImpactPair(Checked):
                     'needs law, for example law = { kind = "restitution", coefficient = 0.8 }'
                 )
         return self
+
+    @property
+    def _laws(self) -> tuple[Law | None, ...]:
+        return self.law, self.lower_law, self.upper_law
 
     def law_of(self, side: str) -> Law:
         """The law that holds at the "lower" or "upper" stop."""
@@ -387,6 +405,12 @@ class Scene(Checked):
                     "needs at (m from the centre of mass) and direction on a rigid body, got "
                     f"{', '.join(each for each in (places, named) if each != 'none') or 'none'}"
                 )
+            if pair.tangent is None:
+                return ""
+            if not isinstance(pair.tangent, tuple) or not any(pair.tangent):
+                return f"needs a direction as tangent on a rigid body, got {pair.tangent!r}"
+            if np.linalg.matrix_rank(np.array([pair.tangent, pair.direction])) < 2:
+                return f"must have a tangent apart from its direction, got {list(pair.tangent)}"
             return ""
         if places != "none":
             return (
@@ -406,7 +430,36 @@ class Scene(Checked):
             return f"needs two different coordinates in between, got {pair.between[0]!r} twice"
         if not np.any(self.row_of(pair)):
             return f"is where the structure does not move, got {self.words_of(pair)!r}"
+        return self._misplaced_tangent(pair)
+
+    def _misplaced_tangent(self, pair: ImpactPair) -> str:
+        """Fault of the motion along the stops of a pair; empty if nothing is."""
+        known, tangent = self.structure.places, pair.tangent
+        if tangent is None:
+            return ""
+        if isinstance(tangent, tuple):
+            return f"takes a direction as tangent on a rigid body only, got {list(tangent)}"
+        names = [tangent] if isinstance(tangent, str) else list(tangent)
+        for name in names:
+            if name not in known:
+                return f"must have its tangent on {_one_of(known)}, got {name!r}"
+        both = np.array([self.row_of(pair), self.tangent_of(pair)])
+        if np.linalg.matrix_rank(both) < 2:
+            return f"must have a tangent that moves apart from the pair, got {tangent!r}"
         return ""
+
+    def tangent_of(self, pair: ImpactPair) -> Array | None:
+        """Row (n,) of the motion along the stops of a pair; None where they do not rub."""
+        tangent = pair.tangent
+        if tangent is None:
+            return None
+        if isinstance(tangent, tuple):
+            assert pair.at is not None
+            along = np.array(tangent) / float(np.linalg.norm(tangent))
+            return np.asarray(along @ rows_at(pair.at))
+        weights = {tangent: 1.0} if isinstance(tangent, str) else tangent
+        places = self.structure.places
+        return np.asarray(sum(share * places[name] for name, share in weights.items()))
 
     @property
     def _short_absorbers(self) -> tuple[Absorber, ...]:
@@ -839,10 +892,15 @@ class Scene(Checked):
         laws = [law for pair in self.impact_pairs for _, law in pair.stops()]
         sources = [law.source for law in laws if isinstance(law, Elastic | Viscoelastic)]
         found += [f"stops: {source}" for source in dict.fromkeys(filter(None, sources))]
-        if any(law.remark for law in laws):
+        if any(isinstance(law, Restitution) and law.scatter is not None for law in laws):
             found.append(
                 "a restitution that scatters is drawn from a beta distribution at each impact, "
                 "whatever its speed and the impacts before"
+            )
+        if any(law.friction_coefficient for law in laws):
+            found.append(
+                "friction at an impact is Coulomb's, with slip and stick; the restitution is that "
+                "of energy (Stronge), and without coupling that of Newton"
             )
         if any(isinstance(law, SpeedRestitution) for law in laws):
             found.append("restitution depends on the speed of the impact alone")

@@ -86,7 +86,7 @@ KEYS_OF_EXCITATIONS: dict[str, dict[str, Any]] = {
 
 KEYS_WITHOUT_UNIT = {
     "restitution.coefficient", "modulation.amplitude", "damping_ratio", "zeta", "phase_deg",
-    "intensity", "numerator", "denominator", "C",
+    "intensity", "numerator", "denominator", "C", "friction",
 }  # fmt: skip
 """Keys of numbers without a unit, of an angle, which has one unit only, and of the strength of
 white noise, whose unit depends on what is shaken."""

@@ -113,6 +113,9 @@ SUMS_OF_PART = ("impulse", "virial", "work")
 """Names of the sums of a spring or damper that is a function, by `kick_all` of its kernel: the
 force that the linear structure leaves out, that times the displacement, and its work."""
 
+RUBBING = "rubbing"
+"""Name of the power that friction at the stops of a pair takes beyond their restitution, per unit
+of the reduced mass, m^2/s^3."""
 
 NO_OUTPUTS = Outputs()
 """The outputs of a kernel that adds up alone."""
@@ -196,6 +199,7 @@ class ModalPlan(SteppedPlan):
         for pair, scale in zip(self.model.pairs, self.pairs, strict=True):
             rows += [(pair.name, name) for name in self.sums_of_pair]
             thresholds[pair.name] = self._threshold(pair, scale)
+        rows += [(pair.name, RUBBING) for pair in self._rubbed]
         rows += [(part.name, what) for part in self.model.functions for what in SUMS_OF_PART]
         rows += [key_of_statistic(name) for name in self.statistics]
         if self._pulls is not None:
@@ -225,6 +229,26 @@ class ModalPlan(SteppedPlan):
         own = [(k, k) for k in range(n)]
         others = [(k, j) for k in range(n) for j in range(n) if k != j and n <= MOST_CROSSED]
         return np.array(own + others)
+
+    @property
+    def _rubbed(self) -> list[Pair]:
+        """Pairs whose stops rub. For a kernel the motions along them are further pairs, without
+        stops, after all others."""
+        return [pair for pair in self.model.pairs if pair.tangent is not None]
+
+    @cached_property
+    def _ways(self) -> Matrix:
+        """Modal rows (pairs, modes) of all gaps, then of the motions along stops that rub."""
+        along = [pair.tangent for pair in self._rubbed]
+        rows = np.array(along).reshape(len(along), len(self.model.coordinates))
+        return np.vstack([self.modes.gaps, rows @ self.modes.shapes])
+
+    @cached_property
+    def _masses(self) -> Vector:
+        """Reduced masses, kg, of `_ways`."""
+        pairs = self.model.pairs
+        along = 1.0 / np.sum(self._ways[len(pairs) :] ** 2, axis=1)
+        return np.concatenate([[pair.mass for pair in pairs], along])
 
     @property
     def _relative(self) -> list[Pair]:
@@ -333,12 +357,18 @@ class ModalPlan(SteppedPlan):
         return slice(first, first + len(self.sums_of_pair) * len(self.model.pairs))
 
     @property
+    def _rows_of_friction(self) -> slice:
+        """Rows of the sums of a kernel that belong to motions along stops, after those of pairs."""
+        first = self._rows_of_pairs.stop
+        return slice(first, first + len(self.sums_of_pair) * len(self._rubbed))
+
+    @property
     def _rows_of_sums(self) -> int:
         """Number of rows of the sums of a kernel, without those from which controls are made."""
         n = self.modes.size
         more = 0 if self._pulls is None else n + n * (n + 1) // 2
         of_parts = len(SUMS_OF_PART) * len(self.model.functions)
-        return int(self._rows_of_pairs.stop) + more + of_parts + len(self.statistics)
+        return int(self._rows_of_friction.stop) + more + of_parts + len(self.statistics)
 
     @property
     def _rows_of_parts(self) -> slice:
@@ -367,6 +397,7 @@ class ModalPlan(SteppedPlan):
             shared = np.tensordot(self.model.sharing, self._of_pairs(sums), axes=1)
             of_pairs = shared.reshape(of_pairs.shape)
         found[self._rows_of_pairs] = of_pairs / (steps * self.step)
+        found[self._rows_of_friction] = sums[self._rows_of_friction] / (steps * self.step)
         found[self._rows_of_parts] = sums[self._rows_of_parts] / (steps * self.step)
         found[self._rows_of_noise] = sums[self._rows_of_noise] / steps
         return found
@@ -404,7 +435,7 @@ class ModalPlan(SteppedPlan):
 
     def paths_of(self, state: Matrix, streams: NDArray[np.uint64], sums: Matrix) -> ModalPaths:
         """Paths in a state in which no contact lasts, for the kernel."""
-        pairs, paths = len(self.model.pairs), state.shape[1]
+        pairs, paths = len(self._ways), state.shape[1]
         gaps, peaks = np.full((pairs, paths), np.nan), np.zeros((paths, pairs, 2))
         return ModalPaths(state, streams, gaps, peaks, sums)
 
@@ -502,7 +533,9 @@ class ModalPlan(SteppedPlan):
         return Histories(
             displacement=_mixed(shapes, kept[:, :, :n]) + rest[:, None, None],
             velocity=_mixed(shapes, kept[:, :, n : 2 * n]),
-            impact_speed=np.ascontiguousarray(kept[:, :, 2 * n :].transpose(2, 1, 0)),
+            impact_speed=np.ascontiguousarray(
+                kept[:, :, 2 * n : 2 * n + len(self.model.pairs)].transpose(2, 1, 0)
+            ),
             excitation=None,
         )
 
@@ -536,7 +569,7 @@ class ModalPlan(SteppedPlan):
     @property
     def record_width(self) -> int:
         """Number of floats recorded per sample."""
-        return 2 * self.modes.size + len(self.model.pairs)
+        return 2 * self.modes.size + len(self._ways)
 
     @property
     def _stride(self) -> int:
@@ -567,10 +600,13 @@ class ModalPlan(SteppedPlan):
         rows[gaps] = _mean_squares(self.modes.gaps[relative], sums[:n], displacements, velocities)
         hits = sums[self._rows_of_pairs]
         functions = sums[self._rows_of_parts.start : self._rows_of_sums]
-        last = gaps.stop + len(hits) + len(functions)
-        rows[gaps.stop : last] = np.concatenate([hits, functions])
+        rubbed = sums[self._rows_of_friction]
+        rubbed = rubbed.reshape(len(self._rubbed), len(self.sums_of_pair), paths)
+        rubbed = rubbed[:, 0] + rubbed[:, 3]  # at the lower and at the upper stop
+        last = gaps.stop + len(hits) + len(rubbed) + len(functions)
+        rows[gaps.stop : last] = np.concatenate([hits, rubbed, functions])
         if self._pulls is not None:
-            pulled = sums[self._rows_of_pairs.stop : self._rows_of_parts.start]
+            pulled = sums[self._rows_of_friction.stop : self._rows_of_parts.start]
             squares = _symmetric(pulled[n:], n)
             noise = self.modes.damping @ brought
             squares += _product(noise, noise.T)[:, :, None]
@@ -618,7 +654,9 @@ class ModalPlan(SteppedPlan):
         speed = displacement @ flow
         curvature = speed @ flow
         # a grazing path may leave the hull of its cubic by its fourth derivative
-        margins = (modes.fastest * h) ** 3 / 384.0 * h * np.array([s.speed for s in self.pairs])
+        speeds = np.zeros(len(self._ways))
+        speeds[: len(self.pairs)] = [scale.speed for scale in self.pairs]
+        margins = (modes.fastest * h) ** 3 / 384.0 * h * speeds
         stops, _ = self._stops
         quiet = 1.0
         if self.model.functions:  # the passes start after all kicks
@@ -629,7 +667,7 @@ class ModalPlan(SteppedPlan):
             normals=normals,
             merged=self.merged,
             speeds_kicked=_table(speed @ kicked),
-            speeds_drawn=_table(quiet * (modes.gaps @ speed_drawn)),
+            speeds_drawn=_table(quiet * (self._ways @ speed_drawn)),
             bends_kicked=_table(curvature @ kicked),
             gaps=_table(displacement),
             speeds=_table(speed),
@@ -769,7 +807,7 @@ class ModalPlan(SteppedPlan):
     def _places(self) -> Matrix:
         """Positions of the lower and the upper stop of each pair from the rest position, m (pairs,
         2), infinite where there is no stop."""
-        places: Matrix = np.full((len(self.model.pairs), 2), np.inf) * np.array([-1.0, 1.0])
+        places: Matrix = np.full((len(self._ways), 2), np.inf) * np.array([-1.0, 1.0])
         for j, pair in enumerate(self.model.pairs):
             rest = float(self.modes.gaps[j] @ self.modes.rest)
             for stop in pair.stops:
@@ -788,15 +826,25 @@ class ModalPlan(SteppedPlan):
         thresholds = [
             self._threshold(pair, scale) for pair, scale in zip(pairs, self.pairs, strict=True)
         ]
-        return stops_of(self._places, np.array(thresholds), laws)
+        thresholds += [0.0] * len(self._rubbed)
+        count, order = len(self._ways), {id(pair): k for k, pair in enumerate(self._rubbed)}
+        tangents, frictions = np.full(count, -1), np.zeros((count, 2))
+        for j, pair in enumerate(pairs):
+            tangents[j] = len(pairs) + order[id(pair)] if id(pair) in order else -1
+            for stop in pair.stops:
+                frictions[j, int(stop.side == UPPER)] = stop.law.friction_coefficient
+        ratios = self._masses / self._masses[tangents]
+        return stops_of(
+            self._places, np.array(thresholds), laws, tangents, ratios, frictions
+        )  # fmt: skip
 
     @cached_property
     def _gaps(self) -> Matrix:
         """Rows (pairs, states) of the gaps, as a stop that moves sees them."""
         n, modes = self.modes.size, self.modes
-        found = np.zeros((len(modes.gaps), 2 * n + len(modes.signals)))
-        found[:, :n] = modes.gaps
-        for row, pair in zip(found, self.model.pairs, strict=True):
+        found = np.zeros((len(self._ways), 2 * n + len(modes.signals)))
+        found[:, :n] = self._ways
+        for row, pair in zip(found, self.model.pairs, strict=False):
             for signal, way in pair.moved:
                 row[2 * n + 2 * signal] -= way
         return found
@@ -804,9 +852,9 @@ class ModalPlan(SteppedPlan):
     def _responses(self, flow: Matrix, speed: Matrix, curvature: Matrix) -> Responses:
         """Taylor series of the response to a unit change of each pair's speed."""
         n, size = self.modes.size, self._size_of_flow * self.step
-        masses = np.array([pair.mass for pair in self.model.pairs])
+        masses = self._masses
         displacement, pushed = self._gaps, np.zeros((len(flow), len(masses)))
-        pushed[n : 2 * n] = self.modes.gaps.T * masses
+        pushed[n : 2 * n] = self._ways.T * masses
         terms = [pushed]
         while len(terms) < MOST_TERMS and (
             len(terms) < MOMENTS or _term(size, len(terms)) > SERIES_ERROR
@@ -867,12 +915,12 @@ class ModalPlan(SteppedPlan):
         modes = self.modes
         for _ in range(MOST_SWEEPS):
             largest = 0.0
-            for gap, row, (lower, upper) in zip(modes.gaps, self._gaps, self._places, strict=True):
+            for gap, row, (lower, upper) in zip(self._ways, self._gaps, self._places, strict=True):
                 (y,) = _product(row[None], state[: len(row)])
                 moved = np.clip(y, lower, upper) - y
                 state[: modes.size] += np.outer(gap / np.sum(gap**2), moved)
                 largest = max(largest, float(np.max(np.abs(moved))))
-            if len(modes.gaps) < 2 or largest == 0.0:
+            if len(self._ways) < 2 or largest == 0.0:
                 break
         return np.ascontiguousarray(state)
 

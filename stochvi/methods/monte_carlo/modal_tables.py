@@ -208,7 +208,7 @@ class ModalTablesPlan(ModalContactsPlan):
         moments of that motion: three of the lower stop of each pair, three of the upper one."""
         n = self.modes.size
         first = self._rows_of_noise.stop + n + n * (n + 1)
-        return slice(first, first + 6 * len(self.model.pairs))
+        return slice(first, first + 6 * len(self._ways))
 
     @property
     def _rows_with_controls(self) -> int:
@@ -270,7 +270,7 @@ class ModalTablesPlan(ModalContactsPlan):
         free = averages[self._rows_of_noise.stop :]
         displacements, velocities = _second_moments(free, self.modes.size)
         passages = averages[self._rows_of_passages].reshape(-1, 2, 3, averages.shape[1])
-        of_pair = dict(zip(self.model.pairs, passages, strict=True))
+        of_pair = dict(zip(self.model.pairs, passages, strict=False))
         rows = [super()._control_rows(averages)]
         for _, row, pair in self._followed:
             if _has_moments(pair):

@@ -60,6 +60,11 @@ class ImpactLaw(Checked):
         """What the effects of a scene say of the law besides its word; empty for most."""
         return ""
 
+    @property
+    def friction_coefficient(self) -> float:
+        """Coefficient of friction along the stop; 0 unless a law has one."""
+        return 0.0
+
     @abstractmethod
     def per_unit_mass(self, mass: float) -> Self:
         """The law for a force per unit mass, N/kg."""

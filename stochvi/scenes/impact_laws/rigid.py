@@ -14,7 +14,7 @@ from stochvi.mathematics.beta_distribution import BetaDistribution
 from stochvi.mathematics.impact_rates import equivalent_restitution
 from stochvi.scenes.impact_laws.base import Form, RigidLaw
 from stochvi.scenes.scatter import Scatter, Scattered
-from stochvi.scenes.validation import Function, check_values, evaluated
+from stochvi.scenes.validation import Function, NonNegative, check_values, evaluated
 
 
 class Restitution(RigidLaw):
@@ -27,6 +27,8 @@ class Restitution(RigidLaw):
         lost in one impact of incident speed w is (1 - R^2) m w^2 / 2. A `Scatter`, or a table of
         mean and std, is drawn anew at each impact from a beta distribution on [0, 1], independent
         of the speed. Its std must be below sqrt(mean (1 - mean)).
+    friction
+        Coefficient of friction of the stop, 0 or more, against the motion `tangent` of its pair.
 
     See Also
     --------
@@ -44,6 +46,7 @@ class Restitution(RigidLaw):
 
     kind: Literal["restitution"] = "restitution"
     coefficient: Scattered
+    friction: NonNegative | None = None
 
     @field_validator("coefficient")
     @classmethod
@@ -68,13 +71,18 @@ class Restitution(RigidLaw):
 
     @property
     def remark(self) -> str:
-        """That the restitution scatters, if it does."""
-        return "" if self.scatter is None else ", restitution drawn at each impact"
+        """That the restitution scatters, and that the stop rubs, if it does."""
+        drawn = "" if self.scatter is None else ", restitution drawn at each impact"
+        return drawn + (f", friction {self.friction:g}" if self.friction else "")
+
+    @property
+    def friction_coefficient(self) -> float:
+        return self.friction or 0.0
 
     @property
     def conservative(self) -> bool:
         """Whether an impact loses no energy."""
-        return self.restitution == 1.0
+        return self.restitution == 1.0 and not self.friction
 
     @property
     def restitution(self) -> float:
@@ -99,11 +107,11 @@ class Restitution(RigidLaw):
         """The law with a number added to R, or to its mean, as far as [0, 1] and its std let it."""
         law = self.scatter
         if law is None:
-            return Restitution(coefficient=min(max(self.restitution + amount, 0.0), 1.0))
+            return self.replace(coefficient=min(max(self.restitution + amount, 0.0), 1.0))
         # mean (1 - mean) > std^2, with a margin that keeps a distribution
         half = MOST_SHIFTED * math.sqrt(max(0.25 - law.std**2, 0.0))
         mean = min(max(law.mean + amount, 0.5 - half), 0.5 + half)
-        return Restitution(coefficient=Scatter(mean=mean, std=law.std))
+        return self.replace(coefficient=Scatter(mean=mean, std=law.std))
 
     def restitution_at(self, speed: ArrayLike) -> Vector:
         """R of impacts at the given speeds (m/s): the same for all; its mean where R scatters."""
@@ -111,8 +119,9 @@ class Restitution(RigidLaw):
 
     def phrase(self) -> str:
         drawn = "" if self.scatter is None else f" +- {self.scatter.std:g}, drawn at each impact"
+        rubs = f", friction {self.friction:g}" if self.friction else ""
         return (
-            f"rigid, restitution {self.restitution:g}{drawn}: speeds of impact but no peak "
+            f"rigid, restitution {self.restitution:g}{drawn}{rubs}: speeds of impact but no peak "
             "acceleration"
         )
 

@@ -15,7 +15,7 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.prices import check_price
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import modulated
+from stochvi.model.coverage import modulated, rubbing
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
@@ -506,7 +506,7 @@ def _driven(scene: Scene, model: Model) -> bool:
     if model.scattered:
         remedy = "restitution must not scatter, as impulses are not recorded; give its mean alone"
         raise NotApplicable("damage", [remedy])
-    if conditions := modulated(model):
+    if conditions := modulated(model) + rubbing(model):
         raise NotApplicable("damage", conditions)
     on_base, on_masses = places_shaken(scene)
     if model.remembers:

@@ -1,0 +1,110 @@
+"""Impacts on a rigid stop that rubs: Coulomb's friction during an impact that takes no time.
+
+Normal and tangential motion are two rows of the structure, n into the stop and t along it. While a
+stop pushes, its impulse p changes the speed w into the stop and the speed u along it at
+
+    dw/dp = -1/m_n + b dq/dp,    du/dp = -b + dq/dp / m_t,    b = n M^-1 t
+
+with the reduced masses m_n and m_t. Friction is dq = -mu sign(u) dp while the stop slides. Where u
+ends, it sticks if mu bears that, and otherwise slides back (Routh 1905). The impact ends by the
+energetic restitution: the normal force gives back the share R^2 of the work that it took in
+compression (Stronge 1990). Where n and t are not coupled, that is w+ = -R w-. Normal and
+tangential work are never positive together: an impact takes energy for every mass matrix.
+
+Speeds are used in the place of impulses: p / m_n and q / m_t.
+"""
+
+from __future__ import annotations
+
+import math
+
+from stochvi.engine.compiling import kernel
+from stochvi.engine.pushes import V1
+
+
+@kernel
+def rub(w, u, restitution, friction, ratio, along, into):
+    """Speed of the rebound, then what the impact takes from w and adds to u by themselves.
+
+    Parameters
+    ----------
+    w, u : m/s, speeds into the stop and along it.
+    restitution, friction : R and mu.
+    ratio : m_n / m_t.
+    along, into : b m_n and b m_t: what a unit of the normal impulse takes from u, and what a unit
+        of the tangential one adds to w.
+    """
+    if w <= 0.0:
+        return 0.0, 0.0, 0.0
+    bound = friction * ratio
+    side = math.copysign(1.0, u) if u != 0.0 else 0.0
+    # sliding as it began, until u ends: w falls at `first`
+    first, ends = 1.0 + bound * side * into, math.inf
+    if side == 0.0:
+        ends = 0.0
+    elif side * along + bound > 0.0:
+        ends = abs(u) / (side * along + bound)
+    whole = w * (1.0 + restitution)
+    if first > 0.0 and whole <= first * ends:
+        push = whole / first
+        return restitution * w, push, -bound * side * push
+    # then it sticks, or slides back
+    share = along if abs(along) <= bound else math.copysign(bound, along)
+    second = 1.0 - share * into
+    turn = w - first * ends
+    if turn > 0.0:
+        taken = 0.5 * ends * (w + turn) + 0.5 * turn * turn / second
+        rebound = restitution * math.sqrt(2.0 * second * taken)
+    else:
+        taken, given = 0.5 * w * w / first, 0.5 * turn * turn / first
+        left = restitution * restitution * taken - given
+        rebound = math.sqrt(max(turn * turn + 2.0 * second * left, 0.0))
+    if into == 0.0:
+        rebound = restitution * w
+    push = ends + (turn + rebound) / second
+    return rebound, push, -bound * side * ends + share * (push - ends)
+
+
+@kernel
+def loss_of(w, u, push, rubbed, ratio, into):
+    """Energy that an impact takes per unit of m_n, from what `rub` returns."""
+    normal = push * (w - 0.5 * push)
+    return normal - rubbed * (u + 0.5 * rubbed) / ratio + into * push * rubbed
+
+
+@kernel
+def held_back(u, taken, bound):
+    """What friction adds to u at most where a stop at rest takes the speed `taken`."""
+    return -math.copysign(min(abs(u), bound * taken), u)
+
+
+@kernel
+def rub_along(pair, upper, w, rebound, u, stops, responses, tally):
+    """`rub` of an impact on a stop that rubs, at the speeds w into it and u along it: the rebound,
+    the push, and the change along the stop, m/s. Its loss beyond that of the restitution goes into
+    the sums."""
+    side, tangent, series = 2.0 * upper - 1.0, stops.tangents[pair], responses.gaps
+    along, into = side * series[pair, tangent, 1, 0], side * series[tangent, pair, 1, 0]
+    ratio = stops.ratios[pair]
+    restitution = rebound / w if w > 0.0 else 0.0
+    friction = stops.frictions[pair, upper]
+    back, push, rubbed = rub(w, u, restitution, friction, ratio, along, into)
+    loss = loss_of(w, u, push, rubbed, ratio, into) - 0.5 * (w * w - rebound * rebound)
+    tally.sums[tangent, 3 * upper, tally.lane] += loss
+    return back, push, rubbed
+
+
+@kernel
+def rub_at_rest(pair, upper, taken, stops, gaps, change, responses, tally):
+    """Friction of a mass that ends a step at rest on a stop, which takes the speed `taken`."""
+    tangent = stops.tangents[pair]
+    if tangent < 0:
+        return
+    u, ratio = gaps[V1, tangent], stops.ratios[pair]
+    added = held_back(u, taken, stops.frictions[pair, upper] * ratio)
+    modes = responses.states.shape[1] // 2
+    for k in range(modes):
+        change[modes + k] += added * responses.states[tangent, modes + k, 0]
+    for other in range(gaps.shape[1]):
+        gaps[V1, other] += added * responses.gaps[tangent, other, 1, 0]
+    tally.sums[tangent, 3 * upper, tally.lane] -= added * (u + 0.5 * added) / ratio
