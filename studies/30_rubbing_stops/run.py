@@ -1,4 +1,4 @@
-"""An impact absorber whose mass rubs on its walls: what it takes from the motion along them."""
+"""An impact absorber whose mass rubs on its stops: what it takes from the motion along them."""
 
 import argparse
 from pathlib import Path
@@ -11,13 +11,13 @@ from matplotlib import pyplot as plt
 
 import stochvi as sv
 
-# damping, mass ratio, frequencies of the loose mass and of the structure along the walls
+# damping, mass ratio, frequencies of the loose mass and of the structure along the stops
 ZETA, RATIO, HOLD, ALONG = 0.01, 0.1, 0.05, 1.1
 COLOURS = {1.0: "#0072b2", 2.0: "#d55e00", 4.0: "#009e73"}
 
 
 def scene(clearance: float, friction: float) -> sv.Scene:
-    """A structure that moves across (x) and along (y) the walls of a box with a loose mass (u, v),
+    """A structure that moves across (x) and along (y) the stops of a box with a loose mass (u, v),
     omega = 1 and 1.1; white noise gives it a deviation of 1 across without the mass."""
     held = RATIO * HOLD**2
     rubs = {"tangent": {"v": 1.0, "y": -1.0}} if friction else {}
@@ -35,7 +35,7 @@ def scene(clearance: float, friction: float) -> sv.Scene:
             ],
         ),
         impact_pairs=[
-            sv.ImpactPair(name="walls", between=("u", "x"), clearance=clearance, law=law, **rubs)
+            sv.ImpactPair(name="stops", between=("u", "x"), clearance=clearance, law=law, **rubs)
         ],
         excitations=[sv.WhiteNoise(intensity=4 * ZETA, on=name) for name in ("x", "y")],
     )  # fmt: skip
@@ -49,7 +49,7 @@ def row(clearance: float, friction: float, error: float) -> dict:
         "clearance": clearance, "friction": friction,
         "across": across.value, "error across": across.standard_error + across.bias,
         "along": along.value / alone, "error along": (along.standard_error + along.bias) / alone,
-        "impacts per second": found.impact_pairs["walls"]["collision_rate"].value,
+        "impacts per second": found.impact_pairs["stops"]["collision_rate"].value,
     }  # fmt: skip
 
 
@@ -60,7 +60,7 @@ def figure_of(table: pd.DataFrame) -> plt.Figure:
             look = {"color": COLOURS[clearance], "label": f"{clearance:g}", "capsize": 2}
             panel.errorbar(line["friction"], line[way], line[f"error {way}"], fmt="o-", **look)
         panel.axhline(1.0, color="0.6", lw=0.8)
-        panel.set(title=f"motion {way} the walls", xlabel="coefficient of friction")
+        panel.set(title=f"motion {way} the stops", xlabel="coefficient of friction")
     panels[0].set_ylabel("rms displacement, of that without the mass")
     panels[1].legend(frameon=False, title="clearance")
     return figure
