@@ -46,6 +46,15 @@ SCENES = {
         impact_pair=[STOPS | {"law": {"kind": "restitution",
                                       "coefficient": {"mean": 0.7, "std": 0.1}}}]
     ),
+    "friction along a rigid stop": {
+        "structure": {"kind": "matrices", "coordinates": ["across", "along"],
+                      "mass": [[2.0, 0.3], [0.3, 2.0]], "damping": [[8.0, 0.0], [0.0, 2.0]],
+                      "stiffness": [[8000.0, 0.0], [0.0, 2000.0]]},
+        "excitation": [{"kind": "white", "on": each, "intensity": 1.0}
+                       for each in ("across", "along")],
+        "impact_pair": [{"on": "across", "tangent": "along", "clearance": 0.002,
+                         "law": {"kind": "restitution", "coefficient": 0.6, "friction": 0.2}}],
+    },
     "equipment that acts back": None,
 }  # fmt: skip
 """A scene for each row that names commands, by the start of its first cell; None where no scene
