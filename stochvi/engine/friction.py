@@ -8,8 +8,9 @@ stop pushes, its impulse p changes the speed w into the stop and the speed u alo
 with the reduced masses m_n and m_t. Friction is dq = -mu sign(u) dp while the stop slides. Where u
 ends, it sticks if mu bears that, and otherwise slides back (Routh 1905). The impact ends by the
 energetic restitution: the normal force gives back the share R^2 of the work that it took in
-compression (Stronge 1990). Where n and t are not coupled, that is w+ = -R w-. Normal and
-tangential work are never positive together: an impact takes energy for every mass matrix.
+compression (Stronge 1990). Where n and t are not coupled, that is w+ = -R w-, and while it slides
+an impact takes mu (1 + R) w- m_n / m_t from the speed u (B 1.62). Neither force gives more work
+than it took: an impact takes energy for every mass matrix.
 
 Speeds are used in the place of impulses: p / m_n and q / m_t.
 """

@@ -15,6 +15,7 @@ from scipy.optimize import brentq
 
 from stochvi import (
     Estimate,
+    ForceFunction,
     ImpactPair,
     Isolator,
     Matrices,
@@ -505,6 +506,42 @@ def test_statistics_follow_pulses() -> None:
     difference = counted.estimate.value - rate.value
     assert_agrees(Estimate(value=difference, standard_error=error, bias=bias), 0.0)
     assert "acceleration" not in spectrum(scene, rel_error=0.2, seed=1).curves["x"]
+
+
+def rubber(deflection: float, speed: float) -> float:
+    return 1e6 * deflection**1.5 * (1.0 + 0.8 * speed)
+
+
+def touching(x: float, v: float) -> float:
+    return 1.0 if abs(x) > 4e-3 else 0.0
+
+
+def test_parts_of_ones_own_move_six_modes_beside_a_stop_that_rubs() -> None:
+    """A law, a drive and a statistic that are functions, pulses and friction, in one chain."""
+    stiffness = np.diag(np.full(6, 1e4)) - 3e3 * (np.eye(6, k=1) + np.eye(6, k=-1))
+    scene = Scene(
+        structure=Matrices(
+            coordinates=[f"q{k}" for k in range(6)], mass=np.eye(6).tolist(),
+            damping=(0.002 * stiffness).tolist(), stiffness=stiffness.tolist(),
+        ),
+        impact_pairs=[
+            ImpactPair(name="own", on="q0", clearance=4e-3, law=ForceFunction(force=rubber)),
+            ImpactPair(
+                name="rubs", between=("q3", "q2"), clearance=3e-3, tangent="q5",
+                law=Restitution(coefficient=0.6, friction=0.3),
+            ),
+        ],
+        excitations=[
+            Pulses(on="q1", rate=20.0, impulse=0.3, sizes="exponential"),
+            DriveFunction(function=switch, rate=2.0 * SWITCHES, amplitude=20.0, on="q4"),
+            WhiteNoise(intensity=20.0, on="q2"),
+        ],
+    )  # fmt: skip
+    asked = {"contact": Statistic(function=touching, of="own")}
+    found = simulate(scene, statistics=asked, paths=64, duration=10.0, seed=1)
+    assert_agrees(found.identities["energy"], 0.0)
+    assert 0.01 < found.statistics["contact"].value < 0.5
+    assert all(found.impact_pairs[name]["collision_rate"].value > 1.0 for name in ("own", "rubs"))
 
 
 def test_a_level_raises_pulses() -> None:
