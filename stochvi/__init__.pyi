@@ -1,5 +1,6 @@
 from . import (
     absorbers,
+    identification,
     isolators,
     mathematics,
     methods,
@@ -10,6 +11,7 @@ from . import (
     verification,
 )
 from .absorbers.performance import absorber
+from .identification.method import identify
 from .isolators.screening import screen
 from .isolators.sizing.method import size
 from .methods.averaging import average
@@ -39,6 +41,7 @@ from .scenes.impact_laws import (
     Elastic,
     ForceFunction,
     ForceTable,
+    PowerLaw,
     Restitution,
     SpeedRestitution,
     Viscoelastic,
@@ -73,6 +76,7 @@ __all__ = [
     "NotApplicable",
     "NotConverged",
     "Oscillator",
+    "PowerLaw",
     "RecordedNoise",
     "Response",
     "Restitution",
@@ -100,6 +104,8 @@ __all__ = [
     "fokker_planck",
     "harmonic_response",
     "history",
+    "identification",
+    "identify",
     "impacts",
     "isolators",
     "linearise",

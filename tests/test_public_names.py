@@ -14,8 +14,8 @@ from support.accuracies import quick_cases
 from support.commands import ELASTIC, ISOLATOR
 
 ROOMS = (
-    "absorbers", "isolators", "methods", "methods.periodic", "results", "scenes", "statistics",
-    "testing", "verification",
+    "absorbers", "identification", "isolators", "methods", "methods.periodic", "results",
+    "scenes", "statistics", "testing", "verification",
 )  # fmt: skip
 HEAVY = {
     "jinja2", "matplotlib", "numba", "pandas", "pyuff", "rich", "scipy.optimize", "scipy.signal",

@@ -19,9 +19,9 @@ from numpydoc.docscrape import NumpyDocString
 from numpydoc.validate import validate
 
 ROOMS = (
-    "absorbers", "isolators", "methods.averaging", "methods.closed_form", "methods.fokker_planck",
-    "methods.linearisation", "methods.monte_carlo", "methods.periodic", "methods.replay", "results",
-    "scenes", "statistics", "testing", "verification",
+    "absorbers", "identification", "isolators", "methods.averaging", "methods.closed_form",
+    "methods.fokker_planck", "methods.linearisation", "methods.monte_carlo", "methods.periodic",
+    "methods.replay", "results", "scenes", "statistics", "testing", "verification",
 )  # fmt: skip
 """Packages with public names."""
 

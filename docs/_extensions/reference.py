@@ -40,6 +40,7 @@ SUBJECTS = {
     "methods.averaging": "Averaging",
     "methods.periodic": "Motion under a sine",
     "absorbers": "Impact absorbers",
+    "identification": "The law of a stop from a test",
     "verification": "Checks, price and explanation",
     "testing": "Judges of other integrators",
     "results": "Answers, estimates and errors",

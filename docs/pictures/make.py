@@ -282,6 +282,26 @@ def laws() -> Axes:
     return axes[1]
 
 
+def restitutions() -> Axes:
+    """Restitution over the speed of the impact: laws through the curve that was measured of ice."""
+    from stochvi.identification import Rebounds
+
+    speed = np.geomspace(1.5e-4, 5.1e-2, 25)
+    measured = np.minimum(0.32 * (100.0 * speed) ** -0.234, 1.0)
+    found = stochvi.identify(Rebounds(approach=speed, rebound=speed * measured))
+    ax: Axes = plt.subplots(figsize=(6.4, 3.4), layout="constrained")[1]
+    ax.plot(speed, measured, color=COLOURS["exact"], linewidth=2.5, label="measured (ice, 1984)")
+    for name, style, colour in zip(
+        ("constant", "viscoelastic body", "Hunt and Crossley", "yielding body"),
+        (*STYLES, "-."), OWNERS, strict=False,
+    ):  # fmt: skip
+        ax.plot(speed, found.curve[name], style, color=colour, label=name)
+    ax.set(xscale="log", xlabel="speed of approach (m/s)", ylabel="restitution", ylim=(0.0, 1.05))
+    ax.legend(fontsize="small", loc="lower left")
+    add_grid(ax)
+    return ax
+
+
 def _loop(rope: BoucWen, amplitude: float) -> tuple[np.ndarray, np.ndarray]:
     """Displacement (mm) and force (N) of cycles of an amplitude (m), from the first loading on."""
     way = np.linspace(0.0, 1.0, 2001)
@@ -308,6 +328,7 @@ PICTURES: dict[str, Callable[[], Axes]] = {
     "methods": methods,
     "mounts": mounts,
     "laws": laws,
+    "restitutions": restitutions,
 }
 """The pictures by the name of their file."""
 

@@ -2,12 +2,13 @@
 
 # each module registers its commands, in the order of the help page
 from stochvi.cli import methods, statistics, verification  # isort: skip
-from stochvi.cli import isolators, replay, absorbers, sine, sweeps, demo, scenes  # isort: skip
+from stochvi.cli import identification, isolators, replay, absorbers, sine, sweeps, demo, scenes  # isort: skip
 from stochvi.cli.program import main
 
 __all__ = [
     "absorbers",
     "demo",
+    "identification",
     "isolators",
     "main",
     "methods",

@@ -33,8 +33,8 @@ from stochvi.verification.cost import Prediction
 Schema = dict[str, Any]
 
 ROOMS = (
-    "absorbers", "isolators", "methods.fokker_planck", "methods.periodic", "methods.replay",
-    "results", "statistics", "testing", "verification",
+    "absorbers", "identification", "isolators", "methods.fokker_planck", "methods.periodic",
+    "methods.replay", "results", "statistics", "testing", "verification",
 )  # fmt: skip
 """Packages whose public names hold every kind of answer."""
 
@@ -143,6 +143,7 @@ CHANGES = {
     ),
     "History": Change(METHOD | {"columns": list[str], "samples": int}),
     "ImpactStatistics": Change(METHOD, renamed={"pairs": "impact_pairs"}),
+    "Identification": Change(METHOD | {"summary": str}),
     "Jolts": Change(
         METHOD | {
             "paths": int, "energy_boundary": float | None, "harmonic_boundary": float | None,
@@ -183,6 +184,7 @@ CHANGES = {
         optional=METHOD
         | dict.fromkeys(("displacement_std", "velocity_std"), float)
         | dict.fromkeys(("acceleration_std", "zero_crossing_rate"), float | None)
+        | {"sines": Sequence[tuple[float, float]]}
     ),
     "Sizing": Change(
         METHOD

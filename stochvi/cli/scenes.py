@@ -59,7 +59,8 @@ law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law whe
 # { kind = "viscoelastic", stiffness = 1e5, damping_ratio = 0.2 } (or loss_factor = 0.4, or
 # restitution = 0.6 with at_speed = 0.5 (m/s); instead of stiffness a rubber pad: shore_a = 60.0,
 # area = 4e-4 (m^2) and thickness = 0.01 (m)), { kind = "hertz",
-# coefficient = 1e6 }, { kind = "table", deflection = [..], force = [..] } (m, N), or a measured
+# coefficient = 1e6 }, { kind = "power", coefficient = 1e6, exponent = 1.5, loss = 1e5 } (max(k y^n
+# + c y^n y', 0)), { kind = "table", deflection = [..], force = [..] } (m, N), or a measured
 # one: { kind = "table", file = "bumper.csv", unit = "mm,N" }
 # a restitution may have friction = 0.2 if the pair has tangent = "y", the motion along its stops
 # on = "absorber", or between = ["absorber", "box"] (first minus second), or weights = { box = 1.0 }

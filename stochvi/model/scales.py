@@ -254,10 +254,11 @@ def _law_of_gap(
 
 def _power_of_stops(pair: Pair, law: TruncatedNormal | GibbsLaw, square: float) -> float:
     """Power that the stops take, W: mu (1 - R^2) / 2 F2 with Rayleigh impact speeds, and
-    c E y'^2 P(contact) at a stop with a damper."""
+    c E y'^2 P(contact) at a stop with a linear damper."""
     power = 0.0
     for stop in pair.stops:
-        if isinstance(law, TruncatedNormal) or stop.rigid:
+        damped = isinstance(stop.law, CompliantLaw) and stop.law.has_linear_damper
+        if isinstance(law, TruncatedNormal) or not damped:
             hits = gaussian_stop(law.density_at(stop.position), square)
             loss = (1.0 - stop.law.restitution_mean_square) / 2.0
             power += loss * pair.mass * hits.speed_square_rate

@@ -75,6 +75,11 @@ def key_unit(document: Mapping[str, Any], part: Mapping[str, Any], name: str) ->
             return str(part.get("unit", ""))
         case "hertz", "coefficient":
             return "N/m^1.5"
+        case "power", "coefficient":
+            return f"N/m^{part.get('exponent', 1.5):g}"
+        case "power", "loss":
+            power = part.get("loss_exponent") or part.get("exponent", 1.5)
+            return f"N s/m^{power + 1.0:g}"
         case "modulation", "intensity":
             return "s"
         case "van-der-pol", "amplitude":

@@ -25,6 +25,7 @@ from stochvi.views.bumper_map import plot_bumper_map
 from stochvi.views.colours import COLOURS, GRID_COLOUR, OWNERS
 from stochvi.views.damage import plot_damage
 from stochvi.views.first_passage import plot_first_passage
+from stochvi.views.identification import plot_identification
 from stochvi.views.impacts import draw_impacts, plot_histogram
 from stochvi.views.pairs import plot_pairs_risk
 from stochvi.views.production import plot_production
@@ -335,6 +336,7 @@ PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "FirstPassage": plot_first_passage,
     "HarmonicResponse": plot_sine,
     "History": plot_motion,
+    "Identification": plot_identification,
     "ImpactStatistics": plot_impacts,
     "Jolts": plot_jolts,
     "Judgement": plot_judgement,

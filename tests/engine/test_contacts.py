@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stochvi import Elastic, ForceFunction, ForceTable, Restitution, Viscoelastic
+from stochvi import Elastic, ForceFunction, ForceTable, PowerLaw, Restitution, Viscoelastic
 from stochvi.engine.alone import finish_alone, make_workspace
 from stochvi.engine.compiled_laws import functions_of, stops_of
 from stochvi.engine.contacts import Tally
@@ -36,6 +36,9 @@ LAWS = {
     "Hertz": (Hertz(coefficient=1.0), 4e-5),
     # the parabola through the forces of a sub-step is of third order where the force depends on v
     "function": (ForceFunction(force=lambda y, v: y**1.4 * (1.0 + 0.3 * v)), 4e-4),
+    "Hunt and Crossley": (PowerLaw(coefficient=1.0, exponent=1.4, loss=0.3), 4e-4),
+    # the loss starts as the root of the deflection
+    "Kuwabara and Kono": (PowerLaw(coefficient=1.0, loss=0.1, loss_exponent=0.5), 4e-4),
     # a sub-step that holds a knot is of third order
     "table": (ForceTable(deflection=[0.5, 1.0], force=[0.2, 3.0]), 2e-3),
 }

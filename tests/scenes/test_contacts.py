@@ -15,6 +15,7 @@ from stochvi.scenes.impact_laws import (
     Elastic,
     ForceTable,
     Hertz,
+    PowerLaw,
     Viscoelastic,
 )
 from stochvi.scenes.scene import load_scene, scene_from
@@ -32,6 +33,7 @@ LAWS = {
     "z = 1.00001": Viscoelastic(stiffness=300.0, damping_ratio=1.00001),
     "z = 3": Viscoelastic(stiffness=300.0, damping_ratio=3.0),
     "Hertz": Hertz(coefficient=900.0),
+    "power": PowerLaw(coefficient=900.0, exponent=1.7),
     "table": TABLE,
     "table with a dead zone": ForceTable(deflection=[0.01, 0.02], force=[0.0, 3.0]),
 }
@@ -138,6 +140,35 @@ def test_a_contact_depends_on_the_pair_of_masses_through_the_reduced_mass():
         scaled, whole = law.per_unit_mass(2.5).impact(0.7, 1.0), law.impact(0.7, 2.5)
         assert scaled.contact_time == pytest.approx(whole.contact_time, rel=1e-14)
         assert 2.5 * scaled.peak_force == pytest.approx(whole.peak_force, rel=1e-14)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.5, 2.2])
+def test_the_restitution_of_hunt_and_crossley_is_that_of_its_energy(exponent: float) -> None:
+    """From m v dv/dy = -k y^n (1 + a v), whatever n, follows a w - ln(1 + a w) = -a R w -
+    ln(1 - a R w)."""
+    k, a, speed = 900.0, 0.8, 0.7
+    found = PowerLaw(coefficient=k, exponent=exponent, loss=a * k).impact(speed, 2.5).restitution
+
+    def balance(loss: float) -> float:
+        in_, out = loss * speed, loss * found * speed
+        return in_ - math.log1p(in_) + out + math.log1p(-out)
+
+    assert balance(a) == pytest.approx(0.0, abs=1e-6)
+    assert abs(balance(1.1 * a)) > 1e-3
+
+
+def test_a_viscoelastic_ball_loses_with_the_fifth_root_of_the_speed() -> None:
+    """1 - R = 1.15345 X - 0.79827 X^2 - (4 / 15) X^(5/2), X = (c / k) (k / M)^(2/5) w^(1/5).
+
+    It is for slow impacts; the last term is that of a stop which only pushes (Schwager and
+    Poeschel 2008)."""
+    k, mass, a = 1e9, 0.03, 1e-6
+    law = PowerLaw(coefficient=k, loss=1.5 * a * k, loss_exponent=0.5)
+    lost = {w: 1.0 - law.impact(w, mass).restitution for w in (1e-3, 0.1)}
+    for w, loss in lost.items():
+        x = 1.5 * a * (k / mass) ** 0.4 * w**0.2
+        assert loss == pytest.approx(1.153449 * x - 0.798267 * x**2 - 4.0 / 15.0 * x**2.5, abs=x**3)
+        assert abs(loss - 1.153449 * x + 0.798267 * x**2) > x**3  # the last term is seen
 
 
 @pytest.mark.parametrize("z", [0.0, 0.05, 0.139625209675, 0.3, 0.49])

@@ -17,9 +17,9 @@ from stochvi.scenes.scene import Scene
 from support.mutations import NAMES, NUMBERS, WRONG
 
 ROOMS = (
-    "", ".scenes", ".statistics", ".isolators", ".absorbers", ".verification", ".testing",
-    ".methods.periodic", ".methods.closed_form", ".methods.linearisation", ".methods.fokker_planck",
-    ".methods.monte_carlo", ".mathematics.kelvin_voigt",
+    "", ".scenes", ".statistics", ".isolators", ".absorbers", ".identification", ".verification",
+    ".testing", ".methods.periodic", ".methods.closed_form", ".methods.linearisation",
+    ".methods.fokker_planck", ".methods.monte_carlo", ".mathematics.kelvin_voigt",
 )  # fmt: skip
 
 OF_MODELS = {"unmet", "unmet_by_first_passage", "unmet_by_transient"}

@@ -58,6 +58,7 @@ KEYS_OF_LAWS: dict[str, dict[str, Any]] = {
     "elastic": {"stiffness": 50.0},
     "viscoelastic": {"stiffness": 50.0, "damping_ratio": 0.1},
     "hertz": {"coefficient": 80.0},
+    "power": {"coefficient": 80.0, "exponent": 1.7},
     "function": {
         "force": lambda y, v: 80.0 * y**1.5,
         "energy": lambda y: 32.0 * y**2.5,
@@ -86,7 +87,7 @@ KEYS_OF_EXCITATIONS: dict[str, dict[str, Any]] = {
 
 KEYS_WITHOUT_UNIT = {
     "restitution.coefficient", "modulation.amplitude", "damping_ratio", "zeta", "phase_deg",
-    "intensity", "numerator", "denominator", "C", "friction",
+    "intensity", "numerator", "denominator", "C", "friction", "exponent", "loss_exponent",
 }  # fmt: skip
 """Keys of numbers without a unit, of an angle, which has one unit only, and of the strength of
 white noise, whose unit depends on what is shaken."""

@@ -16,6 +16,7 @@ from stochvi.scenes.impact_laws.base import CompliantLaw, ImpactLaw, RigidLaw
 from stochvi.scenes.impact_laws.force_function import ForceFunction
 from stochvi.scenes.impact_laws.force_table import ForceTable
 from stochvi.scenes.impact_laws.hertz import Hertz
+from stochvi.scenes.impact_laws.power import PowerLaw
 from stochvi.scenes.impact_laws.rigid import Restitution, SpeedRestitution
 from stochvi.scenes.impact_laws.viscoelastic import Elastic, Viscoelastic
 
@@ -25,7 +26,9 @@ __all__ = [
     "ForceFunction",
     "ForceTable",
     "Hertz",
+    "ImpactLaw",
     "Law",
+    "PowerLaw",
     "Restitution",
     "RigidLaw",
     "SpeedRestitution",

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.kelvin_voigt import ContactSolution
 from stochvi.scenes.validation import Checked
 
@@ -28,6 +29,24 @@ class Form(NamedTuple):
 
     name: Literal["rigid", "pieces", "damped", "hertz"]
     numbers: Vector
+
+
+class ContactMotion(NamedTuple):
+    """The motion of a mass in a contact.
+
+    Parameters
+    ----------
+    duration
+        Time from the first touch to where the mass leaves, s, or to where it was given up.
+    left
+        Whether the mass has left.
+    states
+        Function of times (s) that returns deflections (m) and their rates (m/s), (2, times).
+    """
+
+    duration: float
+    left: bool
+    states: Callable[[Vector], Matrix]
 
 
 RELATIVE_STEP = 1e-6
@@ -221,6 +240,26 @@ class CompliantLaw(ImpactLaw):
 
         It is integrated from the first touch to where the mass leaves, unless a law knows it.
         """
+        found = self.contact(speed, mass)
+        times = np.linspace(0.0, found.duration, 2001)
+        y, v = found.states(times)
+        forces = self.force_at(y, v, mass)
+        return ContactSolution(
+            contact_time=found.duration,
+            time_to_peak=float(times[int(np.argmax(forces))]),
+            restitution=max(-float(v[-1]) / speed, 0.0) if found.left else 0.0,
+            peak_deflection=float(y.max()),
+            peak_force=float(forces.max()),
+        )
+
+    def contact(
+        self, speed: float, mass: float, pressing: float = 0.0, longest: float = math.inf
+    ) -> ContactMotion:
+        """The motion of a mass that arrives at `speed`, from its first touch to where it leaves, or
+        over the time `longest`, s.
+
+        `pressing` is an acceleration towards the stop, m/s^2, such as that of gravity in a drop.
+        """
         from scipy.integrate import solve_ivp
 
         def force(y: float, v: float) -> float:
@@ -233,21 +272,13 @@ class CompliantLaw(ImpactLaw):
         leaves: Any = lambda _, state: state[0]  # noqa: E731
         leaves.terminal, leaves.direction = True, -1.0
         solved: Any = solve_ivp(
-            lambda _, state: (state[1], -force(*state) / mass), (0.0, 100.0 * deep / speed),
-            (0.0, speed), events=leaves, rtol=1e-9, atol=1e-12 * deep, dense_output=True,
-            max_step=deep / speed,
+            lambda _, state: (state[1], pressing - force(*state) / mass),
+            (0.0, min(100.0 * deep / speed, longest)), (0.0, speed), events=leaves, rtol=1e-9,
+            atol=1e-12 * deep, dense_output=True, max_step=deep / speed,
         )  # fmt: skip
         left = len(solved.t_events[0]) > 0
-        times = np.linspace(0.0, solved.t_events[0][0] if left else solved.t[-1], 2001)
-        y, v = solved.sol(times)
-        forces = [force(*state) for state in zip(y, v, strict=True)]
-        return ContactSolution(
-            contact_time=float(times[-1]),
-            time_to_peak=float(times[int(np.argmax(forces))]),
-            restitution=max(-float(v[-1]) / speed, 0.0) if left else 0.0,
-            peak_deflection=float(y.max()),
-            peak_force=max(forces),
-        )
+        end = float(solved.t_events[0][0] if left else solved.t[-1])
+        return ContactMotion(duration=end, left=left, states=solved.sol)
 
     def knots(self) -> Vector:
         """Deflections (m), the first one 0, between which the force is smooth; a law with a kink

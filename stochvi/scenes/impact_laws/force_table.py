@@ -15,10 +15,10 @@ from pydantic import model_validator
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.kelvin_voigt import ContactSolution
-from stochvi.mathematics.units import listed_units, unit
 from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws.base import CompliantLaw, Form, inside
-from stochvi.scenes.text_tables import TextTable, all_columns, read_text_table
+from stochvi.scenes.si_columns import si_columns
+from stochvi.scenes.text_tables import all_columns, read_text_table
 from stochvi.scenes.validation import NonNegatives
 
 
@@ -229,8 +229,8 @@ def with_columns(keys: Any) -> Any:
         columns = all_columns(table, names)
     except SceneError as error:
         raise SceneError([("file", str(error))]) from None
-    factors = _factors(table, given_unit)
-    deflection, force = (values * factor for values, factor in zip(columns, factors, strict=True))
+    units = COLUMN_UNITS[given_unit] if given_unit else None
+    deflection, force = si_columns(table, columns, ("length", "force"), units, CHOICES)
     kept = {name: value for name, value in keys.items() if name not in ("file", "unit")}
     return (
         {"source": Path(keys["file"]).name}
@@ -246,29 +246,3 @@ COLUMN_UNITS = {"m,N": ("m", "N"), "mm,N": ("mm", "N")}
 """Units of the columns of deflection and force by the text that names both in the key `unit`."""
 
 CHOICES = " or ".join(repr(name) for name in COLUMN_UNITS)
-
-
-def _factors(table: TextTable, given: str | None) -> list[float]:
-    """Factors that convert the columns to m and N; the scene or their headings state the units."""
-    names = COLUMN_UNITS[given] if given else (None, None)
-    found = []
-    for place, (quantity, name) in enumerate(zip(("length", "force"), names, strict=True)):
-        stated = table.headings[place].unit
-        column = f"column {place + 1} of {table.path}"
-        if stated is None and name is None:
-            raise SceneError(
-                [("unit", f"must be {CHOICES}, got none, and no unit stands above {column}")]
-            )
-        if stated is not None and stated.quantity != quantity:
-            usual = listed_units(quantity)
-            raise SceneError(
-                [("file", f"states the unit {stated.name!r} above {column}, expected one of "
-                  f"{quantity} ({usual})")]
-            )  # fmt: skip
-        if stated is not None and name is not None and not stated.same(unit(name)):
-            raise SceneError(
-                [("unit", f"is {given!r}, but above {column} stands {stated.name!r}; take out the "
-                  "one that is wrong")]
-            )  # fmt: skip
-        found.append((stated or unit(str(name))).factor)
-    return found
