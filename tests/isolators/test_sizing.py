@@ -537,7 +537,7 @@ def test_a_soft_bumper_may_stand_closer_than_bursts_can_judge() -> None:
     limit = 20.0 * STANDARD_GRAVITY
     found = size(
         soft_bumper(), peak_acceleration=limit, exceedance=0.2, mission=36.0, rel_error=0.3,
-        seed=1, budget=30.0,
+        seed=1, budget=300.0,
     )  # fmt: skip
     assert found.kept_with is not None and found.kept_with.upper_95 is not None
     assert found.kept_with.upper_95 <= 0.2
