@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import lru_cache
 
 import numpy as np
@@ -75,6 +76,9 @@ def unstable(model: Model) -> list[str]:
         f"they grow at {found:.3g} 1/s; add damping, modulate less or add stops"
     ]
 
+
+Settling = Callable[[Model, float], float]
+"""Longest relaxation time of a variance, s, of a model with its modulations, from that without."""
 
 LONGEST = 20.0
 """Largest factor by which modulations lengthen the relaxation time of a structure with stops."""

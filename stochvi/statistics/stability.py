@@ -224,7 +224,8 @@ def _alone(model: Model) -> ModalPlan:
         model, pairs=(), whites=(), constants=(), tables=(),
         signals=tuple(replace(s, direction=np.zeros_like(s.direction)) for s in model.signals),
     )  # fmt: skip
-    plan = plan_modal(still, None, None)
+    # motion that is scaled again and again settles as without modulations, also where it grows
+    plan = plan_modal(still, None, None, settling=lambda _, slowest: slowest)
     period = 2.0 * math.pi / max(plan.fastest, 1e-300)
     length = RELAXATIONS * max(plan.law.slowest, period)
     return replace(plan, burn_in=BURN_IN * length, duration=length)

@@ -169,3 +169,12 @@ def test_what_is_not_modulated_is_refused() -> None:
     scene = Scene(structure=structure, excitations=[Modulation(of="stiffness", intensity=0.1)])
     with pytest.raises(NotApplicable, match="spring must be linear, got kind 'duffing'"):
         stability(scene)
+
+
+def test_the_boundary_of_mean_squares_is_answered() -> None:
+    """Mean squares neither grow nor decay where w^2 S = 2 b, yet almost every motion decays."""
+    intensity = 2.0 * B / W**2
+    found = stability(scene_of(Modulation(of="stiffness", intensity=intensity)), seed=3)
+    squares = found.mean_square_growth
+    assert squares is not None and abs(squares.value) < 1e-9
+    assert_agrees(found.lyapunov_exponent, exponent(intensity))

@@ -60,7 +60,7 @@ from stochvi.model.coverage import without_noise
 from stochvi.model.linear_part import fastest_rate, motions_of
 from stochvi.model.modal import LinearLaw, ModalForm, linear_law
 from stochvi.model.model import UPPER, Model, Pair
-from stochvi.model.modulation import slowest_of
+from stochvi.model.modulation import Settling, slowest_of
 from stochvi.model.no_stationary_state import not_stationary
 from stochvi.model.scales import PairScale, Scales, scales_of
 from stochvi.results.errors import NotApplicable
@@ -951,19 +951,25 @@ class ModalUnderway(Underway):
         return plan._physical(plan._averaged(self.paths.sums, samples, self.counted))
 
 
-def plan_modal(model: Model, threshold: float | None, duration: float | None) -> ModalPlan:
-    """Choose step, burn-in and length for a scene of any structure with rigid stops, no tables."""
+def plan_modal(
+    model: Model, threshold: float | None, duration: float | None, settling: Settling = slowest_of
+) -> ModalPlan:
+    """Choose step, burn-in and length for a scene of any structure with rigid stops, no tables.
+
+    `settling` gives the longest relaxation time with modulations, from that without.
+    """
     unmet = model.not_rigid()
     if model.tables:
         unmet.append("tabulated noise must be synthesised: this plan steps states alone")
     if unmet:
         raise NotApplicable("simulate", unmet)
-    return ModalPlan(**basis(model, threshold, duration))
+    return ModalPlan(**basis(model, threshold, duration, settling=settling))
 
 
 def basis(
-    model: Model, threshold: float | None, duration: float | None, scales: Scales = scales_of
-) -> dict[str, Any]:
+    model: Model, threshold: float | None, duration: float | None, scales: Scales = scales_of,
+    settling: Settling = slowest_of,
+) -> dict[str, Any]:  # fmt: skip
     """Arguments of every plan in modal coordinates: model, linear law, scales of pairs, step,
     lengths."""
     if conditions := without_noise(model, with_sines=True):
@@ -979,7 +985,7 @@ def basis(
             "simulate", [f"{each} (no stationary state was found)" for each in missing]
         )
     law, pairs = found
-    law = law._replace(slowest=max(slowest_of(model, law.slowest), _between_drives(model)))
+    law = law._replace(slowest=max(settling(model, law.slowest), _between_drives(model)))
     pairs = tuple(
         scale._replace(speed=math.hypot(scale.speed, _speed_of_stop(model, pair)))
         for scale, pair in zip(pairs, model.pairs, strict=True)
