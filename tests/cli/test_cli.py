@@ -188,7 +188,7 @@ def test_explain_tells_what_is_simulated_and_what_not(stochvi: Run):
     assert code == 0
     assert document["effects"] == ["white noise on x", "rigid stop lower", "rigid stop upper"]
     assert document["absent"] == [
-        "filtered noise", "tabulated noise", "sine", "constant load", "modulation"
+        "filtered noise", "tabulated noise", "sine", "constant load", "modulation", "pulses"
     ]  # fmt: skip
     assert document["simulation"]["steps_per_path"] > 2
     assert "not simulated: filtered noise; tabulated noise; sine; constant load" in err

@@ -21,6 +21,7 @@ import pytest
 import stochvi
 from stochvi import Oscillator, Scene, WhiteNoise
 from stochvi.cli.answer_schema import answer_schema
+from stochvi.identification import Rebounds
 from stochvi.methods import periodic
 from stochvi.results.base import Result, plain, total_cost
 from stochvi.results.estimates import Cost, Estimate
@@ -119,6 +120,9 @@ ANSWERS: dict[str, Callable[[], Result]] = {
         rel_error=0.5, threads=1,
     ),
     "History": lambda: stochvi.history(lossy(), duration=2.0),
+    "Identification": lambda: stochvi.identify(
+        Rebounds(approach=[0.5, 1.0, 1.5, 2.0], rebound=[0.36, 0.69, 1.06, 1.39])
+    ),
     "PairsSizing": lambda: stochvi.size(
         uncoupled(pair("x", "x", 3.0)), probability=0.1, mission=200.0, rel_error=0.5, threads=1
     ),
@@ -260,8 +264,8 @@ def test_a_file_that_holds_no_answer_is_refused(tmp_path: Path) -> None:
 
 
 def test_an_answer_says_where_it_comes_from(answer: Result) -> None:
-    several = {"Checks", "Judgement"}  # of several scenes
-    if type(answer).__name__ not in several:
+    others = {"Checks", "Judgement", "Identification"}  # of several scenes, and of none
+    if type(answer).__name__ not in others:
         assert answer.provenance["scene"]["structure"]
     by_hand = {"PairsSizing", "Sizing"}  # the tests here make them
     if type(answer).__name__ not in by_hand:
