@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypedDict, Unpack
 
 import numpy as np
 
@@ -40,6 +40,13 @@ EXAMPLES = {"speeds": "'m/s,m/s'", "times": "'s'", "force": "'mm,N', or 's,mm,N'
 """Examples of units, for messages."""
 
 
+class RecordKeys(TypedDict, total=False):
+    """What `stochvi.scenes.read_record` is to know of a file."""
+
+    fs: float | None
+    column: int | str | None
+
+
 @checked
 def read_test(
     path: str | Path,
@@ -50,8 +57,7 @@ def read_test(
     height: float | None = None,
     timing_error: float = 0.0,
     pendulum: bool = False,
-    fs: float | None = None,
-    column: int | str | None = None,
+    **record: Unpack[RecordKeys],
 ) -> Measurement:
     """A test of a stop from its file.
 
@@ -73,8 +79,8 @@ def read_test(
         Standard deviation of a time of an impact, s.
     pendulum
         Whether gravity does not press the mass onto the stop.
-    fs, column
-        Sampling rate (1/s) and column of a record, as for `stochvi.scenes.read_record`.
+    **record
+        Sampling rate `fs` (1/s) and `column` of a record, as for `stochvi.scenes.read_record`.
 
     Returns
     -------
@@ -101,7 +107,7 @@ def read_test(
     path = Path(path)
     check_mass(mass)
     if kind == "drop":
-        return _drop(path, unit, mass, height, pendulum, fs, column)
+        return _drop(path, unit, mass, height, pendulum, record)
     if kind not in LAYOUTS:
         raise ValueError(f"kind must be 'speeds', 'times', 'force' or 'drop', got {kind!r}")
     found = _columns(path, kind, unit)
@@ -139,11 +145,11 @@ def _speed(path: Path, times: Vector, deflection: Vector) -> Vector:
 
 def _drop(
     path: Path, given: str | None, mass: float | None, height: float | None, pendulum: bool,
-    fs: float | None, column: int | str | None,
+    keys: RecordKeys,
 ) -> DropRecord:  # fmt: skip
     if mass is None:
         raise ValueError("mass must be given for a drop (kg), got none")
-    record, columns = read_record(path, fs=fs, column=column)
+    record, columns = read_record(path, **keys)
     known = columns.unit
     if given is not None:
         named = unit_called(given)
