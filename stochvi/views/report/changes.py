@@ -17,7 +17,7 @@ from stochvi.views.production import (
     units_heading,
     units_in_rows,
 )
-from stochvi.views.report.pages import Grid, Picture, Section, shown
+from stochvi.views.report.pages import Grid, Picture, Section, sentence, shown
 from stochvi.views.sizing import plot_sensitivity
 from stochvi.views.words import MM, UNKNOWN, clearances_of_changes, four_digits
 
@@ -53,24 +53,17 @@ def production_section(found: Production | None) -> Section:
     return Section(
         title="Production",
         lead=f"Units differ: {in_words(found.spreads)}. "
-        + " ".join(f"{line[0].upper()}{line[1:]}." for line in risk_in_words(found)),
+        + " ".join(sentence(line) for line in risk_in_words(found)),
         grids=[
-            _grid_of(COSTS, tolerances_in_rows(found)),
-            _grid_of(units_heading(found), units_in_rows(found)),
+            Grid.of(COSTS, tolerances_in_rows(found)),
+            Grid.of(units_heading(found), units_in_rows(found)),
         ],
         pictures=[
             shown(lambda: plot_units(found), "Units by their probability of any impact."),
             shown(lambda: plot_costs(found), "Clearance that each tolerance costs."),
         ],
-        notes=[f"{found.method[0].upper()}{found.method[1:]}."],
+        notes=[sentence(found.method)],
     )
-
-
-def _grid_of(caption: str, table: pd.DataFrame) -> Grid:
-    return Grid(
-        caption=f"{caption[0].upper()}{caption[1:]}", headings=[str(name) for name in table],
-        rows=table.to_numpy().tolist(),
-    )  # fmt: skip
 
 
 def sensitivity_section(table: pd.DataFrame | None) -> Section:

@@ -48,7 +48,8 @@ class Grid:
     def of(cls, caption: str, table: pd.DataFrame, words: int = 1) -> Grid:
         """A table with its numbers in four digits, and - where one is not known."""
         rows = [[_cell(each) for each in row] for row in table.itertuples(index=False)]
-        return cls(caption=caption, headings=[str(name) for name in table], rows=rows, words=words)
+        headings = [str(name) for name in table]
+        return cls(caption=capital(caption), headings=headings, rows=rows, words=words)
 
 
 def _cell(value: object) -> str:
@@ -57,13 +58,18 @@ def _cell(value: object) -> str:
     return "-" if math.isnan(value) else f"{value:.4g}"
 
 
+def capital(text: str) -> str:
+    """A text with a capital letter in front."""
+    return f"{text[0].upper()}{text[1:]}"
+
+
 def sentence(text: str) -> str:
     """A text as a sentence.
 
     >>> sentence("phases are independent")
     'Phases are independent.'
     """
-    return f"{text[0].upper()}{text[1:].removesuffix('.')}."
+    return f"{capital(text).removesuffix('.')}."
 
 
 @dataclass(frozen=True, kw_only=True)
