@@ -7,6 +7,7 @@ after their sizes were compared with what they claim.
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import math
 import os
@@ -30,6 +31,14 @@ from stochvi.scenes.text_tables import check_file
 
 LARGEST_DATA_FILE = 200_000_000
 """Largest size of a record file, bytes: an hour at 1 kHz takes about 70 million bytes as text."""
+
+OF_EXTRAS = {
+    "IDE": ("idelib", "ide"),
+    "Nastran modes": ("pyyeti", "fem"),
+    "Nastran matrices": ("pyyeti", "fem"),
+    "Exodus modes": ("netCDF4", "fem"),
+}
+"""Kind of file -> the package that reads it, and the extra by which it is installed."""
 
 LONGEST_WAIT = 10 * MOST_SECONDS
 """Longest time of a reader by the clock, s, on a machine that has other work."""
@@ -55,6 +64,9 @@ def read_foreign(path: Path, kind: str) -> tuple[Foreign, ...]:
     SceneError
         If the file cannot be read, whatever happens to the program that reads it.
     """
+    package, extra = OF_EXTRAS.get(kind, ("numpy", ""))
+    if importlib.util.find_spec(package) is None:
+        raise SceneError(f"{path} needs the package {package}: pip install 'stochvi[{extra}]'")
     check_file(path, LARGEST_DATA_FILE)
     found = path.stat()
     return _read_apart(str(path), kind, (found.st_ino, found.st_size, found.st_mtime_ns))

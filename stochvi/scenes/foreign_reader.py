@@ -162,6 +162,69 @@ def uff_modes(path: str) -> Iterator[dict[str, Any]]:
         }
 
 
+def nastran_modes(path: str) -> Iterator[dict[str, Any]]:
+    """The mode shapes in the tables OUG of an OP2 file of Nastran, as in `uff_modes`."""
+    import numpy as np
+    from pyyeti.nastran import op2
+
+    content = op2.rdpostop2(path, getougv1=True)["mats"]
+    for case, table in enumerate(content.get("ougv1", ())):
+        nodes = np.unique(table["dof"][:, 0])
+        place = np.searchsorted(nodes, table["dof"][:, 0]), np.maximum(table["dof"][:, 1] - 1, 0)
+        roots = np.sqrt(np.abs(table["lambda"])) / (2.0 * np.pi)
+        masses = np.zeros(len(roots))
+        stated = content.get("lama", ())[case : case + 1]
+        if stated and len(stated[0]) == len(roots):
+            masses = stated[0][:, 5]  # number, order, eigenvalue, rad/s, Hz, mass, stiffness
+        for number, shape in enumerate(table["ougv1"].T):
+            motion = np.zeros((len(nodes), 6))
+            motion[place] = np.real(shape)
+            yield {
+                "name": str(number + 1), "case": case, "complex": bool(np.any(np.imag(shape))),
+                "frequency_hz": float(roots[number]), "modal_mass": float(masses[number]),
+                "zeta": 0.0, "x": nodes.astype(float), "y": motion,
+            }  # fmt: skip
+
+
+def exodus_modes(path: str) -> Iterator[dict[str, Any]]:
+    """The mode shapes in an Exodus file, whose times are the natural frequencies, as in
+    `uff_modes`."""
+    import netCDF4
+    import numpy as np
+
+    with netCDF4.Dataset(path) as file:
+        file.set_auto_mask(False)
+        names = [
+            str(each).strip().lower() for each in netCDF4.chartostring(file["name_nod_var"][:])
+        ]
+        count = len(file.dimensions["num_nodes"])
+        nodes = (
+            file["node_num_map"][:] if "node_num_map" in file.variables else 1 + np.arange(count)
+        )
+        place = {
+            axis + 3 * turned: names.index(name)
+            for turned, start in enumerate(("disp", "rot"))
+            for axis, end in enumerate("xyz")
+            for name in names
+            if name.startswith(start) and name.endswith(end)
+        }
+        for step, frequency in enumerate(np.atleast_1d(file["time_whole"][:])):
+            motion = np.zeros((count, 6 if max(place, default=0) > 2 else 3))
+            for column, variable in place.items():
+                motion[:, column] = file[f"vals_nod_var{variable + 1}"][step]
+            yield {
+                "name": str(step + 1), "complex": False, "frequency_hz": abs(float(frequency)),
+                "modal_mass": 0.0, "zeta": 0.0, "x": nodes.astype(float), "y": motion,
+            }  # fmt: skip
+
+
+def nastran_matrices(path: str) -> Iterator[dict[str, Any]]:
+    """The real matrices of an OP4 file of Nastran."""
+    from pyyeti.nastran import op4
+
+    yield from numeric(op4.read(path, sparse=False))
+
+
 def ide(path: str) -> Iterator[dict[str, Any]]:
     """The channels of acceleration of a logger, with their times in seconds."""
     import idelib
@@ -182,6 +245,9 @@ READERS: dict[str, Callable[[str], Iterator[dict[str, Any]]]] = {
     "MATLAB": matlab,
     "UFF": uff,
     "UFF modes": uff_modes,
+    "Nastran modes": nastran_modes,
+    "Exodus modes": exodus_modes,
+    "Nastran matrices": nastran_matrices,
     "IDE": ide,
 }
 """Name of a format -> its reader."""

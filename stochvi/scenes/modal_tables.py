@@ -1,4 +1,4 @@
-"""Natural modes from files: tables of text, and datasets 55 of UFF files.
+"""Natural modes from files: tables of text, mode shapes of measurements and of finite elements.
 
 Reading gives the keys of a structure of kind "modes".
 """
@@ -20,8 +20,21 @@ from stochvi.scenes.text_tables import read_text_table
 OWN_COLUMNS = ("frequency_hz", "zeta", "Q", "modal_mass", "participation")
 """Columns of a table of modes that are no points."""
 
+SHAPES = {
+    **dict.fromkeys(UFF_SUFFIXES, ("UFF modes", "datasets 55 of normal modes")),
+    ".op2": ("Nastran modes", "mode shapes (DISPLACEMENT(PLOT) = ALL, PARAM,POST,-1)"),
+    **dict.fromkeys(
+        (".exo", ".e", ".ex2", ".g"), ("Exodus modes", "nodal variables disp*x, *y, *z")
+    ),
+}
+"""Ending of a file of mode shapes -> its kind, and what it must hold."""
+
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
-"""Directions of the motion of a node in a dataset 55, in its order."""
+"""Directions of the motion of a node in a file of mode shapes, in their order."""
+
+RIGID_MOTION = 1e-6
+"""Frequency of a mode, by that of the highest mode of its file, below which it is rounding for 0:
+no spring holds this motion. Finite elements leave 1e-7 or so."""
 
 NODE = re.compile(r"(\d+)\.(-?)(r?[xyz])")
 """How a node and a direction are written."""
@@ -36,9 +49,10 @@ def read_modes(file: str, points: Mapping[str, str] | None) -> dict[str, Any]:
     Parameters
     ----------
     file
-        Name of the file: a UFF file (.uff, .unv, .ufb, .uf), or a table of text.
+        Name of the file: mode shapes of UFF (.uff, .unv, .ufb, .uf), Nastran (.op2) or Exodus
+        (.exo, .e), or a table of text.
     points
-        Column of each point, by its name, or node and direction of a UFF file. Without points,
+        Column of each point, by its name, or node and direction of mode shapes. Without points,
         every further column of a table is one.
 
     Raises
@@ -47,9 +61,8 @@ def read_modes(file: str, points: Mapping[str, str] | None) -> dict[str, Any]:
         If the file does not hold what is needed.
     """
     path = Path(file)
-    found = (
-        _from_uff(path, points) if path.suffix.lower() in UFF_SUFFIXES else _from_text(path, points)
-    )
+    kind, content = SHAPES.get(path.suffix.lower(), ("", ""))
+    found = _from_shapes(path, points, kind, content) if kind else _from_text(path, points)
     return {"source": path.name} | found
 
 
@@ -77,35 +90,41 @@ def _from_text(path: Path, points: Mapping[str, str] | None) -> dict[str, Any]:
     return own | {"shapes": {name: columns[column].tolist() for name, column in wanted.items()}}
 
 
-def _from_uff(path: Path, points: Mapping[str, str] | None) -> dict[str, Any]:
-    sets = read_foreign(path, "UFF modes")
-    if not sets:
-        raise SceneError(
-            f"{path} needs datasets 55 of normal modes, got none; export the mode shapes"
-        )
-    turned = [each.name for each in sets if each.facts["complex"]]
+def _from_shapes(
+    path: Path, points: Mapping[str, str] | None, kind: str, content: str
+) -> dict[str, Any]:
+    modes = read_foreign(path, kind)
+    if not modes:
+        raise SceneError(f"{path} needs {content}, got none; export the mode shapes")
+    turned = [each.name for each in modes if each.facts["complex"]]
     if turned:
         raise SceneError(
-            f"{path} must hold real normal modes, got complex ones in dataset "
+            f"{path} must hold real normal modes, got complex ones, the modes "
             f"{', '.join(turned[:NAMES_LISTED])}; export normal modes"
         )
-    nodes = [] if sets[0].x is None else sets[0].x.astype(int).tolist()
+    cases = len({each.facts.get("case") for each in modes})
+    if cases > 1:
+        raise SceneError(f"{path} must hold the modes of one subcase, got {cases}; export one")
+    nodes = [] if modes[0].x is None else modes[0].x.astype(int).tolist()
     if not points:
         raise SceneError(
             'needs points beside file, as points = { tip = "12.z" } with node and direction; '
             f"{path} has the nodes {', '.join(map(str, nodes[:NAMES_LISTED]))}"
             f"{' and more' if len(nodes) > NAMES_LISTED else ''}"
         )
+    frequency = np.array([each.facts["frequency_hz"] for each in modes])
     found: dict[str, Any] = {
-        "frequency_hz": [each.facts["frequency_hz"] for each in sets],
+        "frequency_hz": np.where(
+            frequency < RIGID_MOTION * frequency.max(), 0.0, frequency
+        ).tolist(),
         "shapes": {
-            name: [_motion(path, each, place) for each in sets] for name, place in points.items()
+            name: [_motion(path, each, place) for each in modes] for name, place in points.items()
         },
     }
-    masses = [each.facts["modal_mass"] for each in sets]
+    masses = [each.facts["modal_mass"] for each in modes]
     if all(masses):
         found["modal_mass"] = masses
-    ratios = [each.facts["zeta"] for each in sets]
+    ratios = [each.facts["zeta"] for each in modes]
     if any(ratios):
         found["zeta"] = ratios
     return found
@@ -124,7 +143,7 @@ def _motion(path: Path, mode: Foreign, place: str) -> float:
     if len(row) != 1 or direction >= mode.y.shape[1]:
         listed = ", ".join(f"{each:.0f}" for each in nodes[:NAMES_LISTED])
         raise SceneError(
-            f"{path} has no motion {place!r} in dataset {mode.name}: it has the nodes {listed}"
+            f"{path} has no motion {place!r} in mode {mode.name}: it has the nodes {listed}"
             f"{' and more' if len(nodes) > NAMES_LISTED else ''}, along "
             f"{', '.join(DIRECTIONS[: mode.y.shape[1]])}"
         )

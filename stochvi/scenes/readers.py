@@ -3,7 +3,6 @@ NumPy, IDE."""
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -309,8 +308,6 @@ def _listed(entries: Sequence[str]) -> str:
 
 def _read_ide(path: Path, names: Sequence[str], column: int | str | None) -> Columns:
     """A channel of acceleration of a recording of Mide's loggers, by the package idelib."""
-    if importlib.util.find_spec("idelib") is None:
-        raise SceneError(f"{path} needs the package idelib: pip install 'stochvi[ide]'")
     channels = read_foreign(path, "IDE")
     if not channels:
         raise SceneError(f"{path} holds no channel of acceleration")

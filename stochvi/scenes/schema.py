@@ -18,7 +18,7 @@ from stochvi.scenes.characteristics import SpringTable
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Viscoelastic
 from stochvi.scenes.impact_laws.rubber_data import DAMPING, PAD
 from stochvi.scenes.scene import Scene
-from stochvi.scenes.structures import Modes
+from stochvi.scenes.structures import Matrices, Modes
 from stochvi.scenes.validation import PYTHON_ONLY, Checked
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -89,6 +89,9 @@ def scene_schema() -> dict[str, Any]:
     modes = described[Modes.__name__]
     modes["required"] = ["kind"]
     modes["anyOf"] = [{"required": ["file"]}, {"required": ["frequency_hz", "shapes"]}]
+    matrices = described[Matrices.__name__]
+    matrices["required"] = ["kind"]
+    matrices["anyOf"] = [{"required": ["file"]}, {"required": ["coordinates", "mass", "stiffness"]}]
     head = {"$schema": DIALECT, "title": "stochvi scene"}
     return head | _described(_tidy(whole, left_out), Scene) | {"$defs": described}
 

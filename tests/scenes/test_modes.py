@@ -1,7 +1,8 @@
-"""A structure by its natural modes: from numbers, from a table, from a UFF file."""
+"""A structure by its natural modes: from numbers, a table, a UFF file, finite elements."""
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 import pyuff
 import scipy.linalg
+from scipy.io import netcdf_file
 
 from stochvi import (
     ConstantLoad,
@@ -137,6 +139,104 @@ def write_table(path: Path) -> Path:
     return path
 
 
+def write_op2(path: Path, *, masses: bool = True, cases: int = 1) -> Path:
+    """The chain as an OP2 file of Nastran: its modes along z at the nodes 11, 12 and 13, of twice
+    their length, in the records that MSC documents (LAMA and OUGV1, 32 bit)."""
+
+    def record(data: bytes) -> bytes:
+        size = struct.pack("<i", len(data))
+        return size + data + size
+
+    def numbers(*each: int) -> bytes:
+        return struct.pack(f"<{len(each)}i", *each)
+
+    def block(name: str, records: list[bytes]) -> bytes:
+        label = name.ljust(8).encode()
+        found = record(numbers(2)) + record(label) + record(numbers(-1))
+        found += record(numbers(7)) + record(numbers(101, 3, 0, 0, 0, 0, 1)) + record(numbers(-2))
+        for count, data in enumerate([label, *records]):
+            found += record(numbers(1)) + record(numbers(0)) + record(numbers(len(data) // 4))
+            found += record(data) + record(numbers(-3 - count))
+        return found + record(numbers(1)) + record(numbers(0)) + record(numbers(0))
+
+    roots = np.sqrt(SQUARES)
+    table = b"".join(
+        numbers(k + 1, k + 1)
+        + struct.pack("<5f", SQUARES[k], roots[k], FREQUENCIES[k], 4.0, 4.0 * SQUARES[k])
+        for k in range(3)
+    )
+    shapes = []
+    for k in range(3):
+        head = struct.pack("<5if3i", 21, 7, 0, 1, k + 1, SQUARES[k], 0, 0, 1) + numbers(8)
+        shapes.append(head.ljust(584, bytes(1)))
+        rows = [
+            numbers(10 * node + 1, 1) + struct.pack("<6f", 0, 0, 2.0 * SHAPES[row, k], 0, 0, 0)
+            for row, node in enumerate((11, 12, 13))
+        ]
+        shapes.append(b"".join(rows))
+    whole = b""
+    for _ in range(cases):
+        if masses:
+            whole += block("LAMA", [numbers(21, 6).ljust(584, bytes(1)), table])
+        whole += block("OUGV1", shapes)
+    path.write_bytes(whole + record(numbers(0)))
+    return path
+
+
+def write_exodus(path: Path) -> Path:
+    """The chain as an Exodus file, its modes along z at the nodes 11, 12 and 13, after a motion
+    that no spring holds."""
+    with netcdf_file(str(path), "w") as file:
+        for name, size in (("num_nodes", 3), ("num_nod_var", 2), ("len_name", 8), ("time", 4)):
+            file.createDimension(name, size)
+        file.createVariable("node_num_map", "i4", ("num_nodes",))[:] = [11, 12, 13]
+        file.createVariable("time_whole", "f8", ("time",))[:] = [-1e-7, *FREQUENCIES]
+        names = [list(each.ljust(8, chr(0))) for each in ("DispX", "DispZ")]
+        file.createVariable("name_nod_var", "c", ("num_nod_var", "len_name"))[:] = names
+        values = file.createVariable("vals_nod_var2", "f8", ("time", "num_nodes"))
+        values[:] = np.vstack([np.ones(3), SHAPES.T])
+        still = file.createVariable("vals_nod_var1", "f8", ("time", "num_nodes"))
+        still[:] = np.zeros((4, 3))
+    return path
+
+
+def test_modes_of_finite_elements_are_those_of_the_chain(tmp_path: Path) -> None:
+    nodes = {"a": "11.z", "c": "13.-z"}
+    nastran = Modes(file=str(write_op2(tmp_path / "chain.op2")), points=nodes, zeta=0.01)
+    exodus = Modes(file=str(write_exodus(tmp_path / "chain.exo")), points=nodes, zeta=0.01)
+    assert exodus.natural_frequency_hz[0] == 0.0  # its small negative number is rounding
+    for first, scale, found in ((0, 2.0, nastran), (1, 1.0, exodus)):
+        table = found.table
+        rows = slice(first, None)
+        # an OP2 file holds numbers of 32 bits
+        assert found.natural_frequency_hz[rows] == pytest.approx(FREQUENCIES, rel=1e-6)
+        assert table.shapes["a"][rows] == pytest.approx(scale * SHAPES[0], rel=1e-6)
+        assert table.shapes["c"][rows] == pytest.approx(-scale * SHAPES[2], rel=1e-6)
+        assert table.mass[rows].tolist() == [scale**2] * 3
+    bare = Modes(
+        file=str(write_op2(tmp_path / "bare.op2", masses=False)), points=nodes, zeta=0.01,
+        modal_mass=4.0,
+    )  # fmt: skip
+    assert bare.natural_frequency_hz == pytest.approx(FREQUENCIES, rel=1e-6)
+    assert bare.table.mass.tolist() == [4.0] * 3
+
+
+def test_modes_that_stand_still_leave_their_compliance() -> None:
+    whole = by_modes(excitations=[DRIVES["point"]]).structure
+    assert isinstance(whole, Modes)
+    for way in ({"modes": 1}, {"max_frequency_hz": float(FREQUENCIES[:2].mean())}):
+        one = whole.replace(**way)
+        assert one.coordinates == ("mode 1",)
+        # K^-1 is the sum of phi phi' / omega^2 over all modes
+        flexibility = np.linalg.inv(STIFFNESS) - np.outer(SHAPES[:, 0], SHAPES[:, 0]) / SQUARES[0]
+        for row, name in enumerate("abc"):
+            assert one.compliance({name: 1.0}) == pytest.approx(flexibility[row, row], rel=1e-9)
+        between = flexibility[0, 0] - 2.0 * flexibility[0, 2] + flexibility[2, 2]
+        assert one.compliance({"a": 1.0, "c": -1.0}) == pytest.approx(between, rel=1e-9)
+    assert whole.compliance({"c": 1.0}) == 0.0
+    assert "1 of 3 modes" in one.assumptions()[0]
+
+
 def test_a_finite_element_model_from_a_file_gives_the_numbers_of_its_matrices(
     tmp_path: Path,
 ) -> None:
@@ -146,6 +246,11 @@ def test_a_finite_element_model_from_a_file_gives_the_numbers_of_its_matrices(
     for structure in (
         Modes(file=str(write_uff(tmp_path / "chain.uff")), points=nodes),
         Modes(file=str(write_table(tmp_path / "chain.csv"))),
+        Modes(
+            file=str(write_op2(tmp_path / "chain.op2")),
+            zeta=RATIOS.tolist(),
+            points=nodes,
+        ),
     ):
         assert structure.source and structure.file is None
         found = numbers(Scene(structure=structure, **keys))
@@ -184,7 +289,7 @@ def test_a_scene_file_finds_the_modes_beside_it(tmp_path: Path) -> None:
         (lambda p: Modes(file=str(write_uff(p / "a.uff"))), "needs points beside file"),
         (
             lambda p: Modes(file=str(write_uff(p / "a.uff")), points={"tip": "9.z"}),
-            "has no motion '9.z' in dataset 1: it has the nodes 11, 12, 13, along x, y, z",
+            "has no motion '9.z' in mode 1: it has the nodes 11, 12, 13, along x, y, z",
         ),
         (
             lambda p: Modes(file=str(write_uff(p / "a.uff")), points={"tip": "tip"}),
@@ -192,7 +297,7 @@ def test_a_scene_file_finds_the_modes_beside_it(tmp_path: Path) -> None:
         ),
         (
             lambda p: Modes(file=str(write_uff(p / "a.uff", kind=3)), points={"tip": "11.z"}),
-            "must hold real normal modes, got complex ones in dataset 1, 2, 3",
+            "must hold real normal modes, got complex ones, the modes 1, 2, 3",
         ),
         (
             lambda p: Modes(file=str(write_table(p / "a.csv")), points={"tip": "d"}),
@@ -202,6 +307,13 @@ def test_a_scene_file_finds_the_modes_beside_it(tmp_path: Path) -> None:
             lambda p: Modes(file=str(write_table(p / "a.csv")), frequency_hz=[1.0]),
             "takes frequency_hz from the file or from the scene, got both",
         ),
+        (
+            lambda p: Modes(file=str(write_op2(p / "a.op2", cases=2)), points={"tip": "11.z"}),
+            "must hold the modes of one subcase, got 2; export one",
+        ),
+        (lambda _: Modes(**TWO, modes=3), "modes must be at most the 2 that are given, got 3"),
+        (lambda _: Modes(**TWO, modes=1, max_frequency_hz=9.0), "at most one of modes and max_fr"),
+        (lambda _: Modes(**TWO, max_frequency_hz=9.0), "must be above the lowest natural frequen"),
     ],
 )
 def test_modes_that_do_not_fit_are_refused(

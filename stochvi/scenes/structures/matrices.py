@@ -2,14 +2,31 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
-from pydantic import field_validator, model_validator
+from pydantic import WithJsonSchema, field_validator, model_validator
 
+from stochvi.results.errors import SceneError
+from stochvi.scenes.matrix_files import read_matrices
 from stochvi.scenes.structures.base import AnyStructure
-from stochvi.scenes.validation import Matrix
+from stochvi.scenes.validation import Matrix, NonNegative, given
+
+NamedMatrix = Annotated[
+    Matrix,
+    WithJsonSchema(
+        {
+            "anyOf": [
+                {"type": "array", "items": {"type": "array", "items": {"type": "number"}}},
+                {"type": "string"},
+            ]
+        }
+    ),
+]
+"""A matrix, or its name in a file."""
 
 
 class Matrices(AnyStructure):
@@ -18,14 +35,24 @@ class Matrices(AnyStructure):
     Parameters
     ----------
     coordinates
-        A name for each displacement, in the order of rows and columns.
+        A name for each displacement, in the order of rows and columns; with a file "x1", "x2" and
+        so on, unless others are given.
     mass, damping, stiffness
         Symmetric matrices, kg, N s/m and N/m; the mass positive definite, the others without
-        negative eigenvalues. On a moving base, displacements are relative to it.
+        negative eigenvalues. On a moving base, displacements are relative to it. With a file, the
+        name of each matrix in it, by default "mass", "damping" and "stiffness".
+    zeta
+        Damping ratio of every natural mode, instead of a damping matrix:
+        C = sum over modes of 2 zeta omega (M phi) (M phi)', phi' M phi = 1.
+    file
+        A file of the matrices: Nastran (.op4, with the extra `fem`), MATLAB (.mat) or NumPy (.npz).
+    source
+        Where the numbers come from; by default the name of the file.
 
     See Also
     --------
     stochvi.Oscillator : A single mass.
+    stochvi.scenes.Modes : A structure by its natural modes, also from a file.
     stochvi.scenes.RigidBody : A box, whose matrices are built.
 
     Examples
@@ -42,9 +69,33 @@ class Matrices(AnyStructure):
 
     kind: Literal["matrices"] = "matrices"
     coordinates: tuple[str, ...]
-    mass: Matrix
-    damping: Matrix
-    stiffness: Matrix
+    mass: NamedMatrix
+    damping: NamedMatrix | None = None
+    stiffness: NamedMatrix
+    zeta: NonNegative | None = None
+    file: str | None = None
+    source: str | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _from_file(cls, keys: Any) -> Any:
+        """The keys with the matrices of the file instead of its name, if a file is given."""
+        if not isinstance(keys, dict) or not isinstance(keys.get("file"), str):
+            return keys
+        names = {
+            name: keys[name]
+            for name in ("mass", "damping", "stiffness")
+            if isinstance(keys.get(name), str)
+        }
+        try:
+            damped = "damping" in names or keys.get("zeta") is None
+            found = read_matrices(keys["file"], names, damped=damped)
+        except SceneError as error:
+            raise SceneError([("file", str(error))]) from None
+        count = len(found["mass"])
+        rest = {name: value for name, value in keys.items() if name not in (*names, "file")}
+        numbered = {"coordinates": tuple(f"x{n}" for n in range(1, count + 1))}
+        return {"source": Path(keys["file"]).name} | numbered | found | rest
 
     @field_validator("coordinates", mode="before")
     @classmethod
@@ -60,8 +111,14 @@ class Matrices(AnyStructure):
                 "needs coordinates with different names, none of them empty or 'base', "
                 f"got {list(self.coordinates)}"
             )
+        if (self.damping is None) == (self.zeta is None):
+            raise ValueError(
+                f"needs exactly one of damping and zeta, got {given(self, 'damping', 'zeta')}"
+            )
         for name in ("mass", "damping", "stiffness"):
             rows = getattr(self, name)
+            if rows is None:
+                continue
             if len(rows) != count or any(len(row) != count for row in rows):
                 shape = " and ".join(str(len(row)) for row in rows)
                 raise ValueError(
@@ -94,7 +151,17 @@ class Matrices(AnyStructure):
     @property
     def matrices(self) -> tuple[NDArray[np.float64], ...]:
         """Mass, damping and stiffness."""
-        return tuple(np.array(rows) for rows in (self.mass, self.damping, self.stiffness))
+        mass, stiffness = np.array(self.mass), np.array(self.stiffness)
+        if self.damping is not None:
+            return mass, np.array(self.damping), stiffness
+        squares, shapes = scipy.linalg.eigh(stiffness, mass)
+        moved = mass @ shapes
+        rates = 2.0 * (self.zeta or 0.0) * np.sqrt(np.maximum(squares, 0.0))
+        return mass, (rates * moved) @ moved.T, stiffness
+
+    def assumptions(self) -> list[str]:
+        found = [] if self.source is None else [f"matrices: {self.source}"]
+        return found if self.zeta is None else [*found, "the damping ratio is that of each mode"]
 
 
 SYMMETRY = 1e-9

@@ -23,9 +23,11 @@ from stochvi.scenes.modal_tables import read_modes
 from stochvi.scenes.structures.base import AnyStructure
 from stochvi.scenes.validation import (
     Column,
+    Count,
     NonNegative,
     NonNegatives,
     Numbers,
+    Positive,
     given,
 )
 
@@ -49,6 +51,16 @@ class ModalTable:
     mass: Vector
     shapes: Mapping[str, Vector]
     participation: Vector | None
+
+    def part(self, kept: slice) -> ModalTable:
+        """Some of the modes."""
+        return ModalTable(
+            omega=self.omega[kept],
+            zeta=self.zeta[kept],
+            mass=self.mass[kept],
+            shapes={name: shape[kept] for name, shape in self.shapes.items()},
+            participation=None if self.participation is None else self.participation[kept],
+        )
 
 
 class ModalStructure(AnyStructure):
@@ -147,14 +159,18 @@ class Modes(ModalStructure):
         Participation factor of each mode for a base that moves, (shape' M 1) / modal_mass; left
         out where the base stands still.
     residual_compliance
-        Static compliance (m/N) at points by all modes that are left out; it lies in series with
+        Static compliance (m/N) at points by all modes that are not given; it lies in series with
         a compliant stop there.
+    modes, max_frequency_hz
+        Number of modes that move, from the lowest; or all up to a frequency, Hz. The others yield
+        by their static compliance, which adds to `residual_compliance`.
     file
         Instead of these: a table (.csv) with a row for each mode and columns called frequency_hz,
-        zeta or Q, modal_mass, participation and after the points; or a UFF file with datasets 55.
+        zeta or Q, modal_mass, participation and after the points; or mode shapes of a UFF file
+        (datasets 55), of Nastran (.op2) or of Exodus (.exo, .e), with the extra `fem`.
     points
-        With a file: a name for each point, and its column. UFF files take node and direction, as
-        { tip = "12.z" } or "12.-z".
+        With a file: a name for each point, and its column. Files of mode shapes take node and
+        direction, as { tip = "12.z" } or "12.-z".
     source
         Where the numbers come from; by default the name of the file.
 
@@ -183,6 +199,8 @@ class Modes(ModalStructure):
     shapes: dict[str, Numbers]
     participation: Numbers | None = None
     residual_compliance: dict[str, NonNegative] | None = None
+    modes: Count | None = None
+    max_frequency_hz: Positive | None = None
     file: str | None = None
     points: dict[str, str] | None = None
     source: str | None = None
@@ -208,7 +226,7 @@ class Modes(ModalStructure):
         twice = sorted(found.keys() & kept.keys() - {"source"})
         if {"zeta", "Q"} & kept.keys():
             found = {name: value for name, value in found.items() if name not in ("zeta", "Q")}
-            twice = [name for name in twice if name not in ("zeta", "Q")]
+        twice = [name for name in twice if name not in ("zeta", "Q", "modal_mass")]
         if twice:
             raise ValueError(f"takes {twice[0]} from the file or from the scene, got both")
         return found | kept
@@ -229,6 +247,17 @@ class Modes(ModalStructure):
                 problems.append(
                     (name, f"must hold {count} numbers, one for each mode, got {len(values)}")
                 )
+        if self.modes is not None and self.max_frequency_hz is not None:
+            raise ValueError("needs at most one of modes and max_frequency_hz, got both")
+        if self.modes is not None and self.modes > count:
+            problems.append(
+                ("modes", f"must be at most the {count} that are given, got {self.modes}")
+            )
+        elif not self._moving:
+            problems.append(
+                ("max_frequency_hz", "must be above the lowest natural frequency, got "
+                 f"{self.max_frequency_hz:g}; raise it, or give modes = 1")
+            )  # fmt: skip
         if not self.shapes:
             problems.append(("shapes", "must name one point at least, got none"))
         for name, shape in self.shapes.items():
@@ -259,9 +288,16 @@ class Modes(ModalStructure):
         """Names of the modal coordinates of so many modes."""
         return tuple(f"mode {k + 1}" for k in range(count))
 
+    @property
+    def _moving(self) -> int:
+        """Number of the modes that move."""
+        if self.max_frequency_hz is not None:
+            return sum(each <= self.max_frequency_hz for each in self.frequency_hz)
+        return len(self.frequency_hz) if self.modes is None else self.modes
+
     @cached_property
-    def table(self) -> ModalTable:
-        """The modes, in rising order of their frequencies."""
+    def given_modes(self) -> ModalTable:
+        """All modes that are given, in rising order of their frequencies."""
         frequency = np.array(self.frequency_hz)
         order = np.argsort(frequency, kind="stable")
         zeta = np.array(self.zeta) if self.Q is None else 0.5 / np.array(self.Q)
@@ -277,10 +313,27 @@ class Modes(ModalStructure):
             participation=None if self.participation is None else each(self.participation),
         )
 
+    @cached_property
+    def table(self) -> ModalTable:
+        """The modes that move, in rising order of their frequencies."""
+        return self.given_modes.part(slice(self._moving))
+
     def compliance(self, weights: Mapping[str, float]) -> float:
-        found = self.residual_compliance or {}
-        return sum(weight**2 * found.get(name, 0.0) for name, weight in weights.items())
+        stated = self.residual_compliance or {}
+        found = sum(weight**2 * stated.get(name, 0.0) for name, weight in weights.items())
+        others = self.given_modes.part(slice(self._moving, None))
+        if not set(weights) <= set(others.shapes):  # a modal coordinate has no point
+            return found
+        row = np.sum([weight * others.shapes[name] for name, weight in weights.items()], axis=0)
+        return found + float(np.sum(row**2 / (others.mass * others.omega**2)))
 
     def assumptions(self) -> list[str]:
         found = [] if self.source is None else [f"modes: {self.source}"]
-        return [*found, f"the structure moves by {len(self.frequency_hz)} modes"]
+        moving, every = self._moving, len(self.frequency_hz)
+        if moving == every:
+            return [*found, f"the structure moves by {moving} modes"]
+        return [
+            *found,
+            f"the structure moves by {moving} of {every} modes; the static compliance of the "
+            "others lies in series with elastic, viscoelastic and tabulated stops",
+        ]
