@@ -26,6 +26,7 @@ from .results.estimates import Estimate
 from .results.response import Response
 from .saved_answers import load_answer, save_answer
 from .scenes.absorbers import Absorber
+from .scenes.between_units import BetweenUnits
 from .scenes.excitations import (
     ConstantLoad,
     FilteredNoise,
@@ -64,6 +65,7 @@ __version__: str
 
 __all__ = [
     "Absorber",
+    "BetweenUnits",
     "ConstantLoad",
     "Elastic",
     "Estimate",

@@ -41,6 +41,7 @@ zeta = 0.1
 # [5.0, 20.0] } (N s/m, N s^2/m^2), or { kind = "rayleigh", linear_damping = -5.0, cubic_damping =
 # 50.0 } (N s/m, N s^3/m^3), or { kind = "van-der-pol", damping = 5.0, amplitude = 1e-3 } (N s/m, m)
 # gravity = true             # towards -x; left out, stops are measured from where the mass hangs
+# differs between units: frequency_hz = { mean = 12.0, std = 0.4 }, or half_width = 0.6 (uniform)
 # frequency_tolerance = 0.1  # relative, and damping_tolerance: `size` keeps its target within
 # several masses: kind = "matrices", coordinates = ["box", "absorber"], mass = [[..], [..]],
 # damping = .., stiffness = ..; every entry below then needs on = or between =;
@@ -54,6 +55,7 @@ zeta = 0.1
 lower = -0.004               # m from the position of the unloaded spring; leave out for none
 upper = 0.004                # both sides alike: clearance = 0.004 instead of lower and upper
 law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law where they differ
+# differs between units: upper = { mean = 0.004, std = 1e-4 }, and so a stiffness of a stop
 # drawn anew at each impact (beta distribution): coefficient = { mean = 0.5, std = 0.1 }
 # compliant stops (N/m): { kind = "elastic", stiffness = 1e5 },
 # { kind = "viscoelastic", stiffness = 1e5, damping_ratio = 0.2 } (or loss_factor = 0.4, or

@@ -297,12 +297,15 @@ def reliability(
     loaded = load_scene(scene)
     asked["mission"] = asked["mission"] or phase_duration(scene)
     allowed, spreads = tolerances_of(loaded, tolerances)
-    if tolerances is not None and spreads is None:
+    if tolerances is not None and not spreads:
         raise ValueError(
             "--tolerances must hold a distribution between units, as frequency=normal:3%, got "
             f"{tolerances}; limits are for size"
         )
-    if spreads and (barrier is not None or asked["start"] == "rest"):
+    alone = barrier is not None or asked["start"] == "rest" or bool(loaded.phases)
+    if alone and tolerances is None:
+        spreads = {}  # what the scene states is then at its mean, as the answer says
+    if spreads and alone and not loaded.phases:
         raise ValueError(
             "--tolerances must be left out with --barrier and --start rest: the mean over units is "
             "found for stops, from a stationary start"

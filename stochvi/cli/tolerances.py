@@ -20,15 +20,24 @@ WANTED = (
 """What the option takes, in words."""
 
 
-def tolerances_of(
-    scene: Scene, text: str | None
-) -> tuple[Tolerances | None, dict[str, Spread] | None]:
+def tolerances_of(scene: Scene, text: str | None) -> tuple[Tolerances | None, dict[str, Spread]]:
     """The limits and the distributions of "usual" or "frequency=normal:5%,level=2dB"; the scene has
-    the limits of other quantities. None of both without the option."""
-    if text is None:
-        return None, None
-    from stochvi.isolators.production_risk.spreads import KEYS, UNITS, Spread, bands_beside
+    those of other quantities. Without the option no limits, and the distributions of the scene."""
+    from stochvi.scenes.between_units import varied
 
+    if text is None and not any(varied(scene)):
+        return None, {}
+    from stochvi.isolators.production_risk.spreads import (
+        KEYS,
+        UNITS,
+        Spread,
+        bands_beside,
+        spreads_beside,
+        spreads_of,
+    )
+
+    if text is None:
+        return None, spreads_of(scene)
     limits: dict[str, float] = {}
     spreads: dict[str, Spread] = {}
     parts = [part.strip() for part in text.split(",")]
@@ -52,4 +61,5 @@ def tolerances_of(
             f"the tolerance of {min(beyond)} must be a distribution, as normal:0.1 or uniform:0.1; "
             "add a limit of the clearance to the answer"
         )
-    return bands_beside(scene, spreads, usual="usual" in parts, **limits), spreads or None
+    spreads = spreads_beside(scene, spreads, limits)
+    return bands_beside(scene, spreads, usual="usual" in parts, **limits), spreads

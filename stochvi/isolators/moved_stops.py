@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.model.model import model_of
+from stochvi.scenes.between_units import moved
 from stochvi.scenes.scene import Scene
 
 
@@ -22,15 +23,15 @@ def at_clearances(scene: Scene, clearances: ArrayLike) -> Scene:
     model, whole = model_of(scene), scene.expanded
     means = model.mean_gaps
     lower, upper = np.broadcast_to(np.asarray(clearances, dtype=float), (2, len(means))).tolist()
-    moved = [
+    pairs = [
         pair.model_copy(
             update={
-                "lower": None if pair.lower is None else mean - below,
-                "upper": None if pair.upper is None else mean + above,
+                "lower": None if pair.lower is None else moved(pair.lower, mean - below),
+                "upper": None if pair.upper is None else moved(pair.upper, mean + above),
             }
         )
         for pair, mean, below, above in zip(
             whole.impact_pairs, means.tolist(), lower, upper, strict=True
         )
     ]
-    return whole.model_copy(update={"impact_pairs": tuple(moved)})
+    return whole.model_copy(update={"impact_pairs": tuple(pairs)})

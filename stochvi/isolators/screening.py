@@ -331,7 +331,7 @@ def screened(scene: Scene) -> Screening:
         else (),
         input_acceleration_std=shaken,
         miles=miles,
-        notes=tuple(scene_notes(model)),
+        notes=(*scene_notes(model), *scene.at_means()),
         record=record_verdict(scene),
         provenance=provenance(scene.document()),
     )

@@ -1,4 +1,5 @@
 from .absorbers import Absorber
+from .between_units import BetweenUnits
 from .characteristics import (
     BoucWen,
     Coulomb,
@@ -57,6 +58,7 @@ __all__ = [
     "Absorber",
     "Bar",
     "Beam",
+    "BetweenUnits",
     "BoucWen",
     "ConstantLoad",
     "Coulomb",

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stochvi.results.errors import SceneError
+from stochvi.scenes.between_units import times
 from stochvi.scenes.structures import Structure
 from stochvi.scenes.structures.rigid_body import Mount, RigidBody
 
@@ -45,8 +45,14 @@ def _scaled(part: Structure | Mount, frequency: float, damping: float) -> dict[s
         "frequency_hz": frequency, "stiffness": frequency**2, "damping": frequency * damping,
         "zeta": damping, "loss_factor": damping, "Q": 1.0 / damping,
     }  # fmt: skip
-    given: Mapping[str, Any] = part.model_dump(exclude_none=True)
+    given = {name: getattr(part, name) for name in type(part).model_fields}
     return {
-        key: np.multiply(value, factors[key]).tolist() if key in factors else value
+        key: _times(value, factors[key]) if key in factors else value
         for key, value in given.items()
+        if value is not None
     }
+
+
+def _times(value: Any, factor: float) -> Any:
+    """A number, or the numbers of a matrix, multiplied by a factor."""
+    return times(value, factor) if isinstance(value, float) else np.multiply(value, factor).tolist()

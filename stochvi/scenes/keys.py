@@ -60,6 +60,7 @@ def _set(document: Any, key: str, value: float) -> None:
         isinstance(part, dict)
         and part.get("kind") in OF_RUBBER
         and last in (*DAMPING, *PAD, "stiffness")
+        and not isinstance(part.get(last), dict)
     ):
         _set_rubber(part, last, value)
     elif isinstance(part, list) and is_place(last) and int(last) < len(part):
@@ -101,7 +102,7 @@ def _set_rubber(law: dict[str, Any], name: str, value: float) -> None:
 
 def _set_clearance(pair: Any, key: str, value: float) -> None:
     """Set both stops of an impact pair whose stops are equally far from 0."""
-    lower, upper = pair.get("lower"), pair.get("upper")
+    lower, upper = _places(pair)
     if not _equal_distances(pair):
         have = " and ".join(
             f"{name} = {stop:g}" for name, stop in (("lower", lower), ("upper", upper))
@@ -110,8 +111,9 @@ def _set_clearance(pair: Any, key: str, value: float) -> None:
         raise SceneError(
             f"vary: {key} needs two stops at equal distances, got {have}; vary these instead"
         )
-    del pair["lower"], pair["upper"]
-    pair["clearance"] = value
+    differs = pair.pop("upper")
+    del pair["lower"]
+    pair["clearance"] = {**differs, "mean": value} if isinstance(differs, dict) else value
 
 
 def unknown_key(document: Any, key: str) -> SceneError:
@@ -131,8 +133,14 @@ def _clearances(document: Any) -> list[str]:
 
 
 def _equal_distances(pair: Any) -> bool:
-    lower, upper = pair.get("lower"), pair.get("upper")
+    lower, upper = _places(pair)
     return lower is not None and upper is not None and math.isclose(-lower, upper)
+
+
+def _places(pair: Any) -> list[Any]:
+    """The lower and the upper stop of a pair; where these differ between units, their means."""
+    stops = (pair.get("lower"), pair.get("upper"))
+    return [each["mean"] if isinstance(each, dict) else each for each in stops]
 
 
 def _numbers(part: Any, key: str = "") -> Iterator[tuple[str, float]]:

@@ -16,6 +16,7 @@ from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.spectra import Table
 from stochvi.results.errors import SceneError, toml_remedy
 from stochvi.scenes.absorbers import Absorber, absorbers_of, on_oscillator
+from stochvi.scenes.between_units import VariedNumber, VariedPositive, mean_unit, varied
 from stochvi.scenes.cross_densities import CrossDensity, impossible
 from stochvi.scenes.drift import drifts
 from stochvi.scenes.excitations import (
@@ -45,7 +46,7 @@ from stochvi.scenes.phases import Phase
 from stochvi.scenes.structures import Matrices, NonlinearOscillator, Oscillator, Structure
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody, Triple, rows_at
 from stochvi.scenes.text_tables import read_text
-from stochvi.scenes.validation import PYTHON_ONLY, Checked, Number, Positive, Weights, given
+from stochvi.scenes.validation import PYTHON_ONLY, Checked, Weights, given
 from stochvi.scenes.vehicles import QuarterCar
 
 
@@ -59,7 +60,8 @@ class ImpactPair(Checked):
     lower, upper
         Position of the stops, m from the unloaded spring; leave out for none. Without gravity or a
         load the mass rests there, so that these are its clearances.
-        A stop beyond it (an upper stop below 0) is a preload.
+        A stop beyond it (an upper stop below 0) is a preload. A `BetweenUnits` differs between
+        units, and so may a clearance.
     clearance
         Instead of the two, one clearance on both sides, m: stops at -clearance and clearance.
     on, between, weights
@@ -96,9 +98,9 @@ class ImpactPair(Checked):
     at: Triple | None = None
     direction: Triple | None = None
     tangent: str | Weights | Triple | None = None
-    lower: Number | None = None
-    upper: Number | None = None
-    clearance: Positive | None = Field(default=None, exclude=True)
+    lower: VariedNumber | None = None
+    upper: VariedNumber | None = None
+    clearance: VariedPositive | None = Field(default=None, exclude=True)
     law: Law | None = None
     lower_law: Law | None = None
     upper_law: Law | None = None
@@ -474,9 +476,10 @@ class Scene(Checked):
         absorbers = self._short_absorbers
         if not absorbers:
             return self._with_sides_apart()
+        mean = mean_unit(self)
         return Scene(
             title=self.title,
-            **on_oscillator(absorbers, self.structure, self.impact_pairs, self.excitations),
+            **on_oscillator(absorbers, mean.structure, mean.impact_pairs, mean.excitations),
         )
 
     def _with_sides_apart(self) -> Scene:
@@ -867,7 +870,7 @@ class Scene(Checked):
     def assumptions(self) -> tuple[str, ...]:
         """The assumptions of the scene, in words."""
         if self._short_absorbers:
-            return (*self.expanded.assumptions(), *self._reaction())
+            return (*self.expanded.assumptions(), *self._reaction(), *self.at_means())
         found = [UNLOADED]
         if not self.structure.knows_mass:
             found.append("mass is not given: 1 kg, which only forces and energies depend on")
@@ -909,7 +912,17 @@ class Scene(Checked):
         for excitation in self.excitations:
             if isinstance(excitation, DensityNoise):
                 found += excitation.assumptions(*self._resonance())
-        return (*found, *self._reaction())
+        return (*found, *self._reaction(), *self.at_means())
+
+    def at_means(self) -> tuple[str, ...]:
+        """The sentence on what differs between units of a production; none where nothing does."""
+        differing = [f"{key} ({each})" for key, each in varied(self)]
+        if not differing:
+            return ()
+        return (
+            "numbers that differ between units are at their means, except in a mean over units: "
+            f"{', '.join(differing)}",
+        )
 
     def cautions(self) -> list[str]:
         """Sentences on what makes answers doubtful, whatever the method."""

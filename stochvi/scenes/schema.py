@@ -65,7 +65,7 @@ def scene_schema() -> dict[str, Any]:
     Examples
     --------
     >>> schema = scene_schema()
-    >>> schema["required"], schema["$defs"]["Elastic"]["properties"]["stiffness"]["type"]
+    >>> schema["required"], schema["$defs"]["Hertz"]["properties"]["coefficient"]["type"]
     (['structure', 'excitation'], 'number')
     """
     whole = Scene.model_json_schema(by_alias=True, schema_generator=_Generator)

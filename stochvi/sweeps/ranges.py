@@ -44,6 +44,7 @@ from stochvi.results.progress import Progress
 from stochvi.results.response import Response
 from stochvi.sampling.options import BUDGET, RunOptions
 from stochvi.sampling.run import Run, sampled
+from stochvi.scenes.between_units import BetweenUnits
 from stochvi.scenes.key_units import key_unit
 from stochvi.scenes.keys import Change, changed_scene, holder_of, is_place, unknown_key, written_key
 from stochvi.scenes.scene import Scene, load_scene
@@ -622,7 +623,7 @@ def _value(key: str, word: str, document: Mapping[str, Any]) -> float:
     except ValueError:
         pass
     words = key.split(".")
-    while is_place(words[-1]):
+    while is_place(words[-1]) or words[-1] in BetweenUnits.model_fields:
         words.pop()
     part, name = holder_of(document, ".".join(words))
     unit = key_unit(document, part, name) if isinstance(part, dict) else ""

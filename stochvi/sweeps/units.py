@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stochvi.isolators.production_risk.spreads import Spread, check_spreads
+from stochvi.isolators.production_risk.spreads import Spread, check_spreads, spreads_of
 from stochvi.isolators.production_risk.units import Units
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 @calculation
 def mean_over_units(
     scene: Scene,
-    spreads: Mapping[str, Spread],
+    spreads: Mapping[str, Spread] | None = None,
     *,
     method: str = "simulate",
     nodes: int = 5,
@@ -54,7 +54,7 @@ def mean_over_units(
         The scene about which the units vary.
     spreads
         Distribution of each quantity, as for `stochvi.isolators.production`. The clearance of each
-        stop varies for itself.
+        stop varies for itself. By default what the scene states (`stochvi.BetweenUnits`).
     method, out, progress
         As for `sweep`.
     nodes
@@ -93,6 +93,7 @@ def mean_over_units(
     import pandas as pd
 
     check_method(method, arguments)
+    spreads = spreads_of(scene) if spreads is None else spreads
     check_spreads(scene, spreads)
     if nodes < 1:
         raise ValueError(f"nodes must be at least 1, got {nodes}")

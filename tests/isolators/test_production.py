@@ -262,8 +262,8 @@ def test_tolerances_of_the_command_line() -> None:
     }  # fmt: skip
     # a quantity with a distribution has no limit besides
     assert limits == Tolerances(damping=0.3, level_db=3.0, stiffness=0.2)
-    assert tolerances_of(scene, None) == (None, None)
-    assert tolerances_of(scene, "level=2dB") == (Tolerances(frequency=0.1, level_db=2.0), None)
+    assert tolerances_of(scene, None) == (None, {})
+    assert tolerances_of(scene, "level=2dB") == (Tolerances(frequency=0.1, level_db=2.0), {})
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,13 @@ from scipy.stats import qmc, sobol_indices
 from scipy.stats import t as student
 
 from stochvi.isolators.production_risk.answer import Production
-from stochvi.isolators.production_risk.spreads import Spread, bands_beside, check_spreads
+from stochvi.isolators.production_risk.spreads import (
+    Spread,
+    bands_beside,
+    check_spreads,
+    quantity_of,
+    spreads_of,
+)
 from stochvi.isolators.production_risk.start import Start, chance_of
 from stochvi.isolators.production_risk.units import UnitGaps, Units
 from stochvi.isolators.sizing.answer import Clearance, Target
@@ -86,7 +92,7 @@ UNFELT = ("stiffness", "restitution")
 @sampled(rel_error=0.05)
 def production(
     scene: Scene,
-    spreads: Mapping[str, Spread],
+    spreads: Mapping[str, Spread] | None = None,
     *,
     mission: float = 3600.0,
     probability: float | None = None,
@@ -110,7 +116,8 @@ def production(
     spreads
         Distribution of each quantity that varies between units: "frequency", "damping", "level",
         "centre", and "clearance" of each stop. The probability of any impact does not depend on
-        "stiffness" and "restitution" of the stops, which are left out.
+        "stiffness" and "restitution" of the stops, which are left out. By default what the scene
+        states (`stochvi.BetweenUnits`).
     mission
         Seconds of exposure of each unit, from a stationary start.
     probability
@@ -158,11 +165,12 @@ def production(
         raise ValueError(f"mission must be a positive number of seconds, got {mission}")
     if probability is not None and not 0.0 < probability <= CERTAIN:
         raise ValueError(f"probability must be in (0, {CERTAIN:g}], got {probability:g}")
-    check_spreads(scene, spreads)
     if scene.phases:
         raise NotApplicable(
             "production", ["the scene must have no phases; ask for each, as FILE.toml#PHASE"]
         )
+    spreads = spreads_of(scene) if spreads is None else spreads
+    check_spreads(scene, spreads)
     run = Run.of(options)
     first = run.part(0.0, 0.4, "as stated", run.deadline.share(SHARE_OF_NOMINAL))
     if probability is None:
@@ -183,7 +191,7 @@ def about(
             ["excitation must be noise or constant, got a sine: the gaps of units are compared as "
              "Gaussian ones; give tolerances without a distribution"],
         )  # fmt: skip
-    felt = {name: each for name, each in spreads.items() if name not in UNFELT}
+    felt = {name: each for name, each in spreads.items() if quantity_of(name) not in UNFELT}
     return _Job(
         start=start, spreads=felt, tolerances=tolerances.felt(start.scene, by_hits=False), run=run
     ).answer()

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
-from scipy.stats import norm, truncnorm, uniform
 
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.mathematics.arrays import Vector
+from stochvi.scenes.between_units import BetweenUnits, varied
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import RigidBody
 
@@ -77,10 +77,12 @@ class Spread:
 
     def distribution(self, quantity: str) -> Any:
         """The distribution of the amount of a quantity, as scipy has it."""
+        from scipy.stats import norm, truncnorm, uniform
+
         if self.half_width is not None:
             return uniform(self.mean - self.half_width, 2.0 * self.half_width)
         assert self.std is not None
-        if quantity not in RELATIVE:
+        if quantity_of(quantity) not in RELATIVE:
             return norm(self.mean, self.std)
         least = (SMALLEST_RATIO - 1.0 - self.mean) / self.std
         return truncnorm(least, math.inf, self.mean, self.std)
@@ -93,7 +95,7 @@ class Spread:
         assert self.std is not None
         place, weight = np.polynomial.hermite_e.hermegauss(number)
         amounts = self.mean + self.std * place
-        if quantity in RELATIVE and amounts[0] < SMALLEST_RATIO - 1.0:
+        if quantity_of(quantity) in RELATIVE and amounts[0] < SMALLEST_RATIO - 1.0:
             raise ValueError(
                 f"nodes of {quantity} must stay above -95 %, got {100.0 * amounts[0]:.3g} %; give "
                 "fewer nodes, or a smaller std"
@@ -102,16 +104,16 @@ class Spread:
 
     def in_words(self, quantity: str) -> str:
         """The distribution of a quantity, in words."""
-        unit, size = UNITS[quantity]
+        unit, size = UNITS[quantity_of(quantity)]
 
         def spoken(value: float, form: str = ".3g") -> str:
             return f"{value / size:{form}} {unit}".strip()
 
         mean = f", mean {spoken(self.mean, '+.3g')}" if self.mean else ""
         if self.half_width is not None:
-            return f"{NAMES[quantity]} uniform, ± {spoken(self.half_width)}{mean}"
+            return f"{name_of(quantity)} uniform, ± {spoken(self.half_width)}{mean}"
         assert self.std is not None
-        return f"{NAMES[quantity]} normal, std {spoken(self.std)}{mean}"
+        return f"{name_of(quantity)} normal, std {spoken(self.std)}{mean}"
 
 
 NAMES = {
@@ -122,17 +124,74 @@ NAMES = {
 """The quantities in words."""
 
 
+def quantity_of(name: str) -> str:
+    """The quantity of a spread, which may be that of one stop or law alone.
+
+    >>> quantity_of("clearance"), quantity_of("clearance upper stops")
+    ('clearance', 'clearance')
+    """
+    return name.partition(" ")[0]
+
+
+def name_of(name: str) -> str:
+    """The quantity of a spread in words, with its stop or law where it is that of one alone."""
+    quantity, _, place = name.partition(" ")
+    return NAMES[name] if not place else f"{quantity} of {place}"
+
+
+STATED_AS = {
+    "frequency_hz": "frequency", "zeta": "damping", "damping": "damping", "lower": "clearance",
+    "upper": "clearance", "stiffness": "stiffness",
+}  # fmt: skip
+"""Keys of a scene that may differ between units, each with the quantity that it states."""
+
+
+def spreads_of(scene: Scene) -> dict[str, Spread]:
+    """The distributions between units that a scene states, by quantity, and for a stop or a law by
+    its name as well."""
+    return {_name(scene, key): _spread(key, each) for key, each in varied(scene)}
+
+
+def _name(scene: Scene, key: str) -> str:
+    """Name of the spread of a key, such as "impact_pair.0.upper"."""
+    way = key.split(".")
+    quantity = STATED_AS[way[-1]]
+    if way[0] != "impact_pair":
+        return quantity
+    pair = scene.impact_pairs[int(way[1])].name
+    side = way[2].removesuffix("law").rstrip("_")  # a law without a side is that of both stops
+    return " ".join(filter(None, [quantity, side, pair]))
+
+
+def _spread(key: str, stated: BetweenUnits) -> Spread:
+    name = STATED_AS[key.rpartition(".")[2]]
+    unit = stated.mean if name in RELATIVE else 1.0
+    width = "std" if stated.std is not None else "half_width"
+    return Spread(**{width: getattr(stated, width) / unit})
+
+
+def spreads_beside(
+    scene: Scene, spreads: Mapping[str, Spread], limits: Iterable[str] = ()
+) -> dict[str, Spread]:
+    """The spreads of a scene and those stated, which take the place of the former where they are of
+    the same quantity. So do limits of a quantity."""
+    stated = {*map(quantity_of, spreads), *limits}
+    own = spreads_of(scene).items()
+    return {name: each for name, each in own if quantity_of(name) not in stated} | dict(spreads)
+
+
 def check_spreads(scene: Scene, spreads: Mapping[str, Spread]) -> None:
     """Raise `ValueError` for quantities that do not exist, or that the scene cannot vary."""
+    own = spreads_of(scene)
     for name, spread in spreads.items():
-        if name not in UNITS:
+        if name not in UNITS and name not in own:
             raise ValueError(f"spreads must be of {', '.join(UNITS)}, got {name!r}")
         if not isinstance(spread, Spread):
             raise ValueError(
                 f"the spread of {name} must be a Spread, as Spread(std=0.05), got {spread!r}"
             )
         lowest, _ = spread.distribution(name).support()
-        if name in RELATIVE and lowest <= -1.0:
+        if quantity_of(name) in RELATIVE and lowest <= -1.0:
             raise ValueError(
                 f"the spread of {name} must stay above -100 %, got {100.0 * lowest:.3g} %; give a "
                 "smaller half_width"
@@ -146,7 +205,7 @@ def check_spreads(scene: Scene, spreads: Mapping[str, Spread]) -> None:
 
 def bands_beside(scene: Scene, spreads: Mapping[str, Spread], **stated: Any) -> Tolerances:
     """The tolerances of a scene, and those stated, but for the quantities that have a spread."""
-    given = {KEYS.get(name, name) for name in spreads}
+    given = {KEYS.get(name, name) for name in map(quantity_of, spreads)}
     known = {each.name for each in fields(Tolerances)}
     return Tolerances.of(scene, **stated | dict.fromkeys(given & known, 0.0))
 

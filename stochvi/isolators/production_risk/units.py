@@ -18,12 +18,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
 
-from stochvi.isolators.production_risk.spreads import Spread
+from stochvi.isolators.production_risk.spreads import Spread, quantity_of
 from stochvi.isolators.sizing.changes import CENTRE, Change, Tolerances, all_applied
 from stochvi.isolators.sizing.tolerance_region import PER_RESONANCE, Region
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
+from stochvi.scenes.between_units import mean_unit
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES
 
@@ -97,7 +98,7 @@ class Units:
                 case "centre":
                     own = list(CENTRES)
                 case "clearance":
-                    own = list(self.places)
+                    own = [each for each in self.places if each not in self.spreads]
                 case _:
                     own = [name]
             found += [(name, each) for each in own]
@@ -130,18 +131,18 @@ class Units:
         return [
             Change(name, float(amount))
             for (tolerance, name), amount in zip(self.columns, amounts, strict=True)
-            if tolerance != "clearance"
+            if quantity_of(tolerance) != "clearance"
         ]
 
     def unit(self, amounts: Vector) -> Scene:
-        """The scene of one unit, its stops not moved."""
-        return all_applied(self.changes(amounts), self.scene)
+        """The scene of one unit, its stops not moved; nothing in it differs between units."""
+        return all_applied(self.changes(amounts), mean_unit(self.scene))
 
     def built(self, amounts: Vector) -> Scene:
         """The scene of one unit with its stops where they are, each off by its own amount."""
         off = np.zeros(self.stops.shape)
         for (tolerance, name), amount in zip(self.columns, amounts, strict=True):
-            if tolerance == "clearance":
+            if quantity_of(tolerance) == "clearance":
                 off[self.places[name]] = amount
         whole = self.unit(amounts).expanded
         pairs = [
@@ -168,7 +169,7 @@ class Units:
         for k, (tolerance, name) in enumerate(self.columns):
             if tolerance == "level":
                 log_sigma = log_sigma + amounts[:, k, None] * NEPERS_PER_DB
-            elif tolerance == "clearance":
+            elif quantity_of(tolerance) == "clearance":
                 side, pair = self.places[name]
                 farther[:, side, pair] += amounts[:, k]
         return UnitGaps(np.exp(log_sigma), np.exp(log_rate), farther)

@@ -21,6 +21,7 @@ from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import Response
+from stochvi.scenes.between_units import in_toml, moved
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -219,7 +220,9 @@ class ClearanceAnswer(Result):
         if self.doubtful:
             return ""
         sides = [side for pair in self.scene.impact_pairs for side, _ in pair.stops()]
-        return ", ".join(f"{side} = {self.made.position(self.rest, side):.9g}" for side in sides)
+        return _stops_in_toml(
+            self.scene, {side: self.made.position(self.rest, side) for side in sides}
+        )
 
     def verdict(self) -> str:
         """The clearance to make and what it keeps, in one sentence."""
@@ -425,7 +428,7 @@ class Sizing(Result):
         where a record contradicts the noise for which it holds."""
         if self.doubtful or not self.shown_to_keep:
             return ""
-        return ", ".join(f"{side} = {x:.9g}" for side, x in self.gap.recommended.items())
+        return _stops_in_toml(self.scene, self.gap.recommended)
 
     @property
     def sides(self) -> tuple[str, ...]:
@@ -523,6 +526,15 @@ class Sizing(Result):
 
     def __repr__(self) -> str:
         return f"<size: {self.verdict()}>"
+
+
+def _stops_in_toml(scene: Scene, places: Mapping[str, float]) -> str:
+    """Places of stops as a scene file has them, which differ between units as those of the scene
+    do."""
+    stated = dict(scene.impact_pairs[0]) if scene.impact_pairs else {}
+    return ", ".join(
+        f"{side} = {in_toml(moved(stated.get(side, 0.0), place))}" for side, place in places.items()
+    )
 
 
 def spoken_percent(probability: float) -> str:

@@ -104,6 +104,11 @@ CENTRE = "centre "
 """Beginning of the name of a quantity that moves the centre of mass; the axis follows it."""
 
 
+STIFFNESS = "stiffness "
+"""Beginning of the name of a quantity that is the stiffness of one law. The name of its pair
+follows it, behind the side where the law is that of one stop."""
+
+
 class Change(NamedTuple):
     """One quantity that is off by an amount: relative, dB, m of a centre of mass, or a number that
     is added to the restitution."""
@@ -126,6 +131,9 @@ class Change(NamedTuple):
                 return f"stiffness of the stops {100.0 * amount:+.3g} %"
             case "restitution":
                 return f"restitution {amount:+.3g}"
+        if self.quantity.startswith(STIFFNESS):
+            one = self.quantity.removeprefix(STIFFNESS)
+            return f"stiffness of {one} {100.0 * amount:+.3g} %"
         axis = self.quantity.removeprefix(CENTRE)
         return f"centre of mass {1e3 * amount:+.3g} mm along {axis}"
 
@@ -142,6 +150,9 @@ class Change(NamedTuple):
                 return changed_stops(scene, stiffness=1.0 + self.amount)
             case "restitution":
                 return changed_stops(scene, restitution=self.amount)
+        if self.quantity.startswith(STIFFNESS):
+            one = self.quantity.removeprefix(STIFFNESS)
+            return changed_stops(scene, stiffness=1.0 + self.amount, of=one)
         axis = self.quantity.removeprefix(CENTRE)
         return moved_centre(scene, [self.amount * (axis == each) for each in AXES])
 
@@ -194,9 +205,12 @@ def moved_centre(scene: Scene, shift: Sequence[float]) -> Scene:
     return scene.model_copy(update={"structure": structure, "impact_pairs": pairs})
 
 
-def changed_stops(scene: Scene, *, stiffness: float = 1.0, restitution: float = 0.0) -> Scene:
+def changed_stops(
+    scene: Scene, *, stiffness: float = 1.0, restitution: float = 0.0, of: str | None = None
+) -> Scene:
     """The scene with the stiffness of all compliant stops multiplied by a factor, and with a number
-    added to the restitution of all rigid ones. Where that scatters, its mean is shifted."""
+    added to the restitution of all rigid ones. Where that scatters, its mean is shifted. `of` names
+    the law of one pair alone, as `STIFFNESS` says."""
 
     def changed(law: Law) -> Law:
         if isinstance(law, Restitution):
@@ -210,6 +224,7 @@ def changed_stops(scene: Scene, *, stiffness: float = 1.0, restitution: float = 
                 name: changed(law)
                 for name in ("law", "lower_law", "upper_law")
                 if (law := getattr(pair, name)) is not None
+                and of in (None, " ".join([*name.split("_")[:-1], pair.name]))
             }
         )
         for pair in scene.impact_pairs

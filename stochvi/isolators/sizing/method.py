@@ -22,6 +22,7 @@ from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
+from stochvi.scenes.between_units import varied
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -81,7 +82,8 @@ def size(
         that the scene states (`Tolerances.of`), which may be none.
     spreads
         Distributions of tolerances between the units of a production, as `production` takes them:
-        the clearance to make then keeps the probability for the mean over the units.
+        the clearance to make then keeps the probability for the mean over the units. By default
+        what the scene states (`stochvi.BetweenUnits`).
     mission
         Seconds of exposure, from a stationary start, by default an hour; left out where the scene
         has phases, of which one oscillator is sized for a probability.
@@ -129,6 +131,10 @@ def size(
             scene, target, mission, run, at=at, pair=pair, tolerances=tolerances,
             spreads=spreads or None, common=common or None,
         )  # fmt: skip
+    if spreads is None and any(varied(scene)):
+        from stochvi.isolators.production_risk.spreads import spreads_of
+
+        spreads = spreads_of(scene)
     mission = HOUR if mission is None else mission
     if not 0.0 < mission < math.inf:
         raise ValueError(f"mission must be a positive number of seconds, got {mission}")
@@ -177,7 +183,8 @@ def _of_production(
         raise NotApplicable(
             "size",
             [f"the target must be a probability of any impact where tolerances have a "
-             f"distribution, got {name}; give them as limits, as frequency=5%"],
+             f"distribution, got {name}; give them as limits, as frequency=5%, or leave out what "
+             "differs between units in the scene"],
         )  # fmt: skip
     share = SHARE_OF_NOMINAL
     first = run.part(0.0, share, deadline=run.deadline.share(share))

@@ -32,6 +32,7 @@ from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
 from stochvi.sampling.run import Run
+from stochvi.scenes.between_units import varied
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.reliability.phases import INDEPENDENT, NEGLIGIBLE, parts_of_phases
 
@@ -59,6 +60,12 @@ def size_mission(scene: Scene, target: Target, run: Run) -> MissionSizing:
             "size",
             [f"the target must be a probability where the scene has phases, got {target.name}; "
              "size one phase, named as FILE.toml#PHASE, or take a scene without phases"],
+        )  # fmt: skip
+    if differing := [key for key, _ in varied(scene)]:
+        raise NotApplicable(
+            "size",
+            ["nothing may differ between units where the scene has phases, got "
+             f"{differing[0]}; size one phase, named as FILE.toml#PHASE"],
         )  # fmt: skip
     phases = {
         phase.name: _Phase.of(phase.of(scene), phase.duration, scene) for phase in scene.phases

@@ -278,7 +278,7 @@ def _assumptions(scene: Scene, start: StartChoice) -> list[str]:
         found.append(
             "starts in the stationary motion without barriers; a start beyond one counts as passed"
         )
-    return found
+    return [*found, *scene.at_means()]
 
 
 def _rice_rate(model: Model, lower: float, upper: float) -> Estimate | None:

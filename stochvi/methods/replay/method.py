@@ -385,4 +385,4 @@ def _assumptions(scene: Scene, model: Model, segments: int, seed: int) -> tuple[
             "Rigid stops: the largest acceleration is that between impacts; an impact takes no "
             "time, and only a stop with a stiffness has a peak acceleration."
         )
-    return tuple(found)
+    return (*found, *scene.at_means())

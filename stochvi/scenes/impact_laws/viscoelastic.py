@@ -14,16 +14,17 @@ from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.kelvin_voigt import ContactSolution, half_contact, kelvin_voigt
+from stochvi.scenes.between_units import VariedPositive
 from stochvi.scenes.impact_laws.base import Form, inside
 from stochvi.scenes.impact_laws.rubber_data import RubberLaw, with_damping_ratio, with_stiffness
-from stochvi.scenes.validation import NonNegative, Positive
+from stochvi.scenes.validation import NonNegative
 
 
 class LinearLaw(RubberLaw):
     """A stop whose force at rest is that of a linear spring, stiffness * y."""
 
     kind: Literal["elastic", "viscoelastic"]
-    stiffness: Positive
+    stiffness: VariedPositive
 
     def potential_at(self, deflection: ArrayLike) -> Vector:
         """Energy in the spring alone, J."""

@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.scenes.between_units import Mean, VariedNonNegative, VariedPositive
 from stochvi.scenes.integrals import integral_of
 from stochvi.scenes.structures.base import AnyStructure
 from stochvi.scenes.validation import (
@@ -44,7 +45,8 @@ class Oscillator(AnyStructure):
     frequency_hz
         Undamped natural frequency, Hz, omega = 2 pi frequency_hz.
     zeta, Q
-        Damping ratio, b = 2 zeta omega, or quality factor, Q = 1 / (2 zeta).
+        Damping ratio, b = 2 zeta omega, or quality factor, Q = 1 / (2 zeta). A natural frequency, a
+        damping ratio or a damper may be a `BetweenUnits`, which differs between units.
 
     Raises
     ------
@@ -67,10 +69,10 @@ class Oscillator(AnyStructure):
 
     kind: Literal["oscillator"] = "oscillator"
     mass: Positive | None = None
-    damping: NonNegative | None = None
+    damping: VariedNonNegative | None = None
     stiffness: NonNegative | None = None
-    frequency_hz: Positive | None = None
-    zeta: NonNegative | None = None
+    frequency_hz: VariedPositive | None = None
+    zeta: VariedNonNegative | None = None
     Q: Positive | None = None
 
     @model_validator(mode="after")
@@ -190,6 +192,13 @@ class Isolator(Oscillator):
                 "takes mounts with the mass, and the stiffness and damping of one mount, got "
                 "frequency_hz, which belongs to all mounts together"
             )
+        for name, keys in LIMITED.items():
+            both = [key for key in keys if isinstance(getattr(self, key), Mean)]
+            if both and getattr(self, name) is not None:
+                raise ValueError(
+                    f"takes {name}, or {both[0]} that differs between units, got both; leave out "
+                    f"{name}"
+                )
         if self.gravity and self.omega == 0.0 and not self.spring:
             raise ValueError("needs a stiffness that carries the mass under gravity, got 0")
         return self
@@ -209,6 +218,10 @@ class Isolator(Oscillator):
         It is that of the dynamic stiffness; an elastomer is softer at rest, and creeps.
         """
         return STANDARD_GRAVITY / self.omega**2 if self.omega else math.inf
+
+
+LIMITED = {"frequency_tolerance": ("frequency_hz",), "damping_tolerance": ("zeta", "damping")}
+"""Keys of tolerances, each with the keys of the quantity that it limits."""
 
 
 class NonlinearOscillator(AnyStructure):
