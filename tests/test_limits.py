@@ -33,6 +33,9 @@ SCENES = {
     "sines beside noise": document(
         excitation=[PROFILE, {"kind": "sine", "amplitude": 3.0, "frequency_hz": 17.0}]
     ),
+    "noise of varying level": document(
+        excitation=[PROFILE | {"kurtosis": 5.0, "level_time": "2 s"}]
+    ),
     "rubber, wire rope or dry friction": document(
         structure=MOUNT | {"damper": {"kind": "coulomb", "force": 0.2}}
     ),

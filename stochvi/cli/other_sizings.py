@@ -50,8 +50,9 @@ def other_sizing(
         left = {name: each for name, each in _left(given).items() if name != "exceedance"}
         _show_damage(options, scene, loaded, other, left)
         return True
-    if loaded.phases:
-        _refuse("a scene with phases", given, NEVER_WITH)
+    if loaded.phases or loaded.random_level is not None:
+        what = "a scene with phases" if loaded.phases else "noise of varying level"
+        _refuse(what, given, NEVER_WITH)
         _show_phases(options, scene, loaded, given)
         return True
     return False

@@ -83,6 +83,16 @@ def modulated(model: Model) -> list[str]:
     return [part.law.refusal(part.name) for part in forces] + moving_stops(model)
 
 
+def varying_level(model: Model) -> list[str]:
+    """The sentence that noise must be Gaussian, if its level varies at random."""
+    if model.level is None:
+        return []
+    return [
+        f"excitation must be Gaussian noise, got noise of varying level, of kurtosis "
+        f"{model.level.kurtosis:g}; simulate, reliability, size and damage follow it"
+    ]
+
+
 def moving_stops(model: Model) -> list[str]:
     """A sentence for each pair whose stops move."""
     return [

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.frequency_response import Force, InputMatrix
+from stochvi.mathematics.random_level import RandomLevel
 from stochvi.mathematics.spectra import Filter, Table
 from stochvi.model.modal import ModalForm, modal_form
 from stochvi.results.errors import SceneError
@@ -340,6 +341,8 @@ class Model:
         functions of the displacement alone or the velocity alone. They include the linear parts.
     functions
         Springs and dampers that are functions; `stiffness` and `damping` leave them out.
+    level
+        How the level of all tables varies together; None where it is steady.
 
     Examples
     --------
@@ -374,6 +377,7 @@ class Model:
     potential: PerUnitMass | None = None
     drag: PerUnitMass | None = None
     functions: tuple[FunctionOfMotion, ...] = ()
+    level: RandomLevel | None = None
 
     @cached_property
     def modal(self) -> ModalForm:
@@ -765,6 +769,7 @@ def _build_model(scene: Scene) -> Model:
         restoring=restoring,
         potential=potential,
         drag=drag,
+        level=scene.random_level,
     )
     if structure.functions:
         model = _with_functions(model, structure.functions)

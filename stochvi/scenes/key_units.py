@@ -42,6 +42,7 @@ KEY_UNITS = {
     "resolution_hz": "Hz",
     "fs": "Hz",
     "level_db": "dB",
+    "level_time": "s",
     "speed": "m/s",
     "rate": "1/s",
     "at_speed": "m/s",

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
-from stochvi.mathematics.units import measured
 from stochvi.scenes.changed_mounts import changed_mount
 from stochvi.scenes.excitations import BASE, Excitation, Excitations, RoadNoise, TabulatedNoise
-from stochvi.scenes.validation import Checked, Number, Positive
+from stochvi.scenes.validation import Checked, Number, Positive, Seconds
 
 if TYPE_CHECKING:
     from stochvi.scenes.scene import Scene
-
-
-def _seconds(value: Any) -> Any:
-    """A text with a unit of time, as "90 min", in seconds."""
-    return measured(value, "time") if isinstance(value, str) else value
 
 
 class Phase(Checked):
@@ -57,7 +51,7 @@ class Phase(Checked):
     """
 
     name: str
-    duration: Annotated[Positive, BeforeValidator(_seconds)]
+    duration: Seconds
     level_db: Number = 0.0
     profile: str | None = None
     axis: Literal["x", "y", "z"] | None = None

@@ -13,6 +13,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from stochvi.mathematics.arguments import checked
 from stochvi.mathematics.arrays import Array
+from stochvi.mathematics.random_level import RandomLevel
 from stochvi.mathematics.spectra import Table
 from stochvi.results.errors import SceneError, toml_remedy
 from stochvi.scenes.absorbers import Absorber, absorbers_of, on_oscillator
@@ -318,7 +319,7 @@ class Scene(Checked):
             if sentence:
                 problems.append((f"excitation.{index}", sentence))
         if not problems:
-            problems += self._wrong_cross_densities()
+            problems += self._uneven_levels() + self._wrong_cross_densities()
         problems += self.structure.misplaced_functions()
         problems += self._unknown_absorbers()
         if problems := problems or self._out_of_range():
@@ -780,6 +781,42 @@ class Scene(Checked):
             found[name] = called[0]
         return found
 
+    def _uneven_levels(self) -> list[tuple[str, str]]:
+        """Fault of noises of which only some vary in level: they must rise and fall together."""
+        levels = {
+            index: each.random_level if isinstance(each, DensityNoise) else None
+            for index, each in enumerate(self.excitations)
+            if isinstance(each, DensityNoise | StrengthNoise)
+        }
+        first = next(iter(levels.values()), None)
+        return [
+            (
+                f"excitation.{index}",
+                "must have the kurtosis and level_time of all other noise, with which it rises and "
+                f"falls, got {_spoken_level(level)} beside {_spoken_level(first)}",
+            )
+            for index, level in levels.items()
+            if level != first
+        ][:1]
+
+    @property
+    def random_level(self) -> RandomLevel | None:
+        """How the level of all noise varies together; None where it is steady."""
+        levels = [each.random_level for each in self.excitations if isinstance(each, DensityNoise)]
+        return next((each for each in levels if each is not None), None)
+
+    def at_steady_level(self, level_db: float) -> Self:
+        """The scene with Gaussian noise, raised by a level in dB, in place of noise of varying
+        level; sines stay."""
+        steady = tuple(
+            each.replace(kurtosis=None, level_time=None, level_db=each.level_db + level_db)
+            if isinstance(each, DensityNoise)
+            else each
+            for each in self.excitations
+        )
+        crosses = tuple(each.louder(level_db) for each in self.cross_densities)
+        return self.model_copy(update={"excitations": steady, "cross_densities": crosses})
+
     def _wrong_cross_densities(self) -> list[tuple[str, str]]:
         """Fault of names of excitations, and of cross densities between them."""
         names = [each.name for each in self.excitations if each.name is not None]
@@ -912,6 +949,8 @@ class Scene(Checked):
         for excitation in self.excitations:
             if isinstance(excitation, DensityNoise):
                 found += excitation.assumptions(*self._resonance())
+        noises = [each for each in self.excitations if isinstance(each, DensityNoise)]
+        found += dict.fromkeys(sentence for each in noises for sentence in each.of_varying_level)
         return (*found, *self._reaction(), *self.at_means())
 
     def at_means(self) -> tuple[str, ...]:
@@ -978,6 +1017,12 @@ UNLOADED = "displacements are measured from the position of the unloaded spring"
 
 LARGEST_NUMBER = 1e50
 """Largest number in a scene, per unit mass, and inverse of the smallest: squares stay finite."""
+
+
+def _spoken_level(level: RandomLevel | None) -> str:
+    if level is None:
+        return "a steady level"
+    return f"a kurtosis of {level.kurtosis:g} with {level.time:g} s"
 
 
 def _misfit_unit(excitation: Excitation, where: str) -> str:

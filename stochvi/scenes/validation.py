@@ -22,7 +22,7 @@ from pydantic import (
     model_validator,
 )
 
-from stochvi.mathematics.units import Unit, unit
+from stochvi.mathematics.units import Unit, measured, unit
 from stochvi.results.errors import SceneError
 
 
@@ -34,6 +34,16 @@ def _plain_number(value: Any) -> Any:
 Number = Annotated[float, BeforeValidator(_plain_number), Field(strict=True, allow_inf_nan=False)]
 Positive = Annotated[Number, Field(gt=0)]
 NonNegative = Annotated[Number, Field(ge=0)]
+
+
+def _seconds(value: Any) -> Any:
+    """A text with a unit of time, as "90 min", in seconds."""
+    return measured(value, "time") if isinstance(value, str) else value
+
+
+Seconds = Annotated[Positive, BeforeValidator(_seconds)]
+"""A time, s, or a text with its unit."""
+
 
 Tolerance = Annotated[NonNegative, Field(lt=1)]
 """A relative tolerance; at 1 the quantity could vanish."""

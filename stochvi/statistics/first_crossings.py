@@ -20,7 +20,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import beyond_one_oscillator, without_free_response, without_noise
+from stochvi.model.coverage import (
+    beyond_one_oscillator,
+    varying_level,
+    without_free_response,
+    without_noise,
+)
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.options import AccuracyOptions
@@ -110,6 +115,7 @@ def one_gap(model: Model) -> Model:
         beyond_one_oscillator(free, with_filters=True, with_sines=True)
         or without_noise(free)
         or without_free_response(free)
+        or varying_level(free)
     )
     if unmet:
         raise NotApplicable("first_crossings", unmet)

@@ -23,6 +23,7 @@ from stochvi.results.errors import NotApplicable
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.between_units import varied
+from stochvi.scenes.phases import Phase
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
 
 HOUR = 3600.0
 """The mission where none is given, s."""
+
+MISSION = "mission"
+"""Name of the only phase of a mission under noise of varying level."""
 
 
 @calculation
@@ -56,8 +60,9 @@ def size(
     ----------
     scene
         One oscillator under stationary Gaussian noise, or a linear structure with any number of
-        pairs. The laws of the stops are kept, their places are not: they go to equal distances from
-        the static equilibrium, where the mass hangs.
+        pairs. For a probability the noise on one oscillator may vary in level. The laws of the
+        stops are kept, their places are not: they go to equal distances from the static
+        equilibrium, where the mass hangs.
     probability
         Probability of any impact in the mission. Needs no stops.
     rate
@@ -126,6 +131,9 @@ def size(
     """
     target = target_of(probability, rate, impact_speed, peak_acceleration, exceedance)
     run = Run.of(options)
+    if scene.random_level is not None and not scene.phases:
+        whole = Phase(name=MISSION, duration=HOUR if mission is None else mission)
+        scene, mission = scene.replace(phases=[whole]), None
     if scene.phases:
         return _of_phases(
             scene, target, mission, run, at=at, pair=pair, tolerances=tolerances,
@@ -206,7 +214,10 @@ def _of_phases(
     """The sizing of a scene with phases; refuses arguments that are not for phases."""
     for name, value in {"mission": mission, **others}.items():
         if value is not None:
-            raise ValueError(f"{name} must be left out where the scene has phases, got {value}")
+            raise ValueError(
+                f"{name} must be left out where the scene has phases or noise of varying level, "
+                f"got {value}"
+            )
     found = size_mission(scene, target, run)
     if found.warnings:
         raise run.deadline.fell_short(found.warnings[0], "raise budget or rel_error", found)

@@ -23,8 +23,10 @@ from stochvi.isolators.sizing.answer import (
 )
 from stochvi.isolators.sizing.missions_answer import MissionSizing, as_stated
 from stochvi.isolators.sizing.nominal import risk_curve
-from stochvi.isolators.sizing.risk_curve import RiskCurve
+from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.moving_means import MovingMean
+from stochvi.mathematics.random_level import RandomLevel
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.free_motion import free_motion
@@ -35,6 +37,7 @@ from stochvi.sampling.run import Run
 from stochvi.scenes.between_units import varied
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.reliability.phases import INDEPENDENT, NEGLIGIBLE, parts_of_phases
+from stochvi.statistics.reliability.random_levels import FOLLOWED, felt_by
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -103,7 +106,8 @@ def size_mission(scene: Scene, target: Target, run: Run) -> MissionSizing:
         scene=scene, target=target, mission=sum(phase.duration for phase in phases.values()),
         clearance=clearance, phases=pd.DataFrame(rows), curve=joint.curve(clearance.value),
         assumptions=(
-            INDEPENDENT,
+            *([INDEPENDENT] if len(phases) > 1 else []),
+            *([FOLLOWED] if any(each.scene.random_level for each in phases.values()) else []),
             *(f"phase {name} hardly matters, and counts by Rice's crossings" for name in idle),
             *(
                 f"phase {name}: {note}"
@@ -137,9 +141,19 @@ class _Phase:
         model = model_of(scene)
         if conditions := beyond_one_oscillator(model, with_filters=True, with_sines=True):
             raise NotApplicable("size", [f"{each} (in phases)" for each in conditions])
-        (motion,) = free_motion(model, with_sines=True).moving_means(np.eye(1))
+        (motion,) = free_motion(replace(model, level=None), with_sines=True).moving_means(np.eye(1))
         sides = tuple(float(stop.side) for stop in model.stops) or (-1.0, 1.0)
         shift = model.rest - model_of(as_stated(whole)).rest
+        if model.level is not None:
+            felt_by(model)
+            if model.sines or shift:
+                got = "a sine beside it" if model.sines else "a mount that hangs lower in a phase"
+                sentence = (
+                    f"noise of varying level must be alone on a mount that hangs evenly, got {got}"
+                )
+                raise NotApplicable(
+                    "size", [f"{sentence}; reliability gives the risk of a clearance"]
+                )
         return cls(
             scene=scene, duration=duration, motion=motion, shift=shift, sides=sides
         )  # fmt: skip
@@ -150,19 +164,53 @@ class _Phase:
         return self.motion.deviations[0]
 
     def expected(self, clearance: float) -> float:
-        """Rice's number of crossings."""
-        distances = [max(clearance - side * self.shift, 0.0) for side in self.sides]
-        return self.duration * sum(self.motion.rate(each) for each in distances)
+        """Rice's number of crossings; where the level varies, the hazard that follows from it."""
+
+        def crossings(gain: float) -> float:
+            distances = [max(clearance - side * self.shift, 0.0) for side in self.sides]
+            return sum(self.motion.rate(each / gain) for each in distances)
+
+        level = model_of(self.scene).level
+        if level is None:
+            return self.duration * crossings(1.0)
+        return self._varying(np.array([crossings(gain) for gain in level.gains]), level)
+
+    def _varying(self, rates: Vector, level: RandomLevel) -> float:
+        """-ln(1 - P) of a hazard with these rates at the gains of a level."""
+        chance = level.probability(rates, self.duration)
+        return -math.log1p(-min(chance, KNOWN))
 
     def simulated(self, target: Target, run: Run) -> _Phase:
-        """The phase with its curve of risk."""
-        return replace(self, curve=risk_curve(self.scene, target, self.duration, run, self.shift))
+        """The phase with its curve of risk, where the level varies that of the level 0 dB in the
+        time of the level."""
+        level = self.scene.random_level
+        if level is None:
+            curve = risk_curve(self.scene, target, self.duration, run, self.shift)
+        else:
+            time = min(self.duration, level.time)
+            curve = risk_curve(self.scene.at_steady_level(0.0), target, time, run)
+        return replace(self, curve=curve)
 
     def hazard(self, clearance: float) -> tuple[float, float]:
         """-ln(1 - P) at a clearance, and half its 95 % interval."""
         if self.curve is None:
             return self.expected(clearance), 0.0
-        return self.curve.hazard(min(clearance - side * self.shift for side in self.sides))
+        nearest = min(clearance - side * self.shift for side in self.sides)
+        level = model_of(self.scene).level
+        if level is None:
+            return self.curve.hazard(nearest)
+        value, upper = self._of_level(self.curve, nearest, level)
+        felt, _ = self._of_level(self.curve, nearest, felt_by(model_of(self.scene)))
+        return value, upper - value + abs(felt - value)
+
+    def _of_level(
+        self, curve: RiskCurve, nearest: float, level: RandomLevel
+    ) -> tuple[float, float]:
+        """The hazard at a clearance while the level varies, and the upper end of its interval."""
+        places = nearest / level.gains
+        known = [curve.hazard(c) if self.motion.rate(c) else (0.0, 0.0) for c in places]
+        values, halves = np.array(known).T / curve.mission
+        return self._varying(values, level), self._varying(values + halves, level)
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,8 @@ class MissionSizing(ClearanceAnswer):
         """The clearance to make and the risk that it keeps, in one sentence."""
         made = (
             f"clearance: {self.made} per side from the static equilibrium keeps "
-            f"{self.target.kept(self.mission)}, over {len(self.phases)} phases"
+            f"{self.target.kept(self.mission)}"
+            + (f", over {len(self.phases)} phases" if len(self.phases) > 1 else "")
         )
         judged = [f"phase {name}: {each.sentence()}" for name, each in self.doubtful.items()]
         return (
@@ -99,6 +100,8 @@ class MissionSizing(ClearanceAnswer):
 
     def calculated(self) -> str:
         """The clearance before rounding, and the phase that decides."""
+        if len(self.phases) == 1:
+            return f"calculated: {self.clearance}"
         most = self.phases.iloc[int(np.argmax(self.phases["share"]))]
         return (
             f"calculated: {self.clearance}; phase {most['phase']} of "

@@ -11,7 +11,13 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.state_space import stationary_covariance
 from stochvi.methods.linearisation.structure_closure import closure_of, solutions
 from stochvi.model.build_response import build_response
-from stochvi.model.coverage import functions_of_arrays, modulated, speed_restitutions, without_noise
+from stochvi.model.coverage import (
+    functions_of_arrays,
+    modulated,
+    speed_restitutions,
+    varying_level,
+    without_noise,
+)
 from stochvi.model.linear_part import (
     Motion,
     between,
@@ -78,6 +84,7 @@ def linearised_functions(scene: Scene, deadline: Deadline = NEVER) -> tuple[Resp
         return closure_of(scene, white, started, deadline, (SECOND_ORDER,), EXACT)
     conditions = [
         *functions_of_arrays(model), *speed_restitutions(model), *modulated(model),
+        *varying_level(model),
         *without_noise(model, with_sines=not model.remembers),
     ]  # fmt: skip
     if model.remembers and not modulated(model):

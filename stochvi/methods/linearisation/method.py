@@ -23,6 +23,7 @@ from stochvi.model.coverage import (
     beyond_one_oscillator,
     functions,
     unknown_dampers,
+    varying_level,
     without_dissipation,
     without_energy,
     without_noise,
@@ -308,7 +309,7 @@ def _check_words(form: str, variant: str) -> None:
 
 def unmet(model: Model, form: str = "closure", variant: str = "consistent") -> list[str]:
     """The conditions of a form for one oscillator that a model does not meet."""
-    found = beyond_one_oscillator(model, with_filters=True)
+    found = beyond_one_oscillator(model, with_filters=True) + varying_level(model)
     if found:
         return found
     found = [*without_noise(model), *unknown_dampers(model), *without_energy(model)]

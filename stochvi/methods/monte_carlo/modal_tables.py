@@ -48,6 +48,7 @@ from stochvi.methods.monte_carlo.modal import (
 from stochvi.methods.monte_carlo.modal_contacts import ModalContactsPlan, check_stiffness
 from stochvi.methods.monte_carlo.plan import Underway
 from stochvi.methods.monte_carlo.quantities import Key, gap_of
+from stochvi.methods.monte_carlo.random_levels import MOST_BLOCKS, levels_of_block
 from stochvi.methods.monte_carlo.tabulated import (
     BIN_ERROR,
     BLOCK_RELAXATIONS,
@@ -55,7 +56,6 @@ from stochvi.methods.monte_carlo.tabulated import (
     GAP_PER_SAMPLE,
     LARGEST_BLOCK,
     LARGEST_LOSS,
-    MOST_BLOCKS,
     MOST_DOUBLINGS,
     MOST_SAMPLES,
     SAMPLES_PER_PERIOD,
@@ -85,6 +85,9 @@ MOST_BLOCK_SAMPLES = 2**22
 32 paths costs hardly more than one of 8, which weighs more than that the samples of 8 stay in the
 caches: on an AMD EPYC, six modes with eight pairs take 0.6 s of one core for an hour of motion with
 32 paths, and 1.4 s with 8."""
+
+MOST_STIFFNESSES = 2**20
+"""Largest number of elements of dynamic stiffnesses that are made at once, 16 MB."""
 
 CANCELLED = 1e-18
 """Variance of a sum of modal motions, relative to the square of the sum of their standard
@@ -244,9 +247,10 @@ class ModalTablesPlan(ModalContactsPlan):
     @cached_property
     def _followed(self) -> list[tuple[str, Vector, Pair | None]]:
         """Owners and rows (n,) of the displacements row . q whose motion without stops is averaged,
-        with the pair if it is a gap; none without stops, where nothing is left to simulate."""
+        with the pair if it is a gap; none without stops, where nothing is left to simulate, nor
+        where the level varies."""
         modes, pairs = self.modes, self.model.pairs
-        if not self.model.stops:
+        if not self.model.stops or self.model.level is not None:
             return []
         found: list[tuple[str, Vector, Pair | None]] = [
             (gap_of(pair), row, pair) for pair, row in zip(pairs, modes.gaps, strict=True)
@@ -441,8 +445,44 @@ class ModalTablesPlan(ModalContactsPlan):
         real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
         fill_modal_spectrum(streams, real, imaginary, relative, spectrum.view(np.float64))
         free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
+        if self.model.level is not None:
+            gains = levels_of_block(
+                self.model.level, seed, first_path, paths, number,
+                samples=self.samples, step=self.step, before=self._burn_in_steps + 1,
+            )  # fmt: skip
+            free = self._modulated(free, gains)
         response: NDArray[np.float64] = free.view(np.float64)
         return response
+
+    def _modulated(self, free: Waves, gains: Matrix) -> Waves:
+        """A response q + i q' / scale (samples, modes, paths) whose excitation is larger by
+        `gains`."""
+        bins = rfft(free.real, axis=0)
+        parts = range(1, len(bins), max(1, MOST_STIFFNESSES // self.modes.size**2))
+        for first, last in zip(parts, [*parts[1:], len(bins)], strict=True):
+            bins[first:last] = self._stiffness(first, last) @ bins[first:last]
+        bins = rfft(gains[:, None, :] * irfft(bins, self.samples, axis=0), axis=0)
+        for first, last in zip(parts, [*parts[1:], len(bins)], strict=True):
+            bins[first:last] = np.linalg.solve(self._stiffness(first, last), bins[first:last])
+        # nothing is synthesised at frequency 0, where a loose mode has no place of its own
+        bins[0] = bins[-1] = 0.0
+        w = self._bin_frequency * np.arange(len(bins))
+        place, speed = (
+            irfft(each, self.samples, axis=0)
+            for each in (bins, (1j / self.scale * w)[:, None, None] * bins)
+        )
+        return np.asarray(place + 1j * speed)
+
+    @property
+    def _bin_frequency(self) -> float:
+        """Distance of two bins, rad/s."""
+        return 2.0 * math.pi / self.block_length
+
+    def _stiffness(self, first: int, last: int) -> Waves:
+        """Dynamic stiffness of the modes in the bins first, first + 1, ... before `last`."""
+        w = self._bin_frequency * np.arange(first, last)[:, None, None]
+        squares, damping = np.diag(self.modes.squares), self.modes.damping
+        return np.asarray(squares - w**2 * np.eye(len(squares)) + 1j * w * damping)
 
 
 class ModalTablesUnderway(Underway):
@@ -561,12 +601,14 @@ def plan_modal_tables(
     modes = model.modal
     warm_up = 2.0 * WARM_UP_RELAXATIONS * known["law"].slowest
     length = _block_length(modes, max(_resonance_length(modes), 2.0 * warm_up))
-    blocks = 1 if duration is None else math.ceil(duration / length)
-    if blocks >= MOST_BLOCKS:
+    # a level does not repeat with the block, of which the warm-up is the end
+    longest = length - (warm_up if model.level is not None else 0.0)
+    blocks = 1 if duration is None else math.ceil(duration / longest)
+    if blocks >= MOST_BLOCKS // 2:
         raise NotApplicable(
             "simulate",
-            [f"a path of {duration:.3g} s needs more than {MOST_BLOCKS} blocks of {length:.3g} s; "
-             "give a shorter duration and more paths"],
+            [f"a path of {duration:.3g} s needs more than {MOST_BLOCKS // 2} blocks of "
+             f"{length:.3g} s; give a shorter duration and more paths"],
         )  # fmt: skip
     samples = _samples(modes, length, 1.0 / _interval(model, known))
     plan = ModalTablesPlan(**known, samples=samples, block_length=length, blocks=blocks)
@@ -574,7 +616,7 @@ def plan_modal_tables(
         plan,
         step=length / samples,
         burn_in=warm_up,
-        duration=length if duration is None else duration,
+        duration=longest if duration is None else duration,
     )
     check_stiffness(plan)
     return plan

@@ -60,6 +60,7 @@ from stochvi.methods.monte_carlo.plan import (
     histories_of_one,
     layout_of_one,
 )
+from stochvi.methods.monte_carlo.random_levels import MOST_BLOCKS, levels_of_block
 from stochvi.methods.monte_carlo.rigid_white import COARSE_SHARE, default_threshold
 from stochvi.methods.monte_carlo.step_bias import (
     bias_of_plain_step,
@@ -100,10 +101,6 @@ for the processor's vectors, and there are blocks enough for all threads."""
 BLOCK_SAMPLES = 2**19
 """Largest number of samples of all paths that are synthesised together: 8 MB, which the caches hold
 in part."""
-
-MOST_BLOCKS = 2**20
-"""Largest number of blocks of a path. Each block has a random stream of its own, numbered from
-path * MOST_BLOCKS."""
 
 GAP_PER_SAMPLE = 0.125
 """Largest share of the gap between two stops that the mass crosses between two samples at the rms
@@ -209,8 +206,7 @@ class TabulatedPlan:
 
     @property
     def _counted_samples(self) -> int:
-        # a sine is not periodic in the block: samples of the warm-up must not be counted as well
-        most = self.samples - (self.warm_up_samples if self.waves else 0)
+        most = self.samples - (self.warm_up_samples if _unrepeated(self.model, self.waves) else 0)
         return max(1, min(most, math.ceil(self.counted / self.step)))
 
     @property
@@ -247,10 +243,10 @@ class TabulatedPlan:
         They are known exactly, since the synthesised samples are normal: y^2, (y' / omega)^2, and
         for each stop the number of passages beyond it per second, with the sums of the rises and of
         their squares, m/s and m^2/s. There are none without stops, where nothing is left to
-        simulate, nor with sines.
+        simulate, nor with sines or a level that varies.
         """
         variances = self.amplitudes**2
-        if self.waves or not self.model.stops or not np.any(variances):
+        if _unrepeated(self.model, self.waves) or not self.model.stops or not np.any(variances):
             return {}
         relative = 2.0 * np.pi / self.block_length / self.model.omega
         beyond = {
@@ -320,8 +316,7 @@ class TabulatedPlan:
     def sampled(self, step: float, duration: float) -> TabulatedPlan:
         """The plan for histories at an interval of at most `step`, of `duration` seconds."""
         plan = self
-        # a block is periodic unless there are sines; the warm-up must then not be counted
-        length = duration + (plan.warm_up if plan.waves else 0.0)
+        length = duration + (plan.warm_up if _unrepeated(plan.model, plan.waves) else 0.0)
         if length > plan.block_length:
             plan = plan.with_block(length)
         plan = plan.with_step(min(step, plan.step))
@@ -513,10 +508,31 @@ class TabulatedPlan:
         spectrum = np.empty((self.samples, paths), complex)
         fill_spectrum(streams, amplitudes, relative, spectrum.view(np.float64))
         free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
+        if self.model.level is not None:
+            gains = levels_of_block(
+                self.model.level, seed, first_path, paths, number,
+                samples=self.samples, step=self.step, before=self.warm_up_samples + 1,
+            )  # fmt: skip
+            free = self._modulated(free, gains)
         for index, (omega, amplitude) in enumerate(self.waves):
             free += self._wave(seed, first_path, paths, number, index, omega, amplitude)
         response: NDArray[np.float64] = free.view(np.float64)
         return response
+
+    def _modulated(
+        self, free: NDArray[np.complex128], gains: NDArray[np.float64]
+    ) -> NDArray[np.complex128]:
+        """A response y + i y' / w0 (samples, paths) whose excitation is larger by `gains`."""
+        w = 2.0 * math.pi / self.block_length * np.arange(self.samples // 2 + 1)
+        stiff = self._dynamic_stiffness(w)[:, None]
+        force = irfft(stiff * rfft(free.real, axis=0), self.samples, axis=0)
+        bins = rfft(gains * force, axis=0) / stiff
+        bins[-1] = 0.0
+        place, speed = (
+            irfft(each, self.samples, axis=0)
+            for each in (bins, (1j / self.model.omega * w)[:, None] * bins)
+        )
+        return np.asarray(place + 1j * speed)
 
     def _wave(
         self,
@@ -630,6 +646,12 @@ def expected_of_free_motion(
     return found
 
 
+def _unrepeated(model: Model, waves: tuple[tuple[float, complex], ...]) -> bool:
+    """Whether something in a block does not repeat, a sine or a level: the warm-up, which is the
+    end of the block, must then not be counted as well."""
+    return bool(waves) or model.level is not None
+
+
 def plan_tabulated(model: Model, threshold: float | None, duration: float | None) -> TabulatedPlan:
     """Choose sampling and lengths for an oscillator with tabulated noise among its excitations."""
     unmet = []
@@ -645,15 +667,14 @@ def plan_tabulated(model: Model, threshold: float | None, duration: float | None
     slowest = half - math.sqrt(max(half * half - omega * omega, 0.0))
     relaxation = 1.0 / max(slowest, omega**2 / b / 2.0 if half > omega else half)
     length = _block_length(tables, omega, b, BLOCK_RELAXATIONS * max(relaxation, 1.0 / omega))
-    # the warm-up is the end of a block, where a sine does not continue
-    longest = length - (WARM_UP_RELAXATIONS * relaxation if waves else 0.0)
+    longest = length - (WARM_UP_RELAXATIONS * relaxation if _unrepeated(model, waves) else 0.0)
     counted, blocks = longest, 1
     if duration is not None:
-        if duration > (MOST_BLOCKS - len(waves)) * longest:
+        if duration > (MOST_BLOCKS // 2 - len(waves)) * longest:
             raise NotApplicable(
                 "simulate",
                 [
-                    f"a path of {duration:.3g} s needs more than {MOST_BLOCKS} blocks of "
+                    f"a path of {duration:.3g} s needs more than {MOST_BLOCKS // 2} blocks of "
                     f"{length:.3g} s; give a shorter duration and more paths"
                 ],
             )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, PrivateAttr, field_validator, model_validator
 
+from stochvi.mathematics.random_level import RandomLevel
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import (
     DENSITIES,
@@ -25,7 +26,7 @@ from stochvi.mathematics.units import (
 )
 from stochvi.results.errors import SceneError
 from stochvi.scenes.readers import Columns
-from stochvi.scenes.validation import Checked, Number, Positive, Weights, given
+from stochvi.scenes.validation import Checked, Number, Positive, Seconds, Weights, given
 
 BASE = "base"
 """The place of an excitation that moves the base; every other place is a coordinate."""
@@ -228,19 +229,41 @@ class DensityNoise(BaseExcitation):
     level_db
         Decibels by which the whole density is raised, -200 to 200: +3 dB doubles it, -20 dB is
         a tenth of the rms value.
+    kurtosis
+        Kurtosis of noise of varying level, above 3, with `level_time`: its level in decibels
+        varies slowly, as a normal process; by default it is steady and the noise Gaussian.
+    level_time
+        Correlation time of that level, s, or a text with a unit, "10 s".
     """
 
     family: ClassVar[str] = "tabulated noise"
 
     on: str | None = None
     level_db: Number = 0.0
+    kurtosis: Number | None = None
+    level_time: Seconds | None = None
     _table: Table = PrivateAttr()
 
     @model_validator(mode="after")
     def _level(self) -> Self:
         if abs(self.level_db) > LARGEST_LEVEL:
             raise ValueError(f"has level_db outside -200..200, got {self.level_db:g}")
+        if (self.kurtosis is None) != (self.level_time is None):
+            raise ValueError(
+                "needs kurtosis and level_time together, got "
+                f"{given(self, 'kurtosis', 'level_time')}"
+            )
+        if self.kurtosis is not None and not 3.0 < self.kurtosis <= MOST_KURTOSIS:
+            problem = f"must be above 3 and at most {MOST_KURTOSIS:g}, got {self.kurtosis:g}"
+            raise SceneError([("kurtosis", problem)])
         return self
+
+    @property
+    def random_level(self) -> RandomLevel | None:
+        """How its level varies; None where it is steady."""
+        if self.kurtosis is None or self.level_time is None:
+            return None
+        return RandomLevel(self.kurtosis, self.level_time)
 
     @property
     def table(self) -> Table:
@@ -295,6 +318,22 @@ class DensityNoise(BaseExcitation):
         """The level, in words that follow a name; empty for none."""
         return f", raised by {self.level_db:+g} dB" if self.level_db else ""
 
+    @property
+    def of_varying_level(self) -> tuple[str, ...]:
+        """A sentence on how its level varies; none where it is steady."""
+        level = self.random_level
+        if level is None:
+            return ()
+        return (
+            f"the level of the noise has a normal distribution in dB, with the standard deviation "
+            f"{level.spread_db:.3g} dB about {-level.spread * level.spread_db:.3g} dB and the "
+            f"correlation time {level.time:g} s: kurtosis {level.kurtosis:g}",
+        )
+
+
+MOST_KURTOSIS = 100.0
+"""Largest kurtosis of noise of varying level: its level then varies by 8 dB, and hardly
+anything but the highest levels counts."""
 
 LARGEST_LEVEL = 200.0
 """Largest size of a change of level, dB; a larger one is probably a mistake."""

@@ -11,6 +11,10 @@ opinion: the difference is a part of the bias. It errs by a third where equipmen
 than its mount: the stress then has two bands. Extremes
 are those of clumps of crossings (E. H. Vanmarcke, J. Appl. Mech. 42 (1975) 215); their bias is the
 difference to independent crossings, or to clumps at the mean frequency of the motion.
+
+Where the level A of the noise varies slowly the damage is that of Gaussian noise times E A^b, and a
+level is exceeded with the probability of `RandomLevel`. What equipment and mount feel less, as
+they average the level over their memory, is a part of the bias.
 """
 
 from __future__ import annotations
@@ -22,11 +26,13 @@ from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
 from scipy.special import gamma
 
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.frequency_response import Force, InputMatrix, eigenvalues, gains
 from stochvi.mathematics.quadrature import gauss_panels
+from stochvi.mathematics.random_level import RandomLevel
 from stochvi.mathematics.spectra import Filter
 from stochvi.mathematics.units import density_from_intensity
 from stochvi.model.free_motion import free_motion
@@ -45,6 +51,13 @@ smallest times the second."""
 
 LEVELS = np.linspace(0.0, 12.0, 4801)
 """Levels in standard deviations over which the distribution of an extreme is integrated."""
+
+MARKS, LEAST_MARK, FAR = 32, 0.3, 6.0
+"""Levels at which extremes under noise of varying level are known: their number, the lowest one in
+standard deviations, and how many of them the highest one is at a level as far from its median."""
+
+CERTAIN, LEAST_HAZARD = 1.0 - 1e-15, 1e-14
+"""Largest probability and smallest hazard, beyond which rounding errors begin."""
 
 FORMULA_ERROR, DIFFERENCES = 0.1, 2.5
 """The relative bias of the damage by formula is the first number, or the second one times the
@@ -159,11 +172,24 @@ class SpectralMoments:
 @dataclass(frozen=True, eq=False)
 class GaussianEquipment:
     """Equipment on a Gaussian acceleration of a density, with frequencies (Hz) between which the
-    density is smooth."""
+    density is smooth.
+
+    The `level` of the noise may vary; `memory` (s) is that of the structure, over which it averages
+    the level.
+    """
 
     density: Density
     edges: Vector
     equipment: Equipment
+    level: RandomLevel | None = None
+    memory: float = 0.0
+
+    @cached_property
+    def _felt(self) -> list[RandomLevel]:
+        """What each equipment feels of the level."""
+        assert self.level is not None
+        memories = self.memory + self.equipment.quality / self.equipment.omega
+        return [self.level.felt(1.0 / float(each)) for each in memories]
 
     @cached_property
     def _grid(self) -> tuple[Vector, Vector, Vector]:
@@ -231,7 +257,13 @@ class GaussianEquipment:
         wear, other = (
             formula(self.stress, self.equipment.exponent) for formula in (three_quarters, dirlik)
         )
-        return wear, np.maximum(DIFFERENCES * np.abs(wear - other), FORMULA_ERROR * wear)
+        error = np.maximum(DIFFERENCES * np.abs(wear - other), FORMULA_ERROR * wear)
+        if self.level is None:
+            return wear, error
+        power = self.equipment.exponent
+        louder = self.level.moment(power)
+        less = louder - np.array([each.moment(power) for each in self._felt])
+        return louder * wear, louder * error + np.abs(less) * wear
 
     def exceedance_rates(self, levels: Vector) -> tuple[Vector, Vector]:
         """Rates, 1/s, at which |y| goes beyond `levels` standard deviations, (equipment, levels):
@@ -263,7 +295,32 @@ class GaussianEquipment:
         mean, below = mean_of(clumps)
         bias = np.max([np.abs(mean_of(each)[0] - mean) for each in (crossings, slow * clumps)], 0)
         levels = np.array([[np.interp(p, each, LEVELS) for each in below] for p in probabilities])
+        if self.level is not None:
+            still, marks, below = mean, *self._staying_below(mission, [self.level] * len(mean))
+            mean = np.asarray(np.trapezoid(1.0 - below, marks))
+            felt = np.trapezoid(1.0 - self._staying_below(mission, self._felt)[1], marks)
+            bias = bias * mean / still + np.abs(felt - mean)
+            levels = np.array(
+                [[np.interp(p, each, marks) for each in below] for p in probabilities]
+            )
         return mean * self.rms, bias * self.rms, levels * self.rms
+
+    def _staying_below(self, mission: float, felt: list[RandomLevel]) -> tuple[Vector, Matrix]:
+        """Levels in standard deviations, and the probability (equipment, levels) that |y| stays
+        below each of them in a mission while the noise varies."""
+        assert self.level is not None
+        few = np.geomspace(LEAST_MARK, FAR * float(self.level.gain(np.array(FAR))), MARKS)
+        places = few[:, None] / np.array([each.gains for each in felt])[:, None]
+        hazards = np.empty((len(felt), MARKS))
+        for row, level in enumerate(felt):
+            rates = self.exceedance_rates(places[row].ravel())[0][row].reshape(MARKS, -1)
+            chances = [level.probability(each, mission) for each in rates]
+            hazards[row] = -np.log1p(-np.minimum(chances, CERTAIN))
+        marks = np.linspace(0.0, few[-1], len(LEVELS))
+        logs = PchipInterpolator(np.log(few), np.log(np.maximum(hazards, LEAST_HAZARD)), axis=1)
+        below = np.exp(-np.exp(logs(np.log(np.maximum(marks, few[0])))))
+        below[:, 0] = 0.0
+        return marks, below
 
 
 def three_quarters(m: SpectralMoments, exponent: float) -> Vector:

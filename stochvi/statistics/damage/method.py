@@ -208,11 +208,15 @@ class _Question:
 
     def gaussian(self) -> GaussianEquipment | None:
         """Equipment on the Gaussian motion without stops; None where there is none."""
+        steady = replace(self.model, level=None)
         try:
-            density = GaussianAcceleration(self.model, tuple(self.row.tolist()))
+            density = GaussianAcceleration(steady, tuple(self.row.tolist()))
         except NotApplicable:
             return None
-        return GaussianEquipment(density, density.edges, self.equipment)
+        memory = 1.0 / float(np.min(np.diag(steady.modal.damping)))
+        return GaussianEquipment(
+            density, density.edges, self.equipment, self.model.level, memory
+        )  # fmt: skip
 
     def without_stops(self) -> EquipmentSpectra | None:
         """Spectra by simulation of the scene without its stops; None where it does not stay."""
@@ -314,7 +318,8 @@ class _Question:
         self, gaussian: GaussianEquipment | None, without: EquipmentSpectra | None, way: Way | None
     ) -> Damage | None:
         """The answer by clusters of impacts; None where these are not rare, or not known."""
-        if gaussian is None or without is None or self.driven or way == "simulation":
+        varies = self.model.level is not None
+        if gaussian is None or without is None or self.driven or varies or way == "simulation":
             if way == "clusters":
                 raise NotApplicable("damage", ["clusters need Gaussian noise of the base alone"])
             return None

@@ -52,6 +52,7 @@ from stochvi.statistics.reliability.conditioning import (
     hits_of_pairs,
 )
 from stochvi.statistics.reliability.phases import of_phases
+from stochvi.statistics.reliability.random_levels import of_random_level
 from stochvi.statistics.structure_hits import Limit, check_forces, outputs_of, without_stops
 
 FIRST_HITS = 0.4
@@ -171,6 +172,12 @@ def reliability(
     jobs = Jobs(run=run, confidence=confidence, deadline=run.deadline)
     model = model_of(scene)
     check_pair(model, pair)
+    if model.level is not None:
+        others = {"barrier": barrier, "impact_speed": impact_speed,
+                  "peak_acceleration": peak_acceleration}  # fmt: skip
+        return _at_varying_level(
+            scene, mission, others, pair, run, confidence=confidence, start=start
+        )
     if not model.single:
         _check_several(model, barrier, start, way)
         hardest = _limits_of_pairs(scene, impact_speed, peak_acceleration, at)
@@ -230,6 +237,34 @@ def reliability(
         where = f"before {' and '.join(jobs.cut_short)}"
         raise jobs.deadline.fell_short(where, "raise budget or rel_error", found)
     return found
+
+
+def _at_varying_level(
+    scene: Scene, mission: float, others: Mapping[str, object], pair: str | None, run: Run,
+    *, confidence: float, start: Start,
+) -> Reliability:  # fmt: skip
+    """The risk of any impact under noise whose level varies."""
+    if unmet := [
+        f"{name} must be left out under noise of varying level, where any impact alone "
+        f"is known, got {value}; simulate follows the motion"
+        for name, value in others.items()
+        if value is not None
+    ]:
+        raise NotApplicable("reliability", unmet)
+    if start == "rest" or not scene.impact_pairs:
+        got = "start = 'rest'" if start == "rest" else "a scene without impact_pair"
+        raise NotApplicable(
+            "reliability",
+            [f"noise of varying level needs stops and a stationary start, got {got}"],
+        )  # fmt: skip
+
+    def at_level(steady: Scene, duration: float, part: Run) -> Reliability:
+        return reliability(
+            steady, mission=duration, pair=pair, confidence=confidence,
+            **part.options(rel_error=run.rel_error),
+        )  # fmt: skip
+
+    return of_random_level(scene, mission, at_level, run)
 
 
 def check_pair(model: Model, pair: str | None) -> None:

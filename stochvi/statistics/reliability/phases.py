@@ -20,7 +20,7 @@ import numpy as np
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.model.free_motion import free_motion
-from stochvi.model.model import model_of
+from stochvi.model.model import Model, model_of
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.sampling.run import Run
@@ -108,20 +108,36 @@ def _most_hits(scene: Scene, duration: float) -> float | None:
     beyond one."""
     model = model_of(scene)
     try:
-        motion = free_motion(model, with_sines=True)
+        crossings, outside = crossings_of(model)(1.0)
     except NotApplicable:
         return None
+    return max(crossings * duration + outside, LEAST) if model.pairs else None
+
+
+def crossings_of(model: Model) -> Callable[[float], tuple[float, float]]:
+    """Rice's rate of crossings of all stops, 1/s, and the probability to be beyond one, as a
+    function of a gain of the noise; sines stay.
+
+    Raises `NotApplicable` where the motion without stops is not stationary and Gaussian.
+    """
+    motion = free_motion(model, with_sines=True)
     rows = np.array([pair.direction for pair in model.pairs]).reshape(len(model.pairs), -1)
     means = rows @ motion.modes.shapes @ (motion.modes.rest + motion.law.mean)
-    total = 0.0
-    for pair, mean, gap in zip(model.pairs, means, motion.moving_means(rows), strict=True):
-        for stop, side in ((pair.lower, -1.0), (pair.upper, 1.0)):
-            if stop is None or not gap.place > 0.0:
-                continue
-            away = side * (stop.position - mean)
-            crossings = gap.rate(max(away, 0.0)) * duration
-            total += crossings + gap.beyond(away)
-    return max(total, LEAST) if model.pairs else None
+    gaps = motion.moving_means(rows)
+
+    def of_gain(gain: float) -> tuple[float, float]:
+        rate = outside = 0.0
+        for pair, mean, gap in zip(model.pairs, means, gaps, strict=True):
+            louder = replace(gap, place=gain * gap.place, speed=gain * gap.speed)
+            for stop, side in ((pair.lower, -1.0), (pair.upper, 1.0)):
+                if stop is None or not gap.place > 0.0:
+                    continue
+                away = side * (stop.position - mean)
+                rate += louder.rate(max(away, 0.0))
+                outside += louder.beyond(away)
+        return rate, outside
+
+    return of_gain
 
 
 def _never_hit(like: Reliability, duration: float, most: float) -> Reliability:
