@@ -45,7 +45,7 @@ def impacts() -> np.ndarray:
     new, sums = random.normal(size=(states, lanes)), np.zeros((1, 6, lanes))
     scene = Scene(
         step, stops, functions_of(laws, lanes=True), responses, make_workspace(1, states, terms),
-        new, sums, np.zeros((lanes, 1, 2)), None, 0, 0, None,
+        new, sums, np.zeros((lanes, 1, 2)), np.zeros(lanes, np.uint64), None, 0, 0, None,
     )  # fmt: skip
     index = np.flatnonzero(y1 > 1.0)
     finish_together(index, ends, scene, None, None)
