@@ -47,7 +47,8 @@ class Branch:
     impact_speed
         Incident speeds (points, impacts), m/s; the largest of successive impacts that count as one.
     multiplier
-        Largest modulus of the factors by which small perturbations change over the regime.
+        Largest modulus of the factors by which small perturbations change over the regime; infinite
+        where an impact of speed 0 leaves none (null in JSON).
     stable, admissible
         Whether perturbations die away; whether the motion meets no stop besides these impacts.
     names

@@ -128,8 +128,12 @@ class Track:
 
     @cached_property
     def multiplier(self) -> Vector:
-        """The largest modulus of the multipliers of a period of the regime."""
-        return np.asarray(np.abs(np.linalg.eigvals(self.factors)).max(axis=1))
+        """The largest modulus of the multipliers of a period of the regime; infinite where an
+        impact of speed 0 leaves no derivative, as at the end of a branch that grazes."""
+        whole = np.isfinite(self.factors).all(axis=(1, 2))
+        found = np.full(len(whole), np.inf)
+        found[whole] = np.abs(np.linalg.eigvals(self.factors[whole])).max(axis=1)
+        return found
 
     @cached_property
     def lasting(self) -> NDArray[np.bool_]:

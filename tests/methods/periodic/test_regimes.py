@@ -110,6 +110,14 @@ def test_a_regime_repeats_itself_impact_by_impact(seeds: range) -> None:
     assert sum(check_regimes(random_scene(seed)) for seed in seeds) > len(seeds) // 2
 
 
+def test_a_branch_that_ends_in_a_grazing_rest_has_no_multiplier_there() -> None:
+    """A mass rests on its stop, and the branch ends where an impact of speed 0 joins."""
+    (branch,) = harmonic_response(random_scene(33)).branches
+    ends = np.array([name == "grazing" for name in branch.names])
+    assert ends.any() and np.isinf(branch.multiplier[ends]).all()
+    assert np.all(branch.multiplier[~ends] < 1.0) and not branch.stable[ends].any()
+
+
 OMEGA, DAMPING, DRIVE = 62.8, 12.5, 628.0
 """The isolator of the book's section 9, rad/s, 1/s and rad/s."""
 
