@@ -89,5 +89,5 @@ def key_unit(document: Mapping[str, Any], part: Mapping[str, Any], name: str) ->
             on_mount = document["structure"]["kind"] == "isolator"
             on_base = part.get("on", "base" if on_mount else "") == "base"
             units = ("m/s", "N s") if name == "impulse" else ("m/s2", "N")
-            return units[0] if on_base else units[1]
+            return str(part.get("unit") or units[0 if on_base else 1])
     return KEY_UNITS.get(name, "")

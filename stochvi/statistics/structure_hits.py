@@ -160,9 +160,9 @@ def overlap_of(crossings: PairCrossings, level: int = 0) -> float:
 
 def without_stops(model: Model, limit: Limit, mission: float) -> float:
     """Probability, at least, that the motion without stops alone exceeds the limit of an
-    acceleration in a mission: by crossings at the slowest natural frequency (Rice)."""
+    acceleration in a mission: by crossings of its noise at the slowest natural frequency (Rice)."""
     rows = model.output_rows[[model.outputs.index(name) for name in limit.outputs]]
-    squares = absolute_accelerations(model.modal, free_motion(model).law, rows)
+    squares = absolute_accelerations(model.modal, free_motion(model.without_sines()).law, rows)
     slowest = math.sqrt(float(np.min(model.modal.squares))) / (2.0 * math.pi)
     levels = 0.5 * limit.value**2 / np.maximum(squares, np.finfo(float).tiny)
     return -math.expm1(-2.0 * slowest * mission * math.exp(-float(levels.min())))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from stochvi.results.estimates import format_with_error
 from stochvi.views.tables import new_table, print_frame, print_line, print_table, value_with_error
+from stochvi.views.words import way_in_words
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -152,9 +153,9 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
 
     title = f"in a mission of {spoken_mission(found.mission)} from {STARTS[found.start]}"
     percent = f"{100.0 * found.confidence:g} % interval"
-    table = new_table(
-        title, ["event", "probability", percent, "rel. bias", "way", "CPU s", "crude"]
-    )
+    headings = ["event", "probability", percent, "rel. bias", "way", "CPU s"]
+    compared = any(chance.crude_seconds is not None for chance in found.chances.values())
+    table = new_table(title, [*headings, *["crude"] * compared])
     for name, chance in found.chances.items():
         estimate = chance.estimate
         limit = "" if chance.limit is None else f" > {chance.limit:g} {LIMIT_UNITS[name]}"
@@ -170,13 +171,13 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
             else chance_in_words(estimate.value, estimate.standard_error, chance.lower),
             f"{chance.lower:.3g} to {chance.upper:.3g}",
             f"{(estimate.bias or 0.0) / estimate.value:.1g}" if known else "unknown",
-            chance.way,
+            way_in_words(chance.way),
             f"{chance.seconds:.2g}",
-            "" if crude is None else f"{crude:.2g}",
+            *["" if crude is None else f"{crude:.2g}"] * compared,
         )
     for name in found.missing:
         if name != "expected_hits" and name not in found.chances:
-            table.add_row(name.replace("_", " "), "not found", "", "", "", "", "")
+            table.add_row(name.replace("_", " "), "not found")
     print_table(console, table)
     if found.phases:
         _print_phases(console, found)
@@ -193,6 +194,5 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
     print_line(console, f"assumptions: {'; '.join(found.assumptions)}")
-    print_line(
-        console, f"cost: {found.cost.wall_time:.3g} s; crude: CPU seconds for the same error"
-    )
+    meaning = "; crude: CPU seconds of whole missions for the same error" if compared else ""
+    print_line(console, f"cost: {found.cost.wall_time:.3g} s{meaning}")

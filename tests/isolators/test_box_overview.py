@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 
-from stochvi import Isolator, Scene, screen
+from stochvi import Isolator, Scene, Sine, screen
 from stochvi.isolators.sizing.box_overview import box_overview
 from stochvi.scenes import RigidBody
 from support.boxes import box, scene_with, tables
@@ -45,6 +46,28 @@ def test_one_axis_is_an_oscillator_on_all_mounts_together() -> None:
         hits = MISSION * stops * speed / sigma / (2.0 * math.pi) * math.exp(-(level**2) / 2.0)
         chance = rows.loc[name, "chance_at_one_axis"]
         assert chance == pytest.approx(-math.expm1(-hits), rel=1e-9)
+
+
+def test_sines_beside_the_noise_raise_the_chances_of_a_box() -> None:
+    body, pairs = box(zeta=0.1), [snubber("up", [0, 0, 1], upper=0.006)]
+    quiet = scene_with(body, pairs)
+    sine = Sine(on="base", axis="z", frequency_hz=9.0, amplitude=1.0, unit="g")
+    loud = quiet.replace(excitations=[*quiet.excitations, sine])
+    one, other = (box_overview(scene, MISSION).pairs.iloc[0] for scene in (quiet, loud))
+    moved = screen(loud).impact_pairs["up"]
+    assert moved.displacement_std > 1.2 * screen(quiet).impact_pairs["up"].displacement_std
+    assert other["one_axis_three_sigma"] > 1.1 * one["one_axis_three_sigma"]
+    # Rice's rate of a Gaussian process about a moving mean, by plain sums over the phase
+    phases = 2.0 * math.pi * np.arange(20_000) / 20_000
+    quiet_gap = screen(quiet).impact_pairs["up"]
+    sigma, speed = quiet_gap.displacement_std, quiet_gap.velocity_std
+    height = math.sqrt(2.0 * (moved.displacement_std**2 - sigma**2))
+    mean, rate = height * np.cos(phases), -2.0 * math.pi * 9.0 * height * np.sin(phases)
+    turn = rate / speed
+    rises = norm.pdf(turn) + turn * norm.cdf(turn)
+    hits = MISSION * np.mean(norm.pdf((0.006 - mean) / sigma) * speed / sigma * rises)
+    assert other["chance_as_given"] == pytest.approx(-math.expm1(-hits), rel=1e-6)
+    assert other["chance_as_given"] > 2.0 * one["chance_as_given"]
 
 
 def test_a_stop_that_the_weight_presses_on_is_hit_for_certain() -> None:

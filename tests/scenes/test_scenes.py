@@ -14,10 +14,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stochvi import screen
 from stochvi.model.model import model_of
 from stochvi.results.errors import SceneError
 from stochvi.scenes.datasets import data_folder
-from stochvi.scenes.excitations import ConstantLoad, RoadNoise, TabulatedNoise, WhiteNoise
+from stochvi.scenes.excitations import ConstantLoad, RoadNoise, Sine, TabulatedNoise, WhiteNoise
 from stochvi.scenes.impact_laws import ForceTable, Restitution
 from stochvi.scenes.scene import ImpactPair, Scene, load_scene, scene_from
 from stochvi.scenes.structures import Beam, Isolator, Oscillator
@@ -492,3 +493,40 @@ def test_a_copy_with_other_values_calculates_them_anew(
     copy, anew = part.model_copy(update=changes), part.replace(**changes)
     assert told(copy) == told(anew) != before == told(part)
     assert told(part.model_copy(deep=True)) == before
+
+
+# Units of sines ---------------------------------------------------------------------------
+
+
+NOISE = [WhiteNoise(density=0.01, unit="g2/Hz")]
+
+
+def test_a_sine_of_a_base_may_be_in_g() -> None:
+    told = {"on": "base", "frequency_hz": 17.0}
+    in_g, in_si = Sine(amplitude=0.5, unit="g", **told), Sine(amplitude=4.903325, **told)
+    assert in_g.peak == pytest.approx(in_si.peak, rel=1e-15)
+    mount = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
+    one, other = (
+        screen(Scene(structure=mount, excitations=[*NOISE, sine])) for sine in (in_g, in_si)
+    )
+    assert one.displacement_std == pytest.approx(other.displacement_std, rel=1e-12)
+    assert in_g.louder(20.0).peak == pytest.approx(10.0 * in_g.peak)
+
+
+@pytest.mark.parametrize(
+    ("keys", "sentence"),
+    [
+        (
+            {"on": "base", "amplitude": 1.0, "unit": "mm"},
+            "unit must be one of g, m/s2, N, got 'mm'",
+        ),
+        ({"on": "base", "velocity": 1.0, "unit": "g"}, "unit is that of amplitude, got none"),
+        ({"on": "base", "amplitude": 1.0, "unit": "N"}, "on 'base'; expected one of g, m/s2"),
+        ({"on": "x", "amplitude": 1.0, "unit": "g"}, "on 'x'; expected one of N"),
+    ],
+)
+def test_a_unit_that_does_not_fit_a_sine_is_refused(keys: dict[str, object], sentence: str) -> None:
+    mount = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
+    with pytest.raises(SceneError) as refused:
+        Scene(structure=mount, excitations=[*NOISE, Sine(frequency_hz=5.0, **keys)])
+    assert sentence in str(refused.value)

@@ -29,6 +29,7 @@ from stochvi import (
     TabulatedNoise,
     WhiteNoise,
     impacts,
+    load_scene,
     reliability,
     screen,
     simulate,
@@ -37,7 +38,7 @@ from stochvi import (
 from stochvi.isolators import Spread, bumper_map
 from stochvi.mathematics.moving_means import MovingMean, Sines, slopes
 from stochvi.model.model import model_of
-from stochvi.scenes import Phase
+from stochvi.scenes import Phase, shipped_scene
 from stochvi.statistics import structure_hits
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.pair_crossings import PairMotion, pair_crossings
@@ -431,6 +432,18 @@ def test_a_size_keeps_its_probability() -> None:
     assert_agrees(Estimate(value=float(hit.mean()), standard_error=0.4 / math.sqrt(2048.0)), 0.2)
     smaller = case.hit(case.judge.extremes(2048, 7), 0.93 * found.clearance.value)
     assert smaller.mean() > 0.2 + 5.0 * 0.4 / math.sqrt(2048.0)
+
+
+def test_a_box_is_sized_beside_a_sine() -> None:
+    """Its page compares it with one oscillator along each axis, under the same sine."""
+    scene = load_scene(shipped_scene("rigid-box"))
+    sine = Sine(on="base", axis="z", frequency_hz=17.0, amplitude=0.5, unit="g")
+    loud = scene.replace(excitations=[*scene.excitations, sine])
+    asked = {"probability": 0.05, "mission": 600.0, "rel_error": 0.3, "threads": 1}
+    quiet, found = size(scene, **asked), size(loud, **asked)
+    for name, clearance in found.clearances.items():
+        wider = clearance.value - quiet.clearances[name].value
+        assert (wider > 1e-4) == name.startswith("corner")  # the sine is vertical
 
 
 def test_a_screening_holds_the_sines() -> None:

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.mathematics.moving_means import MovingMean
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.model.natural_modes import NaturalMode, natural_modes
@@ -55,7 +57,7 @@ def box_overview(scene: Scene, mission: float) -> BoxOverview | None:
         return None
     model = model_of(scene)
     rows = np.array([pair.direction for pair in model.pairs])
-    sigma, speed = free_motion(model).deviations(rows)
+    moved = free_motion(model, with_sines=True).moving_means(rows)
     alone = replace(
         model,
         mass=np.diag(np.diag(model.mass)),
@@ -63,7 +65,8 @@ def box_overview(scene: Scene, mission: float) -> BoxOverview | None:
         stiffness=np.diag(np.diag(model.stiffness)),
     )
     straight = rows * (np.arange(rows.shape[1]) < len(AXES))
-    three = 3.0 * free_motion(alone).deviations(straight)[0]
+    apart = free_motion(alone, with_sines=True).moving_means(straight)
+    three = np.array([3.0 * each.deviations[0] for each in apart])
     stops = np.array(own_distances(model))
     there = np.where(np.isfinite(stops), three, math.inf)
     return BoxOverview(
@@ -72,19 +75,18 @@ def box_overview(scene: Scene, mission: float) -> BoxOverview | None:
             {
                 "pair": [pair.name for pair in model.pairs],
                 "one_axis_three_sigma": three,
-                "chance_at_one_axis": _chances(sigma, speed, there, mission),
-                "chance_as_given": _chances(sigma, speed, stops, mission),
+                "chance_at_one_axis": _chances(moved, there, mission),
+                "chance_as_given": _chances(moved, stops, mission),
             }
         ),
     )
 
 
-def _chances(sigma: np.ndarray, speed: np.ndarray, stops: np.ndarray, mission: float) -> np.ndarray:
+def _chances(moved: Sequence[MovingMean], stops: Matrix, mission: float) -> Vector:
     """Probability that each pair is hit in the mission, stops (2, pairs) at distances from the
     mean, m: 1 where one of them lies beyond it."""
-    moving = sigma > 0.0
-    size = np.where(moving, sigma, 1.0)
-    level = np.maximum(stops, 0.0) / size
-    expected = mission * np.where(moving, speed / size, 0.0) / (2.0 * math.pi)
-    crossings = (expected * np.exp(-0.5 * level**2)).sum(axis=0)
-    return np.where(np.any(stops < 0.0, axis=0), 1.0, -np.expm1(-crossings))
+    crossings = [
+        mission * sum(motion.rate(max(float(each), 0.0)) for each in own) if motion.place else 0.0
+        for motion, own in zip(moved, stops.T, strict=True)
+    ]
+    return np.where(np.any(stops < 0.0, axis=0), 1.0, -np.expm1(-np.array(crossings)))

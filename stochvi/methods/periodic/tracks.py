@@ -130,7 +130,7 @@ class Track:
     def multiplier(self) -> Vector:
         """The largest modulus of the multipliers of a period of the regime; infinite where an
         impact of speed 0 leaves no derivative, as at the end of a branch that grazes."""
-        whole = np.isfinite(self.factors).all(axis=(1, 2))
+        whole = np.asarray(np.isfinite(self.factors).all(axis=(1, 2)))
         found = np.full(len(whole), np.inf)
         found[whole] = np.abs(np.linalg.eigvals(self.factors[whole])).max(axis=1)
         return found

@@ -8,7 +8,8 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from stochvi.mathematics.units import power_ratio
+from stochvi.mathematics.units import listed_units, power_ratio, unit
+from stochvi.results.errors import SceneError
 from stochvi.scenes.excitations.base import BASE, BaseExcitation
 from stochvi.scenes.validation import Number, Positive, given
 
@@ -22,7 +23,10 @@ class Sine(BaseExcitation):
     Parameters
     ----------
     amplitude
-        Peak of the force on a mass, N, or of the acceleration of the base, m/s^2.
+        Peak (not rms) of the force on a mass, N, or of the acceleration of the base, m/s^2 or in
+        `unit`.
+    unit
+        Unit of the amplitude of a base, as "g"; by default SI units.
     displacement, velocity
         Instead: peak displacement (m) or velocity (m/s) of the base, so that the acceleration grows
         with the frequency. A displacement `between` two coordinates is that of a crank on one of
@@ -43,6 +47,8 @@ class Sine(BaseExcitation):
     --------
     >>> Sine(on="base", amplitude=9.80665, frequency_hz=50.0).peak
     9.80665
+    >>> Sine(on="base", amplitude=0.5, unit="g", frequency_hz=17.0).peak
+    4.903325
     >>> round(Sine(on="base", displacement=1e-4, frequency_hz=50.0).peak, 3)
     9.87
     """
@@ -53,6 +59,7 @@ class Sine(BaseExcitation):
     kind: Literal["sine"] = "sine"
     on: str | None = None
     amplitude: Positive | None = None
+    unit: str | None = None
     displacement: Positive | None = None
     velocity: Positive | None = None
     unbalance: Positive | None = None
@@ -67,7 +74,23 @@ class Sine(BaseExcitation):
                 "base), velocity (m/s of the base) and unbalance (kg m), got "
                 f"{given(self, *STRENGTHS)}"
             )
+        if self.unit is not None and self.amplitude is None:
+            raise SceneError([("unit", "is that of amplitude, got none; leave unit out")])
+        self._factor  # noqa: B018  a unit that is none is refused here
         return self
+
+    @property
+    def _factor(self) -> float:
+        """The amplitude in SI units over the number that is given."""
+        if self.unit is None:
+            return 1.0
+        found = unit(self.unit)
+        if found.quantity not in ("acceleration", "force"):
+            raise SceneError(
+                [("unit", f"must be one of {listed_units('acceleration', 'force')}, got "
+                  f"{self.unit!r}")]
+            )  # fmt: skip
+        return found.factor
 
     def _strengths(self) -> dict[str, float]:
         values = {name: getattr(self, name) for name in STRENGTHS}
@@ -89,13 +112,18 @@ class Sine(BaseExcitation):
         """Peak force on a mass, N, or peak acceleration of the base or of a crank, m/s^2."""
         name, value = self.strength
         power = {"amplitude": 0, "velocity": 1}.get(name, 2)
-        return float(value * (2.0 * math.pi * self.frequency_hz) ** power)
+        factor = self._factor * (2.0 * math.pi * self.frequency_hz) ** power
+        return float(value * factor)
 
     def misplaced(self, where: str) -> str:
         """Fault of the key of the strength for a sine that acts on `where`; empty if nothing is."""
         name, _ = self.strength
         if name in ("displacement", "velocity") and where != BASE and not self.crank:
             return f"has {name}, which is that of the base, got on = {where!r}; give amplitude (N)"
+        quantity = "acceleration" if where == BASE or self.crank else "force"
+        if self.unit is not None and unit(self.unit).quantity != quantity:
+            fitting = listed_units(quantity)
+            return f"has unit = {self.unit!r} on {where!r}; expected one of {fitting}"
         if name == "unbalance" and where == BASE:
             return "has unbalance, which acts on a mass, got on = 'base'; give amplitude (m/s^2)"
         return ""

@@ -19,6 +19,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.views.axes import add_grid, axes_or_new, plain_ticks
 from stochvi.views.colours import OWNERS
 from stochvi.views.damage import draw_damage
+from stochvi.views.report.environment import excitation_facts
 from stochvi.views.report.pages import Fact, Grid, Page, Section, sentence, shown, write_page
 from stochvi.views.schematic import draw_problem
 from stochvi.views.sized_missions import (
@@ -158,11 +159,8 @@ def _g_rms(table: Table) -> float:
 
 def _sources(scene: Scene) -> list[str]:
     """The excitations in words."""
-    found = []
-    for excitation in scene.excitations:
-        name, value, *_ = excitation.facts(scene.place(excitation), excitation.numbers())[0]
-        found.append(f"{name}: {value}")
-    return found
+    facts = [excitation_facts(scene, each, each.numbers())[0] for each in scene.excitations]
+    return [f"{fact.name}: {fact.value}" for fact in facts]
 
 
 def _mounts(phase: Phase) -> list[str]:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission
+from stochvi.scenes.excitations import Excitation
+from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.views.report.pages import Fact, Section, shown
 from stochvi.views.schematic import draw_problem
@@ -20,12 +23,23 @@ if TYPE_CHECKING:
     from stochvi.isolators.sizing.review import Review
 
 
+def excitation_facts(
+    scene: Scene, excitation: Excitation, numbers: Mapping[str, float]
+) -> list[Fact]:
+    """What an excitation is, and along which axis it acts, by its `numbers`."""
+    place, words = scene.place(excitation), scene.place_in_words(excitation)
+    (name, *told), *others = excitation.facts(place, numbers)
+    return [Fact(name.replace(f" on {place}", f" on {words}"), *told), *(Fact(*r) for r in others)]
+
+
 def environment_section(review: Review) -> Section:
     """The section on the excitations and the motion of the base."""
     scene, found = review.sizing.scene, review.environment
-    facts: list[Fact] = []
-    for excitation, numbers in zip(scene.excitations, found.excitations, strict=True):
-        facts += [Fact(*each) for each in excitation.facts(scene.place(excitation), numbers)]
+    facts = [
+        fact
+        for excitation, numbers in zip(scene.excitations, found.excitations, strict=True)
+        for fact in excitation_facts(scene, excitation, numbers)
+    ]
     if found.base is not None:
         facts += [
             Fact(

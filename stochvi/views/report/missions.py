@@ -13,11 +13,12 @@ from stochvi.views.axes import PAGE, axes_or_new, label_for_page
 from stochvi.views.colours import COLOURS
 from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history
 from stochvi.views.report.changes import production_section
+from stochvi.views.report.environment import excitation_facts
 from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
 from stochvi.views.schematic import draw_problem
 from stochvi.views.statistics_tables import NEAR_ONE, SURELY
 from stochvi.views.tables import effects_in_words
-from stochvi.views.words import MM, UNKNOWN, G, count_of, four_digits
+from stochvi.views.words import MM, UNKNOWN, G, count_of, four_digits, way_in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -174,13 +175,14 @@ def _hits(found: Reliability) -> str:
 def _chances_grid(found: Reliability) -> Grid:
     return Grid(
         caption="How each probability was found",
-        headings=["event", "way", "chance", "interval", "trials", "CPU s"],
+        headings=["event", "way", "chance", "interval", "bias of the step", "trials", "CPU s"],
         rows=[
             [
                 _event(each),
-                each.way,
+                way_in_words(each.way),
                 _value(each),
                 _interval(each),
+                UNKNOWN if each.estimate.bias is None else spoken_percent(each.estimate.bias),
                 count_of(float(each.trials)),
                 f"{each.seconds:.2g}",
             ]
@@ -313,11 +315,13 @@ def _scene_section(scene: Scene, hung: SceneAtRest) -> Section:
                     f"spring; {law.phrase()}",
                 )
             )
-    for excitation in scene.excitations:
-        facts += [
-            Fact(*each) for each in excitation.facts(scene.place(excitation), excitation.numbers())
-        ]
-    facts.append(Fact("Simulated", effects_in_words(scene.effects())))
+    parts = {phase.name: scene.in_phase(phase.name) for phase in scene.phases} or {"": scene}
+    for name, part in parts.items():
+        if name:
+            facts.append(Fact("Phase", name))
+        for excitation in part.excitations:
+            facts += excitation_facts(part, excitation, excitation.numbers())
+        facts.append(Fact("Simulated", effects_in_words(part.effects())))
     return Section(
         title="Scene",
         facts=facts,
