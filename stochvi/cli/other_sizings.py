@@ -52,17 +52,20 @@ def other_sizing(
         return True
     if loaded.phases or loaded.random_level is not None:
         what = "a scene with phases" if loaded.phases else "noise of varying level"
-        _refuse(what, given, NEVER_WITH)
+        part = "size one phase, as FILE.toml#PHASE" if loaded.phases else "leave it out"
+        _refuse(what, given, NEVER_WITH, part)
         _show_phases(options, scene, loaded, given)
         return True
     return False
 
 
-def _refuse(what: str, given: dict[str, Any], names: tuple[str, ...]) -> None:
+def _refuse(
+    what: str, given: dict[str, Any], names: tuple[str, ...], instead: str = "leave it out"
+) -> None:
     unused = [name for name in names if given[name] not in (None, False)]
     if unused:
         named = ", ".join(f"--{name.replace('_', '-')}" for name in sorted(unused))
-        raise ValueError(f"{what} must stand without {named}; leave out what is not for it")
+        raise ValueError(f"{what} must stand without {named}; {instead}")
 
 
 def _left(given: dict[str, Any]) -> dict[str, Any]:

@@ -284,8 +284,9 @@ def reliability(
 
     Example: stochvi reliability box.toml --mission 3600 --impact-speed 0.5 --start rest
     """
-    from stochvi.isolators.production_risk.method import production
+    from stochvi.isolators.production_risk.method import production, unmet
     from stochvi.isolators.record_verdict import record_verdict
+    from stochvi.results.errors import NotApplicable
     from stochvi.scenes.scene import load_scene, phase_duration
     from stochvi.statistics.reliability import Reliability
     from stochvi.statistics.reliability import reliability as solve
@@ -310,6 +311,8 @@ def reliability(
             "--tolerances must be left out with --barrier and --start rest: the mean over units is "
             "found for stops, from a stationary start"
         )
+    if spreads and (conditions := unmet(loaded)):
+        raise NotApplicable("production", conditions)
     deadline = options.until(options.budget)
     phases = {f"phase {each.name}: ": each.of(loaded) for each in loaded.phases} or {"": loaded}
     units: list[Production] = []

@@ -15,7 +15,13 @@ from stochvi.mathematics.arrays import Matrix
 from stochvi.results.estimates import Estimate
 from stochvi.views.axes import axes_or_new, plain_ticks
 from stochvi.views.colours import CLEARANCES
-from stochvi.views.tables import new_table, print_line, print_table, value_with_error
+from stochvi.views.tables import (
+    new_table,
+    print_assumptions,
+    print_line,
+    print_table,
+    value_with_error,
+)
 from stochvi.views.words import MM, G
 
 if TYPE_CHECKING:
@@ -69,7 +75,7 @@ def print_bumper_map(console: Console, found: BumperMap) -> None:
             cells.append("kept" if found.feasible[row, column] else "exceeded")
             table.add_row(*cells if found.limits else [*cells[:-1], ""])
     print_table(console, table)
-    print_line(console, f"assumptions: {'; '.join(found.assumptions)}")
+    print_assumptions(console, found.assumptions)
     print_line(console, f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads")
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)

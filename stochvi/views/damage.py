@@ -13,7 +13,13 @@ from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.estimates import Estimate
 from stochvi.views.axes import add_grid, axes_or_new
 from stochvi.views.colours import BAND_ALPHA, COLOURS
-from stochvi.views.tables import new_table, print_line, print_table, value_with_error
+from stochvi.views.tables import (
+    new_table,
+    print_assumptions,
+    print_line,
+    print_table,
+    value_with_error,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -71,7 +77,7 @@ def print_damage(console: Console, found: Damage) -> None:
     for line in hits_in_words(found):
         print_line(console, line)
     console.print(found.summary(), highlight=False)
-    print_line(console, f"assumptions: {'; '.join(found.assumptions)}")
+    print_assumptions(console, found.assumptions)
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
 

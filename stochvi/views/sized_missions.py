@@ -13,7 +13,7 @@ from stochvi.views.axes import add_grid, axes_or_new, plain_ticks
 from stochvi.views.colours import BAND_ALPHA, CLEARANCES, COLOURS
 from stochvi.views.damage import print_damage
 from stochvi.views.isolator_tables import CONTRADICTED
-from stochvi.views.tables import print_frame, print_line
+from stochvi.views.tables import print_assumptions, print_frame, print_line
 from stochvi.views.words import MM, chance_in_words, line_to_copy
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def print_mission_sizing(console: Console, found: MissionSizing) -> None:
     for name, record in found.records.items():
         if record.agrees:
             print_line(console, f"phase {name}: {record.sentence()}")
-    print_line(console, f"assumptions: {'; '.join(found.assumptions)}")
+    print_assumptions(console, found.assumptions)
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
 

@@ -6,7 +6,14 @@ import math
 from typing import TYPE_CHECKING
 
 from stochvi.results.estimates import format_with_error
-from stochvi.views.tables import new_table, print_frame, print_line, print_table, value_with_error
+from stochvi.views.tables import (
+    new_table,
+    print_assumptions,
+    print_frame,
+    print_line,
+    print_table,
+    value_with_error,
+)
 from stochvi.views.words import way_in_words
 
 if TYPE_CHECKING:
@@ -193,6 +200,6 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
         print_line(console, f"{chance.event.replace('_', ' ')}: {chance.why}")
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
-    print_line(console, f"assumptions: {'; '.join(found.assumptions)}")
+    print_assumptions(console, found.assumptions)
     meaning = "; crude: CPU seconds of whole missions for the same error" if compared else ""
     print_line(console, f"cost: {found.cost.wall_time:.3g} s{meaning}")

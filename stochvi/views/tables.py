@@ -117,7 +117,7 @@ def print_response(console: Console, response: Response) -> None:
     if balances:
         print_line(console, f"balances, relative to their largest term: {', '.join(balances)}")
     print_line(console, f"simulated effects: {effects_in_words(response.effects)}")
-    print_line(console, f"assumptions: {'; '.join(response.assumptions)}")
+    print_assumptions(console, response.assumptions)
     cost = response.cost
     price = f"cost: {cost.wall_time:.3g} s"
     if cost.steps:
@@ -167,7 +167,7 @@ def print_first_passage(console: Console, found: FirstPassage) -> None:
         rates.append(f"Rice {found.rice_rate.value:.4g} 1/s")
     console.print("; ".join(rates), highlight=False)
     print_line(console, f"simulated effects: {effects_in_words(found.effects)}")
-    print_line(console, f"assumptions: {'; '.join(found.assumptions)}")
+    print_assumptions(console, found.assumptions)
     print_line(console, f"cost: {found.cost.wall_time:.3g} s")
 
 
@@ -254,6 +254,12 @@ def print_table(console: Console, table: Table) -> None:
         console.print(table)
     finally:
         console.width = width
+
+
+def print_assumptions(console: Console, sentences: Sequence[str]) -> None:
+    """Print the assumptions of an answer, where it has any."""
+    if sentences:
+        print_line(console, f"assumptions: {'; '.join(sentences)}")
 
 
 def print_line(console: Console, line: str) -> None:

@@ -165,10 +165,8 @@ def production(
         raise ValueError(f"mission must be a positive number of seconds, got {mission}")
     if probability is not None and not 0.0 < probability <= CERTAIN:
         raise ValueError(f"probability must be in (0, {CERTAIN:g}], got {probability:g}")
-    if scene.phases:
-        raise NotApplicable(
-            "production", ["the scene must have no phases; ask for each, as FILE.toml#PHASE"]
-        )
+    if conditions := unmet(scene):
+        raise NotApplicable("production", conditions)
     spreads = spreads_of(scene) if spreads is None else spreads
     check_spreads(scene, spreads)
     run = Run.of(options)
@@ -181,16 +179,24 @@ def production(
     return about(start, spreads, tolerances or bands_beside(scene, spreads), run.part(0.4, 1.0))
 
 
+def unmet(scene: Scene) -> list[str]:
+    """The conditions of the mean over units that a scene does not meet, in sentences."""
+    if scene.phases:
+        return ["the scene must have no phases; ask for each, as FILE.toml#PHASE"]
+    if model_of(scene).sines:
+        return [
+            "excitation must be noise or constant, got a sine: the gaps of units are compared as "
+            "Gaussian ones; give tolerances without a distribution, or take mean_over_units"
+        ]
+    return []
+
+
 def about(
     start: Start, spreads: Mapping[str, Spread], tolerances: Tolerances, run: Run
 ) -> Production:
     """The production about a scene as stated."""
-    if model_of(start.scene).sines:
-        raise NotApplicable(
-            "production",
-            ["excitation must be noise or constant, got a sine: the gaps of units are compared as "
-             "Gaussian ones; give tolerances without a distribution"],
-        )  # fmt: skip
+    if conditions := unmet(start.scene):
+        raise NotApplicable("production", conditions)
     felt = {name: each for name, each in spreads.items() if quantity_of(name) not in UNFELT}
     return _Job(
         start=start, spreads=felt, tolerances=tolerances.felt(start.scene, by_hits=False), run=run

@@ -62,7 +62,7 @@ def size_mission(scene: Scene, target: Target, run: Run) -> MissionSizing:
         raise NotApplicable(
             "size",
             [f"the target must be a probability where the scene has phases, got {target.name}; "
-             "size one phase, named as FILE.toml#PHASE, or take a scene without phases"],
+             "size one phase, named as FILE.toml#PHASE; reliability then judges the mission"],
         )  # fmt: skip
     if differing := [key for key, _ in varied(scene)]:
         raise NotApplicable(
