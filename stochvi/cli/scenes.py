@@ -89,7 +89,8 @@ level_db = 0.0
 # record: file = "run.csv" (time, acceleration) and unit = "g"; fs = 1000.0 (Hz) without times,
 # column = "Z" where there are several, gaps = "split" where samples are missing
 # modulation: of = "stiffness", "damping" or "clearance" changes by a share: amplitude and
-# frequency_hz (a sine), intensity (s, white noise), or intensity, frequency_hz and zeta (filtered)
+# frequency_hz (a sine), intensity (s, white noise), intensity, frequency_hz and zeta (filtered), or
+# a table: frequency_hz = [..] and density = [..] (1/Hz), or file = "current.csv"
 # pulses: rate (1/s) and impulse (N s, or m/s of the base) at random times; sizes = "equal",
 # "normal" or "exponential"; two_sided = false where all act in the positive direction
 # constant: force (N) or acceleration (m/s^2, of the base; 9.80665 presses towards -x like gravity)

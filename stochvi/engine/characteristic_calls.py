@@ -113,6 +113,16 @@ class Characteristics(NamedTuple):
 
 
 @kernel
+def take_samples(sampled, memories, states, samples, first, lanes):
+    """Set the memories of parts to rows of samples, from the row `first` on: that of part j to row
+    sampled[j], which is below 0 for a part without samples."""
+    for j in range(sampled.shape[0]):
+        if sampled[j] >= 0:
+            for i in range(lanes):
+                states[memories[j], i] = samples[first + sampled[j], i]
+
+
+@kernel
 def add_rows(out, row, weights, states, first, lanes):
     """Add the sum of the products of weights with rows of states, from the row `first` on."""
     for k in range(weights.shape[0]):

@@ -174,6 +174,19 @@ NODES_OF_BIN = 3
 """Number of Gauss-Legendre nodes in a bin, or in each part of a bin that a breakpoint cuts."""
 
 
+def bin_variances(table: Table, length: float, count: int) -> Vector:
+    """Variances of the noise itself in the bins k = 1 ... count - 1, as `bin_amplitudes` has them:
+    the integral of the density over each bin, and in the first that of all below."""
+    nodes, weights = gauss_legendre(NODES_OF_BIN)
+    edges = (np.arange(count) + 0.5) / length
+    cuts = np.unique(np.concatenate([edges, table.frequency_hz]))
+    cuts = cuts[(cuts >= table.frequency_hz[0]) & (cuts <= min(edges[-1], table.frequency_hz[-1]))]
+    half, middle = np.diff(cuts) / 2.0, (cuts[1:] + cuts[:-1]) / 2.0
+    owner = np.clip(np.searchsorted(edges, middle) - 1, 0, count - 2)
+    parts = half * np.sum(weights[:, None] * table(middle + half * nodes[:, None]), axis=0)
+    return np.asarray(np.bincount(owner, parts, count - 1), float)
+
+
 def bin_amplitudes(
     table: Table, force: Force, stiffness: Matrix, damping: Matrix, length: float, count: int
 ) -> tuple[Waves, Matrix]:

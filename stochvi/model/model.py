@@ -221,6 +221,11 @@ class FunctionOfMotion:
         return self.law.drawn if isinstance(self.law, DrawnForce) else None
 
     @property
+    def table(self) -> Table | None:
+        """Density of a relative change that is tabulated noise, 1/Hz; None for all others."""
+        return None if self.modulation is None else self.modulation.table
+
+    @property
     def white_modulation(self) -> float:
         """Intensity of the white noise of a modulation, s; 0 for any other function."""
         known = self.modulation
@@ -451,6 +456,11 @@ class Model:
         """Whether a spring has hysteresis or is modulated, so that its force does not follow from
         the motion."""
         return any(part.law.remembers and part.drawn is None for part in self.functions)
+
+    @property
+    def sampled_modulations(self) -> tuple[Table, ...]:
+        """Densities of the modulations that are tabulated noise, 1/Hz, in their order."""
+        return tuple(part.table for part in self.functions if part.table is not None)
 
     @property
     def modulations(self) -> tuple[FunctionOfMotion, ...]:
@@ -832,13 +842,14 @@ def _with_functions(model: Model, placed: Sequence[Placed]) -> Model:
 
 def _with_modulations(model: Model, scene: Scene) -> Model:
     """A model with the forces by which springs and dampers are modulated, and with stops that move.
-    The relative change is a signal that forces nothing by itself; white noise has no state."""
+    The relative change is a signal that forces nothing by itself; white noise and samples of a
+    table have no state."""
     signals, functions, pairs = list(model.signals), list(model.functions), list(model.pairs)
     still = np.zeros(len(model.coordinates))
     words = [each.effect_word for each in scene.modulations]
     for number, each in enumerate(scene.modulations):
         signal = None
-        if each.source != "white noise":
+        if each.source not in ("white noise", "tabulated noise"):
             signal, made = len(signals), each.filter
             if made is None:
                 signals.append(Signal(each.omega, 0.0, 0.0, each.amplitude or 0.0, still))

@@ -49,10 +49,10 @@ def growth(model: Model, power: int) -> float | None:
     """Rate, 1/s, at which means (power 1) or mean squares (2) of the motion without stops grow in
     the long run, from the equations of the moments.
 
-    None where they are not known: the structure has functions of the motion, or the equations are
-    too many.
+    None where they are not known: the structure has functions of the motion, a modulation is
+    tabulated noise, or the equations are too many.
     """
-    if len(model.modulations) < len(model.functions):
+    if len(model.modulations) < len(model.functions) or model.sampled_modulations:
         return None
     changes = [change_of(model, part) for part in model.modulations]
     return moment_growth(linear_system(model), changes, power)

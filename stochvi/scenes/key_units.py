@@ -72,6 +72,8 @@ def key_unit(document: Mapping[str, Any], part: Mapping[str, Any], name: str) ->
     match part.get("kind"), name:
         case "bar" | "beam" | "plate", "density":
             return "kg/m3"
+        case "modulation", "intensity" | "density":
+            return "s"
         case _, "density":
             return str(part.get("unit", ""))
         case "hertz", "coefficient":
@@ -81,8 +83,6 @@ def key_unit(document: Mapping[str, Any], part: Mapping[str, Any], name: str) ->
         case "power", "loss":
             power = part.get("loss_exponent") or part.get("exponent", 1.5)
             return f"N s/m^{power + 1.0:g}"
-        case "modulation", "intensity":
-            return "s"
         case "van-der-pol", "amplitude":
             return "m"
         case ("sine" | "function", "amplitude") | ("pulses", "impulse"):

@@ -275,7 +275,7 @@ def _without_kind(path: Sequence[Any]) -> list[Any]:
     return found
 
 
-UNNAMED = ("", "{}")
+UNNAMED = ("", "{}", "[]")
 """Parts of the path of an error that stand for the form of a value, and are no keys."""
 
 

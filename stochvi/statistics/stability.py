@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
-from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
+from stochvi.methods.monte_carlo.modal import Aloft, ModalPlan, plan_modal
+from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions_of_arrays
 from stochvi.model.model import Model, model_of
@@ -225,7 +226,8 @@ def _alone(model: Model) -> ModalPlan:
         signals=tuple(replace(s, direction=np.zeros_like(s.direction)) for s in model.signals),
     )  # fmt: skip
     # motion that is scaled again and again settles as without modulations, also where it grows
-    plan = plan_modal(still, None, None, settling=lambda _, slowest: slowest)
+    planned = plan_modal_tables if model.sampled_modulations else plan_modal
+    plan = planned(still, None, None, settling=lambda _, slowest: slowest)
     period = 2.0 * math.pi / max(plan.fastest, 1e-300)
     length = RELAXATIONS * max(plan.law.slowest, period)
     return replace(plan, burn_in=BURN_IN * length, duration=length)
@@ -249,7 +251,7 @@ class GrowthSampler(Sampler[NDArray[np.float64], NDArray[np.float64]]):
     @property
     def block(self) -> int:
         """Number of paths that one call simulates together."""
-        return BLOCK
+        return self.plan.block if isinstance(self.plan, ModalTablesPlan) else BLOCK
 
     @cached_property
     def rounds(self) -> tuple[int, int]:
@@ -270,14 +272,14 @@ class GrowthSampler(Sampler[NDArray[np.float64], NDArray[np.float64]]):
         weights = np.concatenate([frequencies, np.ones(n)])
         streams = np.empty((2, paths), np.uint64)
         seed_streams(np.uint64(self.seed), first_path, streams)
-        state, total = plan.start(streams), np.zeros(paths)
+        state, total = ModalPlan.start(plan, streams), np.zeros(paths)
+        path = plan.flight(Aloft(state, streams, state[: 2 * n]), self.seed, first_path)
         before, counted = self.rounds
         for number in range(before + counted):
             if number == before:
                 total[:] = 0.0
-            state[: 2 * n] /= _size(weights, state)
-            plan.simulate_on(state, streams, steps)
-            total += np.log(_size(weights, state))
+            path.scale(1.0 / _size(weights, path.motion))
+            total += np.log(_size(weights, path.on(steps)))
         return np.asarray(total / (counted * steps * plan.step))
 
     def add_up(self, pieces: list[NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -114,7 +114,7 @@ def plan_several(model: Model, speed_threshold: float | None, duration: float | 
     """The plan in modal coordinates, without tables or contacts where the model has none."""
     if model.functions:
         model = with_linear_part(model)
-    if model.tables:
+    if model.tables or model.sampled_modulations:
         return plan_modal_tables(model, speed_threshold, duration)
     if model.not_rigid():
         return plan_modal_contacts(model, speed_threshold, duration)

@@ -747,7 +747,10 @@ class ModalPlan(SteppedPlan):
         rows = np.array([part.direction for part in parts]) @ modes.shapes
         masses = np.array([[part.mass] for part in parts])
         free, memories = len(flow), []
+        sampled = list[int]()
         for part in parts:
+            tables = sum(each >= 0 for each in sampled)
+            sampled.append(-1 if part.table is None else tables)
             followed = None if part.signal is None else 2 * n + 2 * part.signal
             own = free if part.law.remembers else -1
             memories.append(own if followed is None else followed)
@@ -758,7 +761,7 @@ class ModalPlan(SteppedPlan):
             rows, rows * masses, rows @ modes.rest, memories,
         )  # fmt: skip
         return Kicks(
-            known, _table(self._with_memories(kicked)),
+            known, np.array(sampled, np.int64), _table(self._with_memories(kicked)),
             _table(self._with_drawn_memories(drawn, half=0)),
         )  # fmt: skip
 
@@ -1118,9 +1121,14 @@ class Flight:
 
     def on(self, steps: int) -> Matrix:
         """Displacements and velocities of the modes (2 modes, paths) after so many more steps."""
-        self.plan.counts(self.state, self.streams, steps)
+        self.plan.simulate_on(self.state, self.streams, steps)
         self.motion = self.state[: len(self.motion)]
         return self.motion
+
+    def scale(self, factors: Vector) -> None:
+        """Multiply the motion of each path by a factor."""
+        self.state[: len(self.motion)] *= factors
+        self.motion = self.motion * factors
 
 
 def _second_moments(sums: Matrix, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

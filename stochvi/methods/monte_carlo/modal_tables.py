@@ -24,6 +24,7 @@ from stochvi.mathematics.arrays import Matrix, Vector, Waves
 from stochvi.mathematics.frequency_response import (
     beyond,
     bin_amplitudes,
+    bin_variances,
     covariance,
     eigenvalues,
 )
@@ -65,6 +66,7 @@ from stochvi.methods.monte_carlo.tabulated import (
 )
 from stochvi.model.modal import UNSTABLE, ModalForm
 from stochvi.model.model import UPPER, Model, Pair
+from stochvi.model.modulation import Settling, slowest_of
 from stochvi.model.scales import Scales, scales_of
 from stochvi.results.errors import NotApplicable
 
@@ -88,6 +90,10 @@ caches: on an AMD EPYC, six modes with eight pairs take 0.6 s of one core for an
 
 MOST_STIFFNESSES = 2**20
 """Largest number of elements of dynamic stiffnesses that are made at once, 16 MB."""
+
+SAMPLES_OF_MODULATION = 4.0
+"""Samples in a period of the highest frequency of a modulation that is tabulated noise: at half of
+them, which show the bias of the step, the table is still whole."""
 
 CANCELLED = 1e-18
 """Variance of a sum of modal motions, relative to the square of the sum of their standard
@@ -301,7 +307,8 @@ class ModalTablesPlan(ModalContactsPlan):
 
     def motion_of(self, sample: Matrix) -> Matrix:
         """Displacements and velocities (2 modes, paths) of one sample of a free response."""
-        return np.vstack([sample[:, 0::2], self.scale * sample[:, 1::2]])
+        own = sample[: self.modes.size]
+        return np.vstack([own[:, 0::2], self.scale * own[:, 1::2]])
 
     def flight(self, at: Aloft, seed: int, first_path: int) -> Flight:
         """Paths first_path, first_path + 1, ... that go on, each in blocks of its own noise."""
@@ -377,7 +384,7 @@ class ModalTablesPlan(ModalContactsPlan):
         if self._unknown_noise:
             return None
         modes = self.modes
-        bins = rfft(self.free_response(seed, path, 1, 0)[:, :, 0], axis=0)
+        bins = rfft(self.free_response(seed, path, 1, 0)[:, : modes.size, 0], axis=0)
         w = 2.0 * np.pi / self.block_length * np.arange(1, len(bins))[:, None]
         forces = np.zeros_like(bins)
         forces[1:] = (modes.squares - w**2) * bins[1:] + 1j * w * (bins[1:] @ modes.damping.T)
@@ -418,6 +425,8 @@ class ModalTablesPlan(ModalContactsPlan):
         """B of each synthesised bin, (bins, modes, tables), the last quarter scaled up."""
         count = self.samples // 2
         found, missing = [], np.zeros(self.modes.size)
+        if not self.modes.tables:
+            return np.zeros((count - 1, self.modes.size, 0), complex)
         for table, force in self.modes.tables:
             matrices = np.diag(self.modes.squares), self.modes.damping
             found.append(bin_amplitudes(table, force, *matrices, self.block_length, count)[0])
@@ -433,15 +442,29 @@ class ModalTablesPlan(ModalContactsPlan):
         waves[last:] *= np.sqrt(1.0 + grown)[:, None]
         return waves
 
+    @property
+    def _all_amplitudes(self) -> Waves:
+        """`amplitudes` of the modes, then those of the modulations that are tabulated noise, each
+        by its own table: (bins, modes and modulations, tables)."""
+        own, sampled = self.amplitudes, self.model.sampled_modulations
+        bins, modes, tables = own.shape
+        found = np.zeros((bins, modes + len(sampled), tables + len(sampled)), complex)
+        found[:, :modes, :tables] = own
+        for k, table in enumerate(sampled):
+            variances = bin_variances(table, self.block_length, bins + 1)
+            found[:, modes + k, tables + k] = np.sqrt(variances)
+        return found
+
     def free_response(
         self, seed: int, first_path: int, paths: int, number: int
     ) -> NDArray[np.float64]:
         """Modal displacements and velocities over `scale`, in turn, without stops, of block
-        `number` of each path: (samples, modes, 2 paths)."""
+        `number` of each path, and behind them the modulations that are tabulated noise: (samples,
+        modes and modulations, 2 paths)."""
         streams = _streams(seed, first_path, paths, number)
-        waves = self.amplitudes
+        waves = self._all_amplitudes
         relative = 2.0 * np.pi / self.block_length / self.scale * np.arange(1, len(waves) + 1)
-        spectrum = np.empty((self.samples, self.modes.size, paths), complex)
+        spectrum = np.empty((self.samples, waves.shape[1], paths), complex)
         real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
         fill_modal_spectrum(streams, real, imaginary, relative, spectrum.view(np.float64))
         free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
@@ -510,7 +533,7 @@ class ModalTablesUnderway(Underway):
             self.sums += self.of_block
             self.of_block[:] = 0.0
             self.free = plan.free_response(*self.which, segment)
-            start = self.free[plan.samples - self.burn_in - 1, :, 0::2]
+            start = self.free[plan.samples - self.burn_in - 1, :n, 0::2]
             self.state[:n] += start
             self.state = plan.between_stops(self.state)
             self.state[:n] -= start
@@ -586,8 +609,9 @@ def seconds_of_plan(model: Model) -> float:
 
 
 def plan_modal_tables(
-    model: Model, threshold: float | None, duration: float | None, scales: Scales = scales_of
-) -> ModalTablesPlan:
+    model: Model, threshold: float | None, duration: float | None, scales: Scales = scales_of,
+    settling: Settling = slowest_of,
+) -> ModalTablesPlan:  # fmt: skip
     """Choose sampling and lengths for a structure of any kind with tabulated noise, by the `scales`
     of its motion.
 
@@ -597,7 +621,7 @@ def plan_modal_tables(
         Where a mode has no damping of its own, there is no stationary state, or times lie too far
         apart.
     """
-    known = basis(model, threshold, duration, scales)
+    known = basis(model, threshold, duration, scales, settling)
     modes = model.modal
     warm_up = 2.0 * WARM_UP_RELAXATIONS * known["law"].slowest
     length = _block_length(modes, max(_resonance_length(modes), 2.0 * warm_up))
@@ -628,8 +652,13 @@ def _interval(model: Model, known: dict[str, Any]) -> float:
     fastest = model.modal.fastest / (2.0 * math.pi)
     if fastest == 0.0:
         # a loose mass follows the whole band
-        fastest = max(float(table.frequency_hz[-1]) for table, _ in model.tables)
+        tables = [*(table for table, _ in model.tables), *model.sampled_modulations]
+        fastest = max(float(table.frequency_hz[-1]) for table in tables)
     limits: list[float] = [known["step"], 1.0 / fastest / SAMPLES_PER_PERIOD]
+    limits += [
+        1.0 / float(table.frequency_hz[-1]) / SAMPLES_OF_MODULATION
+        for table in model.sampled_modulations
+    ]
     for pair, scale in zip(model.pairs, known["pairs"], strict=True):
         if pair.play is not None:
             limits.append(GAP_PER_SAMPLE * pair.play / scale.speed)
@@ -681,10 +710,12 @@ def _samples(modes: ModalForm, length: float, rate: float) -> int:
     """Number of samples of a block: at least at `rate`, and so many that no coordinate or gap has
     more than LARGEST_LOSS of its velocity variance above half the sampling rate."""
     rows: Vector = np.vstack([modes.shapes, modes.gaps])
-    frequency, left = beyond(modes.tables, np.diag(modes.squares), modes.damping, rows)
-    share = left / np.maximum(left[0], np.finfo(float).tiny)
-    enough = np.flatnonzero(np.all(share <= LARGEST_LOSS, axis=1))
-    cut = float(frequency[enough[0]] if len(enough) else frequency[-1])
+    cut = 0.0
+    if modes.tables:
+        frequency, left = beyond(modes.tables, np.diag(modes.squares), modes.damping, rows)
+        share = left / np.maximum(left[0], np.finfo(float).tiny)
+        enough = np.flatnonzero(np.all(share <= LARGEST_LOSS, axis=1))
+        cut = float(frequency[enough[0]] if len(enough) else frequency[-1])
     needed = max(rate, 2.0 * cut) * length
     if needed * modes.size > MOST_SAMPLES:
         raise NotApplicable(

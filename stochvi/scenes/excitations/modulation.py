@@ -4,23 +4,39 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import ClassVar, Literal, Self
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import model_validator
+import numpy as np
+from pydantic import Discriminator, PrivateAttr, Tag, model_validator
 
-from stochvi.mathematics.spectra import Filter
-from stochvi.scenes.excitations.base import BaseExcitation
-from stochvi.scenes.validation import Positive, given
+from stochvi.mathematics.spectra import Filter, Table
+from stochvi.results.errors import SceneError
+from stochvi.scenes.excitations.base import BaseExcitation, sentences_of
+from stochvi.scenes.excitations.tabulated import cleaned
+from stochvi.scenes.readers import read_columns
+from stochvi.scenes.validation import Column, Positive, given
 
 WIDEST = 0.2
 """Largest standard deviation of the relative change of a clearance, which stays above 0."""
 
 
+def _form(value: Any) -> str:
+    return "[]" if np.ndim(value) else ""
+
+
+FrequencyOrColumn = Annotated[
+    Annotated[Positive, Tag("")] | Annotated[Column, Tag("[]")], Discriminator(_form)
+]
+"""One frequency, or those of a table, Hz."""
+
+
 class Modulation(BaseExcitation):
     """A relative change xi(t) of a stiffness, damping or clearance, as k (1 + xi(t)).
 
-    It is a sine of `amplitude` and `frequency_hz`; white noise of `intensity`; or, with
-    `frequency_hz` and `zeta` as well, that noise after a resonance, as `FilteredNoise` has it.
+    It is a sine of `amplitude` and `frequency_hz`; white noise of `intensity`; with `frequency_hz`
+    and `zeta` as well, that noise after a resonance, as `FilteredNoise` has it; or Gaussian noise
+    of a tabulated density, as `TabulatedNoise` has it.
 
     White noise is meant in the sense of Stratonovich: it is the limit of noise of a wide band. For
     a stiffness, Ito means the same. For a damping c he has c + c^2 intensity / (2 m) in the mean,
@@ -38,11 +54,16 @@ class Modulation(BaseExcitation):
     amplitude
         Peak of xi of a sine, whose phase is random in each path.
     frequency_hz
-        Frequency of the sine, or of the resonance, Hz.
+        Frequency of the sine, or of the resonance, Hz; or the breakpoints of a table.
     intensity
         S of E xi(t) xi(t + tau) = S delta(tau), s; half of a one-sided density in 1/Hz.
     zeta
         Damping ratio of the resonance.
+    density
+        One-sided density of xi at each breakpoint, 1/Hz; straight between them on logarithmic axes,
+        and zero outside the table.
+    file
+        Instead of `frequency_hz` and `density`: a file with these two columns.
 
     See Also
     --------
@@ -64,18 +85,25 @@ class Modulation(BaseExcitation):
     of: Literal["stiffness", "damping", "clearance"]
     on: str | None = None
     amplitude: Positive | None = None
-    frequency_hz: Positive | None = None
+    frequency_hz: FrequencyOrColumn | None = None
     intensity: Positive | None = None
     zeta: Positive | None = None
+    density: Column | None = None
+    file: str | None = None
+    _table: Table | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:
-        keys = given(self, "amplitude", "frequency_hz", "intensity", "zeta")
-        if keys not in SOURCES:
+        keys = given(self, *KEYS)
+        if keys not in SOURCES or isinstance(self.frequency_hz, tuple) != (
+            self.density is not None
+        ):
             raise ValueError(
-                "needs amplitude and frequency_hz (a sine), intensity (white noise), or intensity, "
-                f"frequency_hz and zeta (filtered noise), got {keys}"
+                "needs amplitude and frequency_hz (a sine), intensity (white noise), intensity, "
+                "frequency_hz and zeta (filtered noise), or a table by file or by lists of "
+                f"frequency_hz and density, got {keys}"
             )
+        self._table = self._read()
         if given(self, "weights", "axis", "name") != "none":
             raise ValueError(f"takes no {given(self, 'weights', 'axis', 'name')}")
         if self.of == "clearance" and self.between is not None:
@@ -85,12 +113,41 @@ class Modulation(BaseExcitation):
                 "needs frequency_hz and a standard deviation of at most "
                 f"{WIDEST:g} for a clearance, got {self.source} of {self.size:.3g}"
             )
+        if self.of == "clearance" and self._table is not None:
+            raise ValueError("needs a sine or filtered noise for a clearance, got a table")
         return self
+
+    def _read(self) -> Table | None:
+        """The table of the density; None without one."""
+        if self.file is None:
+            if self.density is None:
+                return None
+            try:
+                return Table(
+                    frequency_hz=np.array(self.frequency_hz), density=np.array(self.density)
+                )
+            except ValueError as error:
+                raise SceneError([("", str(error))]) from None
+        path = Path(self.file)
+        with sentences_of("file"):
+            columns, _ = cleaned(read_columns(path, ("frequency_hz", "density")), path, False)
+            if columns.unit is not None:
+                raise SceneError(
+                    f"{path} must hold the density of a relative change (1/Hz), got "
+                    f"{columns.unit.name}; leave the unit out of its heading if it is none"
+                )
+        assert columns.x is not None
+        return Table(frequency_hz=columns.x, density=columns.y)
+
+    @property
+    def table(self) -> Table | None:
+        """One-sided density of the relative change, 1/Hz; None if it is no table."""
+        return self._table
 
     @property
     def source(self) -> str:
         """What the relative change is, in words."""
-        return SOURCES[given(self, "amplitude", "frequency_hz", "intensity", "zeta")]
+        return SOURCES[given(self, *KEYS)]
 
     @property
     def effect_word(self) -> str:  # type: ignore[override]
@@ -99,8 +156,8 @@ class Modulation(BaseExcitation):
 
     @property
     def omega(self) -> float:
-        """Frequency of the sine or of the resonance, rad/s; 0 of white noise."""
-        return 2.0 * math.pi * (self.frequency_hz or 0.0)
+        """Frequency of the sine or of the resonance, rad/s; 0 of white noise and of a table."""
+        return 2.0 * math.pi * (self.frequency_hz if isinstance(self.frequency_hz, float) else 0.0)
 
     @property
     def filter(self) -> Filter | None:
@@ -114,6 +171,8 @@ class Modulation(BaseExcitation):
         """Standard deviation of the relative change; infinite of white noise."""
         if self.amplitude is not None:
             return self.amplitude / math.sqrt(2.0)
+        if self.table is not None:
+            return math.sqrt(self.table.mean_square())
         if self.zeta is None or self.intensity is None:
             return math.inf
         return math.sqrt(self.omega * self.intensity / (4.0 * self.zeta))
@@ -124,14 +183,23 @@ class Modulation(BaseExcitation):
 
     def facts(self, where: str, numbers: Mapping[str, float]) -> list[tuple[str, ...]]:
         keys = ("amplitude", "intensity", "frequency_hz", "zeta")
-        stated = [f"{key} {getattr(self, key):g}" for key in keys if getattr(self, key) is not None]
+        numbers_of = {key: value for key in keys if isinstance(value := getattr(self, key), float)}
+        stated = [f"{key} {value:g}" for key, value in numbers_of.items()]
+        if self.table is not None:
+            low, high = self.table.frequency_hz[[0, -1]]
+            stated = [f"{low:g} to {high:g} Hz, standard deviation {self.size:.4g}"]
         name = self.effect_word
         return [(f"{name[0].upper()}{name[1:]} on {where}", ", ".join(stated), "relative change")]
 
+
+KEYS = ("amplitude", "frequency_hz", "intensity", "zeta", "density", "file")
+"""Keys that say what a relative change is."""
 
 SOURCES = {
     "amplitude, frequency_hz": "a sine",
     "intensity": "white noise",
     "frequency_hz, intensity, zeta": "filtered noise",
+    "frequency_hz, density": "tabulated noise",
+    "file": "tabulated noise",
 }
 """Words for what a relative change is, by the keys that are given."""

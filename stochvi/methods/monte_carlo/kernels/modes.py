@@ -40,6 +40,7 @@ from stochvi.engine.characteristic_calls import (
     kick_all,
     move_all,
     remembering,
+    take_samples,
 )
 from stochvi.engine.compiled_laws import Stops
 from stochvi.engine.compiling import kernel
@@ -100,12 +101,15 @@ class Kicks(NamedTuple):
     Parameters
     ----------
     parts : `Characteristics`.
+    sampled : (parts,), number of the relative change among those that are tabulated noise; below 0
+        for other parts.
     states, states_drawn : tables of matrix passes to the states after the kick of noise, from
         states and from normals. Where there are kicks of parts, the tables of `Passes` start after
         all kicks.
     """
 
     parts: Characteristics
+    sampled: NDArray[np.int64]
     states: Table
     states_drawn: Table
 
@@ -141,7 +145,8 @@ class SmoothResponse(NamedTuple):
     Parameters
     ----------
     samples : (samples, modes, 2 paths), values, and slopes divided by `scale`, in turn. The first
-        counted step ends at sample 0.
+        counted step ends at sample 0. Behind the modes come the relative changes that are tabulated
+        noise.
     scale : rad/s.
     half_kick : table of a matrix pass from velocities before the kick to those in its middle, of
         which moments are taken.
@@ -258,13 +263,16 @@ def fill_modal_spectrum(streams, real, imaginary, relative, spectrum):
 
 
 @kernel
-def read_sample(sample, scale, start, lanes, smooth):
-    """Rows of values, then rows of slopes of Y, from a sample (modes, 2 paths) of both in turn."""
-    modes = sample.shape[0]
+def read_sample(sample, scale, start, lanes, modes, smooth):
+    """Rows of values, then rows of slopes of Y, from a sample (rows, 2 paths) of both in turn; then
+    rows of the values of what comes behind the modes."""
     for m in range(modes):
         for i in range(lanes):
             smooth[m, i] = sample[m, 2 * (start + i)]
             smooth[modes + m, i] = scale * sample[m, 2 * (start + i) + 1]
+    for m in range(modes, sample.shape[0]):
+        for i in range(lanes):
+            smooth[modes + m, i] = sample[m, 2 * (start + i)]
 
 
 @kernel
@@ -501,7 +509,17 @@ def count_of(kicks):
 
 
 @kernel
-def make_room(states, rows_of_sums, width, structure, rows, waiting, accelerations, parts):
+def sampled_of(tables, modes):
+    """Number of relative changes that are tabulated noise."""
+    if tables is None:
+        return 0
+    return tables.samples.shape[1] - modes
+
+
+@kernel
+def make_room(
+    states, rows_of_sums, width, structure, rows, waiting, accelerations, parts, sampled
+):  # fmt: skip
     """`Room` for `width` lanes, of which at most `waiting` wait for a contact."""
     passes, modes, pairs = structure.passes, structure.modes, structure.stops.places.shape[0]
     first, last = modes + modes * (modes + 1), modes + modes * (modes + 1) + rows * pairs
@@ -519,7 +537,7 @@ def make_room(states, rows_of_sums, width, structure, rows, waiting, acceleratio
         local, of_step, local[first:last].reshape((pairs, rows, width)),
         of_step[first:last].reshape((pairs, rows, width)),
         np.zeros((width, pairs, 2)), np.zeros(width, np.uint64), np.zeros(width, np.uint64),
-        np.zeros((2 * modes, width)), np.zeros((2 * modes, width)), np.zeros(modes),
+        np.zeros((2 * modes + sampled, width)), np.zeros((2 * modes, width)), np.zeros(modes),
         np.zeros((modes, width)), np.zeros((pairs, width)), np.zeros((modes, width)),
         np.zeros((modes, width)), np.zeros((between, width)),
         np.zeros((parts, width)), np.zeros((parts, width)), np.zeros((parts, width)),
@@ -551,6 +569,7 @@ def run_modes(paths, structure, laws, tables, fastest, kicks, steps, outputs, fl
     room = make_room(
         states, paths.sums.shape[0], min(LANES, count_of_paths), structure, rows,
         0 if fastest is None else LANES_TOGETHER, outputs_of(outputs.largest), count_of(kicks),
+        sampled_of(tables, structure.modes),
     )  # fmt: skip
     advance(
         borrowed(paths), borrowed(structure), borrowed(laws), borrowed(tables), fastest,
@@ -606,7 +625,7 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
         if tables is not None:
             samples = tables.samples.shape[0]
             before = tables.samples[(first - 1) % samples]
-            read_sample(before, tables.scale, start, lanes, smooth)
+            read_sample(before, tables.scale, start, lanes, modes, smooth)
             matrix_pass(s0, 0.0, smooth, passes.gaps, width)
             matrix_pass(r0, 0.0, smooth, passes.speeds, width)
             add_to(y0, s0)
@@ -640,6 +659,10 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                 half_step = 4 * (number if passes.merged else (number - half) >> 1)
                 half_step += 0 if passes.merged else 2 * half
                 draw_all(kicks.parts, mid, words0, half_step, halves, 0.5 * step, width)
+                if tables is not None:
+                    take_samples(
+                        kicks.sampled, kicks.parts.memories, mid, smooth, 2 * modes, width
+                    )  # fmt: skip
                 kick_all(kicks.parts, False, mid, smooth, of_parts, 0.5 * step, width, local, at)
                 if remembering(kicks.parts):
                     all_rates(kicks.parts, mid, smooth, of_ends[0], width)
@@ -648,7 +671,7 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
             matrix_pass(new, 1.0, z, passes.states_drawn, width)
             if tables is not None:
                 sample = tables.samples[number % samples]
-                read_sample(sample, tables.scale, start, lanes, smooth)
+                read_sample(sample, tables.scale, start, lanes, modes, smooth)
             if kicks is not None:  # noqa: SIM102 - left out when compiled
                 if remembering(kicks.parts):
                     all_rates(kicks.parts, new, smooth, of_ends[1], width)
@@ -705,6 +728,10 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                     move_all(kicks.parts, new, smooth, of_parts, of_ends, step, width)
                 at = first_part if counted else -1
                 draw_all(kicks.parts, new, words0, half_step + halves, halves, 0.5 * step, width)
+                if tables is not None:
+                    take_samples(
+                        kicks.sampled, kicks.parts.memories, new, smooth, 2 * modes, width
+                    )  # fmt: skip
                 kick_all(kicks.parts, True, new, smooth, of_parts, 0.5 * step, width, local, at)
             old, new = new, old
             if following:
@@ -719,7 +746,7 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                             for i in range(width):
                                 total[row, i] = old[row, i]
                         matrix_pass(borrowed(total[modes:]), 0.0, old, tables.half_kick, width)
-                        add_to(total, smooth)
+                        add_to(total, borrowed(smooth[: 2 * modes]))
                         add_moments(local, modes, total, origins)
                         if controlled:
                             add_moments(borrowed(local[first_free:]), modes, smooth, room.rest)
