@@ -9,6 +9,7 @@ from .answer import (
 from .basins import BasinRegime, Basins, basins
 from .bifurcation import Bifurcation, BifurcationSweep, bifurcation, lyapunov_exponent
 from .method import harmonic_response
+from .motor import Motor, sine_power
 from .resonance import HarmonicResonance, RandomResonance
 from .structure_resonance import StructureResonance
 from .switched_drive import SwitchedDrive
@@ -22,6 +23,7 @@ __all__ = [
     "HarmonicResonance",
     "HarmonicResponse",
     "Jump",
+    "Motor",
     "RandomResonance",
     "RandomStarts",
     "SimulatedSweep",
@@ -32,4 +34,5 @@ __all__ = [
     "bifurcation",
     "harmonic_response",
     "lyapunov_exponent",
+    "sine_power",
 ]

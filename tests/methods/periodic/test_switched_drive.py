@@ -81,11 +81,97 @@ def test_the_start_that_the_book_prints() -> None:
     assert book.impact_speed == pytest.approx(4.9, abs=0.005)
 
 
+def delayed(
+    drive: SwitchedDrive, restitution: np.ndarray, step: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Speeds and times of impacts (impacts, paths) of strikers whose relay sees where each of them
+    was a time `delay` ago, by small steps with a buffer; restitutions (impacts, paths).
+
+    The relay pulls up from the impact on, or rather from when it sees it, until it sees x*.
+    """
+    impacts, paths = restitution.shape
+    lag = round(drive.delay / step)
+    x, v, time = np.zeros(paths), np.full(paths, 1e-9), 0.0
+    seen_up = np.ones((lag + 1, paths), bool)  # what the relay will see, in a ring
+    wants_up = np.ones(paths, bool)
+    count, number = np.zeros(paths, int), 0
+    speeds, times = np.zeros((2, impacts, paths))
+    while count.min() < impacts:
+        seen_up[number % (lag + 1)] = wants_up
+        up = seen_up[(number + 1) % (lag + 1)]
+        a = np.where(up, drive.force, -drive.force) - drive.load
+        x1, v1 = x + v * step + 0.5 * a * step**2, v + a * step
+        hit = (x1 < 0.0) & (v1 < 0.0)
+        inside = np.sqrt(np.maximum(v**2 - 2.0 * a * x, 0.0))  # speed where x = 0
+        which = np.flatnonzero(hit)
+        for i in which:
+            if count[i] < impacts:
+                w, s = inside[i], (inside[i] + v[i]) / -a[i]
+                speeds[count[i], i], times[count[i], i] = w, time + s
+                u, rest = restitution[count[i], i] * w, step - s
+                x1[i], v1[i] = u * rest + 0.5 * a[i] * rest**2, u + a[i] * rest
+            else:
+                x1[i], v1[i] = 0.0, 0.0
+            count[i] += 1
+        wants_up = np.where(hit, True, wants_up & (x1 < drive.switching))
+        x, v, time, number = x1, v1, time + step, number + 1
+    return speeds, times
+
+
+@pytest.mark.parametrize(
+    ("restitution", "load", "delay"), [(0.5, 0.0, 0.03), (0.7, 3.0, 0.05), (0.6, 0.0, 0.1)]
+)
+def test_a_delayed_drive_is_that_of_a_relay_that_sees_the_past(
+    restitution: float, load: float, delay: float
+) -> None:
+    drive = SwitchedDrive(
+        restitution=restitution, force=10.0, switching=0.3, load=load, delay=delay
+    )
+    step, impacts = 2e-4, 12
+    speeds, times = delayed(drive, np.full((impacts, 1), restitution), step)
+    # a relay that sees a step late reverses a step late
+    error = 4.0 * drive.force * step
+    assert speeds[:4, 0] == pytest.approx(drive.start_up(0.0, 4), abs=error)
+    assert speeds[-1, 0] == pytest.approx(drive.impact_speed, abs=error)
+    assert times[-1, 0] - times[-2, 0] == pytest.approx(drive.period, abs=8.0 * step)
+    off = [drive.next_speed(drive.impact_speed + d) for d in (-1e-4, 1e-4)]
+    assert (off[1] - off[0]) / 2e-4 == pytest.approx(drive.forgotten, rel=1e-5)
+    at_once = SwitchedDrive(restitution=restitution, force=10.0, switching=0.3, load=load)
+    assert abs(at_once.impact_speed - drive.impact_speed) > 3.0 * error  # the control
+    assert abs(at_once.forgotten - drive.forgotten) > 0.02
+
+
+def test_speeds_scatter_as_restitutions_do() -> None:
+    drive = SwitchedDrive(restitution=0.6, force=10.0, switching=0.3, delay=0.04)
+    std, paths, impacts = 0.03, 300, 20
+    drawn = 0.6 + std * np.random.default_rng(3).standard_normal((impacts, paths))
+    speeds, _ = delayed(drive, drawn, 2e-4)
+    settled = speeds[8:]
+    found = float(settled.std())
+    # paths are independent, impacts of one are correlated by q: fewer count
+    q = drive.forgotten
+    count = settled.size * (1.0 - q**2) / (1.0 + q**2)
+    known = drive.speed_std(std)
+    first_order = (std / 0.6) ** 2
+    assert found == pytest.approx(known, rel=4.5 / np.sqrt(2.0 * count) + first_order)
+    memoryless = abs(q) * drive.impact_speed * std / 0.6  # the control: without a memory
+    assert abs(memoryless - found) > 2.0 * abs(known - found)
+    still = SwitchedDrive(restitution=0.0, force=10.0, switching=0.3)
+    assert still.speed_std(0.1) == 0.0
+
+
+def test_a_force_that_comes_too_late_is_refused() -> None:
+    late = SwitchedDrive(restitution=0.3, force=10.0, switching=0.3, delay=0.3)
+    with pytest.raises(ValueError, match="delay must be so short that the striker neither falls"):
+        late.next_speed(1.0)
+
+
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
         ({"restitution": 1.0}, r"restitution must be in \[0, 1\), got 1"),
         ({"switching": 0.0}, "switching must be greater than 0 m, got 0"),
+        ({"delay": -0.1}, "delay must be 0 s or more, got -0.1"),
         ({"load": 10.0}, r"load must be in \[0, force\), got 10 with force 10"),
     ],
 )
