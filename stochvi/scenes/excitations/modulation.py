@@ -99,9 +99,9 @@ class Modulation(BaseExcitation):
             self.density is not None
         ):
             raise ValueError(
-                "needs amplitude and frequency_hz (a sine), intensity (white noise), intensity, "
-                "frequency_hz and zeta (filtered noise), or a table by file or by lists of "
-                f"frequency_hz and density, got {keys}"
+                "needs amplitude and frequency_hz (a sine), intensity (white noise), lists of "
+                "frequency_hz and density or a file (a table), or intensity, frequency_hz and zeta "
+                f"(filtered noise), got {keys}"
             )
         self._table = self._read()
         if given(self, "weights", "axis", "name") != "none":

@@ -217,7 +217,7 @@ def test_a_table_from_a_file_is_the_same_one(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        ({"frequency_hz": [1.0, 2.0]}, "or a table by file or by lists of frequency_hz and"),
+        ({"frequency_hz": [1.0, 2.0]}, "lists of frequency_hz and density or a file (a table)"),
         ({"frequency_hz": 1.0, "density": [1.0, 2.0]}, "got frequency_hz, density"),
         ({"amplitude": 0.1, "frequency_hz": [1.0, 2.0]}, "got amplitude, frequency_hz"),
         ({"frequency_hz": [1.0, 2.0], "density": [1.0]}, "needs as many densities as frequencies"),
