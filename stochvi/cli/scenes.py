@@ -64,7 +64,7 @@ law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law whe
 # coefficient = 1e6 }, { kind = "power", coefficient = 1e6, exponent = 1.5, loss = 1e5 } (max(k y^n
 # + c y^n y', 0)), { kind = "table", deflection = [..], force = [..] } (m, N), or a measured
 # one: { kind = "table", file = "bumper.csv", unit = "mm,N" }
-# a restitution may have friction = 0.2 if the pair has tangent = "y", the motion along its stops
+# a law may have friction = 0.2 if the pair has tangent = "y", the motion along its stops
 # on = "absorber", or between = ["absorber", "box"] (first minus second), or weights = { box = 1.0 }
 
 [[excitation]]

@@ -1,4 +1,4 @@
-"""Impacts on a rigid stop that rubs: Coulomb's friction during an impact that takes no time.
+"""Stops that rub: Coulomb's friction in an impact that takes no time, and in a contact that lasts.
 
 Normal and tangential motion are two rows of the structure, n into the stop and t along it. While a
 stop pushes, its impulse p changes the speed w into the stop and the speed u along it at
@@ -13,6 +13,11 @@ an impact takes mu (1 + R) w- m_n / m_t from the speed u (B 1.62). Neither force
 than it took: an impact takes energy for every mass matrix.
 
 Speeds are used in the place of impulses: p / m_n and q / m_t.
+
+In a contact with a compliant stop friction acts sub-step by sub-step, as an impulse in its middle.
+Over a sub-step the speed along the stop changes evenly with the normal impulse. Friction takes mu
+times that impulse from it while it slides. Where it ends, the contact sticks if friction bears what
+drives it, and otherwise slides back.
 """
 
 from __future__ import annotations
@@ -20,7 +25,7 @@ from __future__ import annotations
 import math
 
 from stochvi.engine.compiling import kernel
-from stochvi.engine.pushes import V1
+from stochvi.engine.pushes import MOMENTS, V1
 
 
 @kernel
@@ -109,3 +114,39 @@ def rub_at_rest(pair, upper, taken, stops, gaps, change, responses, tally):
     for other in range(gaps.shape[1]):
         gaps[V1, other] += added * responses.gaps[tangent, other, 1, 0]
     tally.sums[tangent, 3 * upper, tally.lane] -= added * (u + 0.5 * added) / ratio
+
+
+@kernel
+def rub_evenly(u, free, bound):
+    """What friction adds to a speed u that would evenly become `free`, and what it takes per unit
+    of the mass; `bound` is its impulse while it slides."""
+    rise, size = free - u, abs(u)
+    side = math.copysign(1.0, u) if u != 0.0 else 0.0
+    falls = bound - side * rise
+    ends = min(1.0, size / falls) if falls > 0.0 else 1.0
+    added = -side * bound * ends
+    lost = 0.5 * bound * ends * (size + max(size - falls * ends, 0.0))
+    if ends < 1.0:
+        rest = 1.0 - ends
+        borne = rise if abs(rise) <= bound else math.copysign(bound, rise)
+        added -= borne * rest
+        lost += 0.5 * abs(borne) * rest * abs(rise - borne) * rest
+    return added, lost
+
+
+@kernel
+def rub_contact(pair, upper, h, before, after, taken, contacts, stops, responses, tally):
+    """Friction of a contact with a compliant stop in a sub-step of h s, whose normal impulse is
+    `taken`. The speeds along the stop at its ends are `before` and `after`, m/s, without this."""
+    tangent, series = stops.tangents[pair], responses.gaps
+    ratio = stops.ratios[pair]
+    added, lost = rub_evenly(before, after, stops.frictions[pair, upper] * ratio * taken)
+    tally.sums[tangent, 3 * upper, tally.lane] += lost / ratio
+    contacts.pushed[tangent] = 1
+    gaps, moments, power = contacts.gaps, contacts.moments, added
+    for k in range(MOMENTS):
+        moments[tangent, k] += power
+        for j in range(gaps.shape[1]):
+            gaps[0, j] += power * series[tangent, j, 0, k]
+            gaps[1, j] += power * series[tangent, j, 1, k]
+        power *= 0.5 * h

@@ -3,8 +3,8 @@
 Each lane in which a stop may be reached goes on by itself, through impacts on rigid stops
 (`alone.until_contact`). It waits where it touches a compliant stop. In rounds, all contacts with
 stops whose laws are of one class are integrated side by side (`sub_steps`), and their lanes go on.
-Some lanes finish their step alone, with the same equations: those that rest on a stop, and those in
-which another stop may be reached during the contact.
+Some lanes finish their step alone, with the same equations: those that rest on a stop, those whose
+stop rubs, and those in which another stop may be reached during the contact.
 """
 
 from __future__ import annotations
@@ -200,7 +200,8 @@ def wait(lane, pair, upper, span, touches, scene, fastest, queue, count, y1):
     """Put a lane that touches a compliant stop into a queue, which has `count` lanes, or let it
     finish alone; returns how many lanes the queue has."""
     work = scene.work
-    if is_at_rest(work.contacts.resting) or touches > MOST_ROUNDS or span <= 0.0:
+    alone = is_at_rest(work.contacts.resting) or scene.stops.tangents[pair] >= 0
+    if alone or touches > MOST_ROUNDS or span <= 0.0:
         hold_contact(pair, upper, scene)
         finish_lane(lane, span, touches, scene, fastest, y1)
         return count

@@ -449,7 +449,8 @@ class Model:
     @property
     def elastic(self) -> bool:
         """Whether no stop loses energy."""
-        return all(stop.law.conservative for stop in self.stops)
+        laws = [stop.law for stop in self.stops]
+        return all(law.conservative and not law.friction_coefficient for law in laws)
 
     @property
     def remembers(self) -> bool:

@@ -937,7 +937,13 @@ class Scene(Checked):
                 "a restitution that scatters is drawn from a beta distribution at each impact, "
                 "whatever its speed and the impacts before"
             )
-        if any(law.friction_coefficient for law in laws):
+        rubbing = {law.rigid for law in laws if law.friction_coefficient}
+        if False in rubbing:
+            found.append(
+                "friction in a contact is Coulomb's: it slides, and sticks where friction bears "
+                "what drives it"
+            )
+        if True in rubbing:
             found.append(
                 "friction at an impact is Coulomb's, with slip and stick; the restitution is that "
                 "of energy (Stronge), and without coupling that of Newton"

@@ -29,6 +29,10 @@ CONTACT_ENERGY = 2e-6
 """Relative error of the energy of a structure by a contact with a stop that loses nothing: the mean
 over contacts with linear, Hertzian and tabulated stops of all stiffnesses was 1.2e-6 at most."""
 
+CONTACT_FRICTION = 4e-3
+"""Relative bias of a motion with friction at compliant stops: paths of 12 s with 20 to 30 contacts
+were off by at most 3.4e-3 of their largest displacement, against an integrator by events."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ModalContactsPlan(ModalPlan):
@@ -53,8 +57,15 @@ class ModalContactsPlan(ModalPlan):
     @property
     def relative_bias(self) -> float:
         """Relative bias from contacts in sub-steps, whose errors of the energy add up for as long
-        as it is remembered."""
-        return CONTACT_ENERGY * self.hits_in_a_cluster if self.contacts else 0.0
+        as it is remembered, and of friction in them."""
+        if not self.contacts:
+            return 0.0
+        soft = any(
+            stop.law.friction_coefficient and not stop.rigid
+            for pair in self.model.pairs
+            for stop in pair.stops
+        )
+        return CONTACT_ENERGY * self.hits_in_a_cluster + (CONTACT_FRICTION if soft else 0.0)
 
     @cached_property
     def _fastest_of_contacts(self) -> float | None:

@@ -16,6 +16,7 @@ import numpy as np
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.periodic.answer import Branch, HarmonicResponse
 from stochvi.methods.periodic.family import unmet
+from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.excitations import Sine
@@ -148,6 +149,7 @@ class Motor:
             yield (*values, bool(branch.stable[i] & branch.stable[i + 1] & ~rises))
 
 
+@calculation
 def sine_power(scene: Scene, branch: Branch) -> Vector:
     """Mean power that the sine brings into a structure in each regime of a branch, W.
 

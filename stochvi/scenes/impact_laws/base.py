@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.kelvin_voigt import ContactSolution
-from stochvi.scenes.validation import Checked
+from stochvi.scenes.validation import Checked, NonNegative
 
 
 class Form(NamedTuple):
@@ -57,7 +57,13 @@ SMALLEST_DEFLECTION, LARGEST_DEFLECTION = 1e-9, 1e12
 
 
 class ImpactLaw(Checked):
-    """Base class of every impact law: what happens when the mass meets a stop."""
+    """Base class of every impact law: what happens when the mass meets a stop.
+
+    Parameters
+    ----------
+    friction
+        Coefficient of friction of the stop, 0 or more, against the motion `tangent` of its pair.
+    """
 
     own: ClassVar[str] = (
         "a force of your own is a ForceFunction or a ForceTable, a restitution of your own a "
@@ -74,15 +80,17 @@ class ImpactLaw(Checked):
     rigid: ClassVar[bool]
     """Whether the stop is rigid."""
 
+    friction: NonNegative | None = None
+
     @property
     def remark(self) -> str:
-        """What the effects of a scene say of the law besides its word; empty for most."""
-        return ""
+        """What the effects of a scene say of the law besides its word: that the stop rubs."""
+        return f", friction {self.friction:g}" if self.friction else ""
 
     @property
     def friction_coefficient(self) -> float:
-        """Coefficient of friction along the stop; 0 unless a law has one."""
-        return 0.0
+        """Coefficient of friction along the stop; 0 where nothing rubs."""
+        return self.friction or 0.0
 
     @abstractmethod
     def per_unit_mass(self, mass: float) -> Self:

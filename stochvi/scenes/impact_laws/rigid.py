@@ -14,7 +14,7 @@ from stochvi.mathematics.beta_distribution import BetaDistribution
 from stochvi.mathematics.impact_rates import equivalent_restitution
 from stochvi.scenes.impact_laws.base import Form, RigidLaw
 from stochvi.scenes.scatter import Scatter, Scattered
-from stochvi.scenes.validation import Function, NonNegative, check_values, evaluated
+from stochvi.scenes.validation import Function, check_values, evaluated
 
 
 class Restitution(RigidLaw):
@@ -27,8 +27,6 @@ class Restitution(RigidLaw):
         lost in one impact of incident speed w is (1 - R^2) m w^2 / 2. A `Scatter`, or a table of
         mean and std, is drawn anew at each impact from a beta distribution on [0, 1], independent
         of the speed. Its std must be below sqrt(mean (1 - mean)).
-    friction
-        Coefficient of friction of the stop, 0 or more, against the motion `tangent` of its pair.
 
     See Also
     --------
@@ -46,7 +44,6 @@ class Restitution(RigidLaw):
 
     kind: Literal["restitution"] = "restitution"
     coefficient: Scattered
-    friction: NonNegative | None = None
 
     @field_validator("coefficient")
     @classmethod
@@ -73,11 +70,7 @@ class Restitution(RigidLaw):
     def remark(self) -> str:
         """That the restitution scatters, and that the stop rubs, if it does."""
         drawn = "" if self.scatter is None else ", restitution drawn at each impact"
-        return drawn + (f", friction {self.friction:g}" if self.friction else "")
-
-    @property
-    def friction_coefficient(self) -> float:
-        return self.friction or 0.0
+        return drawn + super().remark
 
     @property
     def conservative(self) -> bool:
@@ -119,10 +112,9 @@ class Restitution(RigidLaw):
 
     def phrase(self) -> str:
         drawn = "" if self.scatter is None else f" +- {self.scatter.std:g}, drawn at each impact"
-        rubs = f", friction {self.friction:g}" if self.friction else ""
         return (
-            f"rigid, restitution {self.restitution:g}{drawn}{rubs}: speeds of impact but no peak "
-            "acceleration"
+            f"rigid, restitution {self.restitution:g}{drawn}{super().remark}: speeds of impact but "
+            "no peak acceleration"
         )
 
     def compiled(self) -> NamedTuple:
