@@ -175,6 +175,27 @@ def sine_power(scene: Scene, branch: Branch) -> Vector:
     ------
     NotApplicable
         If the scene has several sines, or stops that are not rigid.
+
+    See Also
+    --------
+    Motor : A motor that gives this power.
+
+    Examples
+    --------
+    Without impacts the power is that of the damper, c w^2 a^2 / 2:
+
+    >>> import math
+    >>> import stochvi
+    >>> scene = stochvi.Scene(
+    ...     structure=stochvi.Oscillator(mass=1.0, damping=0.4, stiffness=100.0),
+    ...     excitations=[stochvi.Sine(amplitude=0.2, frequency_hz=1.6)],
+    ... )
+    >>> (branch,) = stochvi.harmonic_response(scene, [1.6]).branches
+    >>> (point,) = branch.at(1.6)
+    >>> power = float(sine_power(scene, branch)[point])
+    >>> by_damper = 0.2 * (2.0 * math.pi * 1.6 * float(branch.amplitude[point])) ** 2
+    >>> round(power / by_damper, 9)
+    1.0
     """
     model = model_of(scene)
     conditions = unmet(model)
