@@ -656,10 +656,8 @@ class Scene(Checked):
         known = AXES if rigid else tuple(self.structure.places)
         where = self.place(excitation)
         if where == BASE and not self.structure.movable:
-            return (
-                "acts on the base, which needs structure.kind = 'isolator' or one of several "
-                f"coordinates, got {self.structure.kind!r}"
-            )
+            needed = self.structure.needed_to_move.format(kind=self.structure.kind)
+            return f"acts on the base, which needs {needed}"
         if excitation.axis is not None and not (rigid and where == BASE):
             got = f"on = {where!r}" if rigid else f"structure.kind = {self.structure.kind!r}"
             return (

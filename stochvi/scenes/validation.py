@@ -22,7 +22,7 @@ from pydantic import (
     model_validator,
 )
 
-from stochvi.mathematics.units import Unit, measured, unit
+from stochvi.mathematics.units import Unit, measured, plain_number, unit
 from stochvi.results.errors import SceneError
 
 
@@ -64,7 +64,13 @@ NonNegatives = Annotated[tuple[NonNegative, ...], BeforeValidator(plain_numbers)
 """A column of a table that may hold zeros."""
 
 
-Count = Annotated[int, Field(strict=True, ge=1)]
+def _whole(value: Any) -> Any:
+    """A whole number that is written as 2.0, as sweeps do, without its point."""
+    value = plain_number(value)
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+Count = Annotated[int, BeforeValidator(_whole), Field(strict=True, ge=1)]
 """A whole number from 1 on."""
 
 

@@ -286,6 +286,20 @@ def test_a_key_that_was_left_out_can_be_varied() -> None:
     assert louder.excitations[0].level_db == 6.0
 
 
+def test_the_number_of_modes_can_be_varied(stochvi: Run, tmp_path: Path) -> None:
+    stochvi("new", tmp_path / "reed.toml", "--kind", "beam")
+    reed, out = tmp_path / "reed.toml", tmp_path / "out"
+    asked = ("--vary", "structure.modes=1,2", "--method", "closure", "--out", out)
+    done = stochvi("sweep", reed, *asked)
+    assert done.code == 0, done.err
+    rows = pd.read_csv(out / "sweep.csv")
+    assert rows["structure.modes"].tolist() == [1, 2]
+    (speed, *_) = (name for name in rows if name.startswith("tip.velocity_std"))
+    assert rows[speed].is_monotonic_increasing and rows[speed].nunique() == 2
+    half = ("--vary", "structure.modes=1.5", "--method", "closure")
+    assert "must be a whole number, got 1.5" in refused(stochvi("sweep", reed, *half))
+
+
 def test_the_keys_of_an_absorber_can_be_varied() -> None:
     """It stays an absorber in the scene, and is not rewritten as matrices."""
     loose = Absorber(mass=0.1, play=3.0, law=Restitution(coefficient=0.5))

@@ -343,7 +343,7 @@ def test_a_pair_that_is_nowhere_is_refused(keys: dict[str, Any], sentence: str) 
 
 
 def test_a_base_moves_by_participation_alone() -> None:
-    with pytest.raises(SceneError, match="acts on the base"):
+    with pytest.raises(SceneError, match=r"acts on the base, which needs structure.participation"):
         Scene(structure=Modes(**TWO), excitations=[WhiteNoise(on="base", intensity=1.0)])
 
 

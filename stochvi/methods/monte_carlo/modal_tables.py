@@ -722,6 +722,7 @@ def _samples(modes: ModalForm, length: float, rate: float) -> int:
             "simulate",
             [f"a block needs {needed:.2g} samples of {modes.size} modes, at most "
              f"{MOST_SAMPLES // modes.size} are made: the fastest motion (table, mode, or flight "
-             "between the stops) and the slowest (decay of a resonance) are too far apart"],
+             "between the stops) and the slowest (decay of a resonance) are too far apart; take "
+             "fewer modes (structure.modes), a table that ends sooner, or more damping"],
         )  # fmt: skip
     return _even_fast_length(needed + 2.0)

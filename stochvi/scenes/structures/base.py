@@ -57,6 +57,11 @@ class AnyStructure(Checked):
     linear: ClassVar[bool] = True
     """Whether springs and dampers are linear, so that `matrices` hold all of them."""
 
+    needed_to_move: ClassVar[str] = (
+        "structure.kind = 'isolator' or one of several coordinates, got {kind!r}"
+    )
+    """What a structure lacks whose base may not move, with a place for its kind."""
+
     on_mount: ClassVar[bool] = False
     """Whether an excitation that does not say where it acts moves the base."""
 

@@ -12,7 +12,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
@@ -65,6 +65,10 @@ class ModalTable:
 
 class ModalStructure(AnyStructure):
     """Base class of the structures that are made of natural modes."""
+
+    needed_to_move: ClassVar[str] = (
+        "structure.participation, a number for each mode: (shape' M 1) / modal_mass, got none"
+    )
 
     @property
     @abstractmethod
