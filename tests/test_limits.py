@@ -30,6 +30,10 @@ SCENES = {
     "pulses at random times": document(
         excitation=[{"kind": "pulses", "on": "base", "rate": 20.0, "impulse": 0.01}]
     ),
+    "shocks of a shape": document(
+        excitation=[PROFILE, {"kind": "pulses", "rate": 2.0, "shape": "half-sine",
+                              "duration": "20 ms", "amplitude": 50.0}]
+    ),
     "sines beside noise": document(
         excitation=[PROFILE, {"kind": "sine", "amplitude": 3.0, "frequency_hz": 17.0}]
     ),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,6 +14,7 @@ from stochvi.cli.options import (
     barriers,
     common,
     how_to_go_on,
+    judged_record,
     keeping,
     numbers,
     shown,
@@ -34,21 +34,12 @@ MISSION_PARTS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0)
 
 
 def show_response(options: Common, found: Response, scene: Scene) -> None:
-    """Print a response, and write the files that the options ask for.
-
-    The first warning tells if a measured record of the scene does not move the mount as Gaussian
-    noise of its spectrum would.
-    """
+    """Print a response, write the files that the options ask for, and judge a record."""
     from stochvi.views.files import to_json, write_text
     from stochvi.views.tables import print_response
 
-    if any(each.kind == "record" for each in scene.excitations):
-        from stochvi.isolators.record_verdict import record_verdict  # compiles, through replay
-
-        record = record_verdict(scene)
-        if record is not None and not record.agrees:
-            found = replace(found, warnings=[record.sentence(), *found.warnings])
-    options.show(found, print_response, "response")
+    record = judged_record(scene)
+    options.show(found, print_response, "response", record=record)
     if options.out is not None:
         write_text(to_json(found.to_dict()) + "\n", options.out / "response.json")
 

@@ -96,6 +96,7 @@ class Common:
     formats: frozenset[str] = frozenset()
     question: str = ""
     begun: Deadline = field(default_factory=lambda: Deadline.after(0.0))
+    judged: list[RecordVerdict] = field(default_factory=list)
 
     def until(self, budget: float | None, drawing: float = DRAWING_SECONDS) -> Deadline:
         """The deadline of a budget that is counted from the start of the command.
@@ -162,7 +163,8 @@ class Common:
 
     def show(
         self, found: Any, tell: Callable[[Console, Any], None], table: str | None = None,
-        document: Mapping[str, Any] | None = None,
+        document: Mapping[str, Any] | None = None, record: RecordVerdict | None = None,
+        where: str = "",
     ) -> None:  # fmt: skip
         """Show an answer as the options ask: write its JSON document, print it, write its table.
 
@@ -176,14 +178,21 @@ class Common:
             Name of the file of the table, without its ending; None for an answer that has none.
         document
             The JSON document, by default that of the answer.
+        record, where
+            Whether a record of the scene agrees with the Gaussian noise of the answer, which stands
+            first, and the phase that it shakes.
         """
         from stochvi.views.files import write_json, write_table
+        from stochvi.views.isolator_tables import print_record
 
+        self.judged.extend([] if record is None else [record])
+        verdict = {} if record is None else {"record": record.to_dict()}
         try:
             if self.json_file is not None:
-                write_json(document or found.to_dict(), self.json_file)
+                write_json({**(document or found.to_dict()), **verdict}, self.json_file)
         finally:  # a disk that is full costs the file, not the answer
             if not self.quiet:
+                print_record(self.console, record, where)
                 tell(self.console, found)
         if self.out is not None and table is not None:
             write_table(found.to_frame(), self.out / f"{table}.csv")
@@ -333,6 +342,16 @@ FIELDS = {"json": "json_file", "open budget": "budget", "kept budget": "budget"}
 """Fields of `Common` by their option, where the two names differ."""
 
 
+def judged_record(scene: Scene) -> RecordVerdict | None:
+    """Whether the record of a scene agrees with Gaussian noise of its density, which all commands
+    but `replay` take for it; None without a record that can be judged."""
+    if not any(each.kind == "record" for each in scene.excitations):
+        return None
+    from stochvi.isolators.record_verdict import record_verdict  # compiles, through replay
+
+    return record_verdict(scene)
+
+
 def fail_unless_gaussian(record: RecordVerdict | None) -> None:
     """End with exit code 1 if a record contradicts Gaussian noise of its spectrum, or is too short
     to be judged."""
@@ -363,12 +382,14 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
             )  # fmt: skip
             quiet = options.quiet
             with checked_targets(options, given), showing(None if quiet else _say_only):
-                if not has_budget:
+                if has_budget:
+                    with graceful_interrupt(), options.within(budget):
+                        command(options, **given)
+                else:
                     command(options, **given)
-                    return
-                with graceful_interrupt(), options.within(budget):
-                    command(options, **given)
-            if begun.interrupted:
+            for record in options.judged:
+                fail_unless_gaussian(record)
+            if has_budget and begun.interrupted:
                 stop("interrupted by Ctrl-C; the answer was kept", FAILED)
 
         for name in reversed(names):

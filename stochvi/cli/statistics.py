@@ -15,7 +15,7 @@ from stochvi.cli.options import (
     barriers,
     common,
     equipped,
-    fail_unless_gaussian,
+    judged_record,
     keeping,
     numbers,
     shown,
@@ -67,7 +67,7 @@ def spectrum(options: Common, scene: str, **asked: Any) -> None:
 
             return draw_spectrum(answer, loaded.title)
 
-        options.show(answer, print_spectrum, "spectrum")
+        options.show(answer, print_spectrum, "spectrum", record=judged_record(loaded))
         options.draw("spectrum", picture)
 
     shown(found, show, asked)
@@ -132,7 +132,7 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
 
             return draw_impacts(answer, loaded.title)
 
-        options.show(answer, print_impacts, "impacts")
+        options.show(answer, print_impacts, "impacts", record=judged_record(loaded))
         if options.out is not None:
             write_table(answer.histograms(), options.out / "histograms.csv")
         if any(pair.speeds is not None for pair in answer.pairs.values()):
@@ -187,7 +187,7 @@ def damage(
             )  # fmt: skip
 
     def show(answer: Damage) -> None:
-        options.show(answer, print_damage, "damage")
+        options.show(answer, print_damage, "damage", record=judged_record(loaded))
         options.draw("damage", lambda: draw_damage(answer, loaded.title))
 
     shown(found, show, asked)
@@ -285,12 +285,10 @@ def reliability(
     Example: stochvi reliability box.toml --mission 3600 --impact-speed 0.5 --start rest
     """
     from stochvi.isolators.production_risk.method import production, unmet
-    from stochvi.isolators.record_verdict import record_verdict
     from stochvi.results.errors import NotApplicable
     from stochvi.scenes.scene import load_scene, phase_duration
     from stochvi.statistics.reliability import Reliability
     from stochvi.statistics.reliability import reliability as solve
-    from stochvi.views.isolator_tables import print_record
     from stochvi.views.production import print_production
     from stochvi.views.statistics_tables import print_reliability
     from stochvi.views.tables import print_line
@@ -333,20 +331,19 @@ def reliability(
     verdicts = {
         name: verdict
         for name, each in phases.items()
-        if (verdict := record_verdict(each)) is not None
+        if (verdict := judged_record(each)) is not None
     }
     judged_in = min(verdicts, key=lambda name: verdicts[name].agrees, default="")
     record = verdicts.get(judged_in)
 
     def tell(console: Console, answer: Reliability) -> None:
-        print_record(console, record, judged_in)
         print_reliability(console, answer, limit_in_g)
         for each in units:
             print_line(console, each.summary())
             print_production(console, each)
 
     def show(answer: Reliability) -> None:
-        judged = {} if record is None else {"record": record.to_dict()}
+        found_of_units = {}
         if spreads:
             with options.progress("units") as report:
                 units.append(
@@ -356,8 +353,9 @@ def reliability(
                         seed=options.seed, threads=options.threads, budget=deadline.part(1.0),
                     )
                 )  # fmt: skip
-            judged["production"] = units[0].to_dict()
-        options.show(answer, tell, "reliability", answer.to_dict() | judged)
+            found_of_units["production"] = units[0].to_dict()
+        document = answer.to_dict() | found_of_units
+        options.show(answer, tell, "reliability", document, record, judged_in)
         for each in units:
             options.draw("production", each.plot)
         if options.out is not None:
@@ -370,4 +368,3 @@ def reliability(
             )  # fmt: skip
 
     shown(found, show, asked)
-    fail_unless_gaussian(record)

@@ -83,14 +83,20 @@ def modulated(model: Model) -> list[str]:
     return [part.law.refusal(part.name) for part in forces] + moving_stops(model)
 
 
-def varying_level(model: Model) -> list[str]:
-    """The sentence that noise must be Gaussian, if its level varies at random."""
-    if model.level is None:
-        return []
-    return [
-        f"excitation must be Gaussian noise, got noise of varying level, of kurtosis "
-        f"{model.level.kurtosis:g}; simulate, reliability, size and damage follow it"
-    ]
+def not_gaussian(model: Model) -> list[str]:
+    """The sentences that noise must be Gaussian, if its level varies at random, or shocks come."""
+    found = []
+    if model.level is not None:
+        found.append(
+            f"excitation must be Gaussian noise, got noise of varying level, of kurtosis "
+            f"{model.level.kurtosis:g}; simulate, reliability, size and damage follow it"
+        )
+    if model.shocks:
+        found.append(
+            "excitation must be Gaussian noise, got pulses of a shape; simulate, impacts and "
+            "damage follow them"
+        )
+    return found
 
 
 def moving_stops(model: Model) -> list[str]:
@@ -221,7 +227,7 @@ def not_white(model: Model) -> list[str]:
     """The conditions of a method for white noise that a model does not meet."""
     if model.tables:
         return [f"{WHITE}, got a tabulated density"]
-    return without_noise(model)
+    return not_gaussian(model) + without_noise(model)
 
 
 def without_dissipation(model: Model) -> list[str]:

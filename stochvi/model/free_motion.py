@@ -9,7 +9,7 @@ import numpy as np
 
 from stochvi.mathematics.arrays import Matrix, Vector, Waves
 from stochvi.mathematics.moving_means import MovingMean, Sines
-from stochvi.model.coverage import nonlinear, varying_level, without_noise
+from stochvi.model.coverage import nonlinear, not_gaussian, without_noise
 from stochvi.model.modal import LinearLaw, ModalForm, linear_law
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
@@ -72,7 +72,7 @@ def free_motion(model: Model, *, with_sines: bool = False) -> FreeMotion:
     unmet = nonlinear(model)
     if model.sines and not with_sines:
         unmet.append("excitation must be noise or constant, got sine")
-    unmet += without_noise(model) + varying_level(model)
+    unmet += without_noise(model) + not_gaussian(model)
     law = None if unmet else linear_law(model.modal)
     if law is None:
         raise NotApplicable(

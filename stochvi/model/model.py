@@ -8,7 +8,7 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import assert_never
+from typing import TypeGuard, assert_never
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +31,7 @@ from stochvi.scenes.excitations import (
     Excitation,
     FilteredNoise,
     Modulation,
+    Pulses,
     RecordedNoise,
     Sine,
     WhiteNoise,
@@ -348,6 +349,8 @@ class Model:
         Springs and dampers that are functions; `stiffness` and `damping` leave them out.
     level
         How the level of all tables varies together; None where it is steady.
+    shocks
+        Pulses of a shape at random times, with the forces per unit of them.
 
     Examples
     --------
@@ -383,6 +386,7 @@ class Model:
     drag: PerUnitMass | None = None
     functions: tuple[FunctionOfMotion, ...] = ()
     level: RandomLevel | None = None
+    shocks: tuple[tuple[Pulses, Vector], ...] = ()
 
     @cached_property
     def modal(self) -> ModalForm:
@@ -491,6 +495,18 @@ class Model:
             self, whites=tuple(whites), constants=tuple(constants), functions=rest
         )  # fmt: skip
 
+    @cached_property
+    def with_tables_of_shocks(self) -> Model:
+        """The model with Gaussian noise of the same density, and a constant load of the same mean,
+        in the place of shocks; the model itself without any."""
+        if not self.shocks:
+            return self
+        tables = [(pulses.table, direction) for pulses, direction in self.shocks]
+        loads = [(pulses.mean, direction) for pulses, direction in self.shocks if pulses.mean]
+        return replace(
+            self, tables=(*self.tables, *tables), constants=(*self.constants, *loads), shocks=()
+        )  # fmt: skip
+
     @property
     def moves_stops(self) -> bool:
         """Whether any stop moves."""
@@ -502,6 +518,7 @@ class Model:
         return bool(
             self.tables
             or self.drives
+            or self.shocks
             or any(intensity for intensity, _ in self.whites)
             or any(np.any(signal.direction) for signal in self.signals)
         )
@@ -533,6 +550,7 @@ class Model:
             *(direction for _, direction in self.whites),
             *(signal.direction for signal in self.signals if np.any(signal.direction)),
             *(direction for _, direction in self.tables),
+            *(direction for _, direction in self.shocks),
             *(part.direction for part in self.drives),
         ]
         known = not any(
@@ -565,6 +583,7 @@ class Model:
         return bool(
             self.tables
             or self.drives
+            or self.shocks
             or any(intensity for intensity, _ in self.whites)
             or any(signal.intensity for signal in self.signals)
         )
@@ -581,7 +600,8 @@ class Model:
         is proportional to the damping. With elastic stops the stationary distribution is then the
         Gibbs distribution exp(-H / theta).
         """
-        if self.functions or self.signals or self.tables or not np.any(self.damping):
+        coloured = self.signals or self.tables or self.shocks
+        if self.functions or coloured or not np.any(self.damping):
             return None
         theta = float(np.trace(self.white) / np.trace(self.damping) / 2.0)
         wanted = 2.0 * theta * self.damping
@@ -655,6 +675,7 @@ class Model:
             *(d for _, d in self.whites),
             *(d for _, d in self.tables if not isinstance(d, InputMatrix)),
             *(signal.direction for signal in self.signals),
+            *(direction for _, direction in self.shocks),
             *(part.direction for part in self.drives),
         ]
         return any(direction[0] > 0.0 or not self.moving_base for direction in directions)
@@ -781,6 +802,7 @@ def _build_model(scene: Scene) -> Model:
         potential=potential,
         drag=drag,
         level=scene.random_level,
+        shocks=tuple((each, d) for each, d in shaken if _is_shock(each)),
     )
     if structure.functions:
         model = _with_functions(model, structure.functions)
@@ -878,13 +900,22 @@ def _with_modulations(model: Model, scene: Scene) -> Model:
 def _with_drives(model: Model, shaken: Sequence[tuple[Excitation, Vector]]) -> Model:
     """A model with the forces of excitations that are drawn."""
     functions = list(model.functions)
-    drives = [(each, d) for each, d in shaken if isinstance(each, DrawnExcitation) and np.any(d)]
+    drives = [
+        (each, d)
+        for each, d in shaken
+        if isinstance(each, DrawnExcitation) and np.any(d) and not _is_shock(each)
+    ]
     for number, (each, force) in enumerate(drives, 1):
         mass = float(1.0 / (force @ np.linalg.solve(model.mass, force)))
         name = each.effect_word + (f" {number}" if len(drives) > 1 else "")
         law = DrawnForce(kind=each.kind, mass=mass, drawn=each)
         functions.append(FunctionOfMotion(name, force, mass, law))
     return replace(model, functions=tuple(functions)) if drives else model
+
+
+def _is_shock(excitation: Excitation) -> TypeGuard[Pulses]:
+    """Whether an excitation is a shock of a shape at random times."""
+    return isinstance(excitation, Pulses) and excitation.shock is not None
 
 
 def _lost_motion(model: Model, records: Sequence[RecordedNoise]) -> list[str]:
@@ -926,6 +957,7 @@ def _at_its_gap(scene: Scene, model: Model) -> Model:
         constants=tuple((strength, force / share) for strength, force in model.constants),
         signals=tuple(replace(each, direction=each.direction / share) for each in model.signals),
         tables=tuple((table, np.asarray(force) / share) for table, force in model.tables),
+        shocks=tuple((pulses, force / share) for pulses, force in model.shocks),
         pairs=tuple(replace(pair, direction=pair.direction / share) for pair in model.pairs),
         functions=tuple(
             replace(part, direction=part.direction / share) for part in model.functions
@@ -964,6 +996,7 @@ def _seen_from(model: Model, references: list[int], motions: Matrix) -> Model:
         constants=tuple((strength, forces @ force) for strength, force in model.constants),
         signals=tuple(replace(each, direction=forces @ each.direction) for each in model.signals),
         tables=tuple((table, forces @ np.asarray(force)) for table, force in model.tables),
+        shocks=tuple((pulses, forces @ force) for pulses, force in model.shocks),
         pairs=tuple(
             replace(
                 pair,

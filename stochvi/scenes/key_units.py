@@ -43,6 +43,7 @@ KEY_UNITS = {
     "fs": "Hz",
     "level_db": "dB",
     "level_time": "s",
+    "duration": "s",
     "speed": "m/s",
     "rate": "1/s",
     "at_speed": "m/s",
@@ -85,7 +86,7 @@ def key_unit(document: Mapping[str, Any], part: Mapping[str, Any], name: str) ->
             return f"N s/m^{power + 1.0:g}"
         case "van-der-pol", "amplitude":
             return "m"
-        case ("sine" | "function", "amplitude") | ("pulses", "impulse"):
+        case ("sine" | "function" | "pulses", "amplitude") | ("pulses", "impulse"):
             on_mount = document["structure"]["kind"] == "isolator"
             on_base = part.get("on", "base" if on_mount else "") == "base"
             units = ("m/s", "N s") if name == "impulse" else ("m/s2", "N")

@@ -340,6 +340,7 @@ def read_record(
     variables: tuple[str, ...] | None = None,
     dataset: int | None = None,
     gaps: Literal["refuse", "split"] = "refuse",
+    fewest: int = FEWEST_SAMPLES,
 ) -> tuple[Record, Columns]:
     """A record from a column of times and one of values, or from values only if `fs` is given.
 
@@ -362,6 +363,8 @@ def read_record(
         Number of the dataset of a UFF file, from 1.
     gaps
         "refuse" them, or "split" the record there into segments.
+    fewest
+        Smallest number of samples.
 
     Returns
     -------
@@ -397,10 +400,10 @@ def read_record(
     times, values = columns.x, columns.y
     notes: tuple[str, ...] = ()
     missing = ~np.isfinite(values)
-    if len(values) - missing.sum() < FEWEST_SAMPLES:
+    if len(values) - missing.sum() < fewest:
         raise SceneError(
             f"{path} holds {len(values) - missing.sum()} samples, expected at least "
-            f"{FEWEST_SAMPLES}; take a longer record"
+            f"{fewest}; take a longer record"
         )
     if times is None:
         assert fs is not None

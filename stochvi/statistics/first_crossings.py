@@ -22,7 +22,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import (
     beyond_one_oscillator,
-    varying_level,
+    not_gaussian,
     without_free_response,
     without_noise,
 )
@@ -115,7 +115,7 @@ def one_gap(model: Model) -> Model:
         beyond_one_oscillator(free, with_filters=True, with_sines=True)
         or without_noise(free)
         or without_free_response(free)
-        or varying_level(free)
+        or not_gaussian(free)
     )
     if unmet:
         raise NotApplicable("first_crossings", unmet)

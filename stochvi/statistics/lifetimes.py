@@ -24,7 +24,7 @@ from stochvi.methods.periodic.basins import BasinRegime, BasinRun, Place
 from stochvi.methods.periodic.family import unmet
 from stochvi.methods.periodic.states import States
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import varying_level
+from stochvi.model.coverage import not_gaussian
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
@@ -273,7 +273,7 @@ def lifetimes(
     """
     run = Run.of(options)
     model = model_of(scene)
-    conditions = unmet(model) + varying_level(model)
+    conditions = unmet(model) + not_gaussian(model)
     if not model.noisy:
         conditions.append("excitation must contain noise besides the sine, got none")
     if conditions:

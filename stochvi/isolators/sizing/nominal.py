@@ -146,9 +146,12 @@ ACCEPTED = 0.01
 """Default probability that a limit of speed or acceleration is exceeded in the mission."""
 
 BY_FIRST_CROSSINGS = (
-    "first crossings of the Gaussian response without stops (records around outcrossings); no "
-    "impact law enters"
+    "first crossings of the Gaussian response{beside} without stops (records around outcrossings); "
+    "no impact law enters"
 )
+BESIDE = {0: "", 1: " beside the sine,", 2: " beside the sines,"}
+"""Words on the mean of that response, by the number of sines, at most 2."""
+
 BY_HITS = (
     "impacts with the stop law: clusters simulated from first impacts on where these are rare, "
     "else the whole motion; the same random numbers at every clearance"
@@ -292,7 +295,8 @@ class _Job:
 
     def sizing(self) -> Sizing:
         """Find the clearance, then the other numbers of the answer."""
-        method = METHODS.get(self.target.name, BY_BURSTS)
+        beside = BESIDE[min(len(model_of(self.scene).sines), 2)]
+        method = METHODS.get(self.target.name, BY_BURSTS).format(beside=beside)
         short: NotConverged | Interrupted | None = None
         try:
             clearance = self._clearance()

@@ -13,7 +13,7 @@ import numpy as np
 from stochvi.mathematics.impact_rates import gaussian_stop
 from stochvi.mathematics.spectra import LinearMoments, response_moments
 from stochvi.model.build_response import StationaryMoments, linear_acceleration
-from stochvi.model.coverage import varying_level, without_energy, without_noise
+from stochvi.model.coverage import not_gaussian, without_energy, without_noise
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw, Spring
 from stochvi.model.model import Model, model_of
@@ -50,7 +50,7 @@ def unmet(model: Model) -> list[str]:
     """The conditions of the closed form that a model of one oscillator does not meet."""
     found = [f"{loss} at the {stop.name} stop" for stop in model.stops if (loss := lossy(stop.law))]
     found += without_energy(model) if not found else []
-    found += varying_level(model)
+    found += not_gaussian(model)
     if model.drag is not None:
         found.append("damping must be linear, got a function of velocity")
     if model.tables and model.stops:

@@ -27,7 +27,7 @@ from stochvi.methods.closed_form.coupled_pairs import MOST_PAIRS, CoupledLaw, In
 from stochvi.methods.closed_form.one_coordinate import lossy
 from stochvi.model.balances import residuals
 from stochvi.model.build_response import build_response
-from stochvi.model.coverage import functions, varying_level, without_energy, without_noise
+from stochvi.model.coverage import functions, not_gaussian, without_energy, without_noise
 from stochvi.model.gap import Gap
 from stochvi.model.gibbs_law import GibbsLaw
 from stochvi.model.modal import absolute_accelerations, linear_law
@@ -79,7 +79,7 @@ class Solution(NamedTuple):
 
 def unmet(model: Model) -> list[str]:
     """The conditions of a closed form that a model of any structure does not meet."""
-    found = functions(model) + varying_level(model)
+    found = functions(model) + not_gaussian(model)
     if found:
         return found
     if model.tables and model.pairs:

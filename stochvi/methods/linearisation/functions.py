@@ -14,8 +14,8 @@ from stochvi.model.build_response import build_response
 from stochvi.model.coverage import (
     functions_of_arrays,
     modulated,
+    not_gaussian,
     speed_restitutions,
-    varying_level,
     without_noise,
 )
 from stochvi.model.linear_part import (
@@ -84,7 +84,7 @@ def linearised_functions(scene: Scene, deadline: Deadline = NEVER) -> tuple[Resp
         return closure_of(scene, white, started, deadline, (SECOND_ORDER,), EXACT)
     conditions = [
         *functions_of_arrays(model), *speed_restitutions(model), *modulated(model),
-        *varying_level(model),
+        *not_gaussian(model),
         *without_noise(model, with_sines=not model.remembers),
     ]  # fmt: skip
     if model.remembers and not modulated(model):

@@ -13,7 +13,7 @@ from stochvi.mathematics.frequency_response import Force, gains
 from stochvi.mathematics.spectra import Filter
 from stochvi.methods.linearisation.structure_closure import solutions
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import functions, varying_level
+from stochvi.model.coverage import functions, not_gaussian
 from stochvi.model.modal import EquivalentLinear
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
@@ -130,7 +130,7 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
     1.0000
     """
     model = model_of(scene)
-    if conditions := functions(model) + varying_level(model):
+    if conditions := functions(model) + not_gaussian(model):
         raise NotApplicable("linearise", conditions)
     modes = model.modal
     shaken = _shaken(model)

@@ -22,8 +22,8 @@ from stochvi.model.calculations import calculation
 from stochvi.model.coverage import (
     beyond_one_oscillator,
     functions,
+    not_gaussian,
     unknown_dampers,
-    varying_level,
     without_dissipation,
     without_energy,
     without_noise,
@@ -309,7 +309,7 @@ def _check_words(form: str, variant: str) -> None:
 
 def unmet(model: Model, form: str = "closure", variant: str = "consistent") -> list[str]:
     """The conditions of a form for one oscillator that a model does not meet."""
-    found = beyond_one_oscillator(model, with_filters=True) + varying_level(model)
+    found = beyond_one_oscillator(model, with_filters=True) + not_gaussian(model)
     if found:
         return found
     found = [*without_noise(model), *unknown_dampers(model), *without_energy(model)]

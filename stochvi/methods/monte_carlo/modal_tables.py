@@ -50,6 +50,7 @@ from stochvi.methods.monte_carlo.modal_contacts import ModalContactsPlan, check_
 from stochvi.methods.monte_carlo.plan import Underway
 from stochvi.methods.monte_carlo.quantities import Key, gap_of
 from stochvi.methods.monte_carlo.random_levels import MOST_BLOCKS, levels_of_block
+from stochvi.methods.monte_carlo.random_shocks import filter_of, shocks_of_block
 from stochvi.methods.monte_carlo.tabulated import (
     BIN_ERROR,
     BLOCK_RELAXATIONS,
@@ -254,9 +255,9 @@ class ModalTablesPlan(ModalContactsPlan):
     def _followed(self) -> list[tuple[str, Vector, Pair | None]]:
         """Owners and rows (n,) of the displacements row . q whose motion without stops is averaged,
         with the pair if it is a gap; none without stops, where nothing is left to simulate, nor
-        where the level varies."""
+        where the level varies or shocks come."""
         modes, pairs = self.modes, self.model.pairs
-        if not self.model.stops or self.model.level is not None:
+        if not self.model.stops or self.model.level is not None or self.model.shocks:
             return []
         found: list[tuple[str, Vector, Pair | None]] = [
             (gap_of(pair), row, pair) for pair, row in zip(pairs, modes.gaps, strict=True)
@@ -387,6 +388,8 @@ class ModalTablesPlan(ModalContactsPlan):
         bins = rfft(self.free_response(seed, path, 1, 0)[:, : modes.size, 0], axis=0)
         w = 2.0 * np.pi / self.block_length * np.arange(1, len(bins))[:, None]
         forces = np.zeros_like(bins)
+        if not integrals:
+            forces[0] = modes.squares * bins[0]
         forces[1:] = (modes.squares - w**2) * bins[1:] + 1j * w * (bins[1:] @ modes.damping.T)
         forces[1:] /= (1j * w) ** integrals
         found = self.model.mass @ modes.shapes @ irfft(forces, self.samples, axis=0)[:samples].T
@@ -468,33 +471,64 @@ class ModalTablesPlan(ModalContactsPlan):
         real, imaginary = np.ascontiguousarray(waves.real), np.ascontiguousarray(waves.imag)
         fill_modal_spectrum(streams, real, imaginary, relative, spectrum.view(np.float64))
         free = ifft(spectrum, axis=0, norm="forward", overwrite_x=True)
+        moved = free[:, : self.modes.size]
         if self.model.level is not None:
             gains = levels_of_block(
                 self.model.level, seed, first_path, paths, number,
                 samples=self.samples, step=self.step, before=self._burn_in_steps + 1,
             )  # fmt: skip
-            free = self._modulated(free, gains)
+            moved[:] = self._modulated(moved, gains)
+        if self.model.shocks:
+            moved += self._shaken_by_shocks(seed, first_path, paths, number)
         response: NDArray[np.float64] = free.view(np.float64)
         return response
+
+    def _shaken_by_shocks(self, seed: int, first_path: int, paths: int, number: int) -> Waves:
+        """The response q + i q' / scale (samples, modes, paths) to shocks alone."""
+        total = np.zeros((self.samples // 2 + 1, self.modes.size, paths), complex)
+        for order, (pulses, direction) in enumerate(self.model.shocks):
+            weights = shocks_of_block(
+                pulses, (seed, order), first_path, paths, number,
+                samples=self.samples, step=self.step,
+            )  # fmt: skip
+            force = self._filters_of_shocks[order][:, None] * weights
+            total += (self.modes.shapes.T @ direction)[:, None] * force[:, None, :]
+        return self._response_to(total)
+
+    @cached_property
+    def _filters_of_shocks(self) -> list[Waves]:
+        """The force of each kind of shock in the bins, over its weights."""
+        return [filter_of(pulses, self.samples, self.step) for pulses, _ in self.model.shocks]
 
     def _modulated(self, free: Waves, gains: Matrix) -> Waves:
         """A response q + i q' / scale (samples, modes, paths) whose excitation is larger by
         `gains`."""
         bins = rfft(free.real, axis=0)
-        parts = range(1, len(bins), max(1, MOST_STIFFNESSES // self.modes.size**2))
-        for first, last in zip(parts, [*parts[1:], len(bins)], strict=True):
+        for first, last in self._parts(len(bins)):
             bins[first:last] = self._stiffness(first, last) @ bins[first:last]
-        bins = rfft(gains[:, None, :] * irfft(bins, self.samples, axis=0), axis=0)
-        for first, last in zip(parts, [*parts[1:], len(bins)], strict=True):
+        return self._response_to(
+            rfft(gains[:, None, :] * irfft(bins, self.samples, axis=0), axis=0)
+        )
+
+    def _response_to(self, bins: Waves) -> Waves:
+        """The response q + i q' / scale (samples, modes, paths) to modal forces, from their
+        transform (bins, modes, paths), which is replaced."""
+        held = self.modes.squares > 0.0  # a loose mode has no place of its own
+        bins[0, held] /= self.modes.squares[held, None]
+        bins[0, ~held] = bins[-1] = 0.0
+        for first, last in self._parts(len(bins)):
             bins[first:last] = np.linalg.solve(self._stiffness(first, last), bins[first:last])
-        # nothing is synthesised at frequency 0, where a loose mode has no place of its own
-        bins[0] = bins[-1] = 0.0
         w = self._bin_frequency * np.arange(len(bins))
         place, speed = (
             irfft(each, self.samples, axis=0)
             for each in (bins, (1j / self.scale * w)[:, None, None] * bins)
         )
         return np.asarray(place + 1j * speed)
+
+    def _parts(self, bins: int) -> list[tuple[int, int]]:
+        """First and last bins of parts, from 1 on, whose stiffnesses are made at once."""
+        firsts = range(1, bins, max(1, MOST_STIFFNESSES // self.modes.size**2))
+        return list(zip(firsts, [*firsts[1:], bins], strict=True))
 
     @property
     def _bin_frequency(self) -> float:
@@ -621,8 +655,10 @@ def plan_modal_tables(
         Where a mode has no damping of its own, there is no stationary state, or times lie too far
         apart.
     """
-    known = basis(model, threshold, duration, scales, settling)
-    modes = model.modal
+    # Gaussian noise of their density stands for shocks in the choice of steps and lengths
+    planned = model.with_tables_of_shocks
+    known = basis(planned, threshold, duration, scales, settling) | {"model": model}
+    modes = planned.modal
     warm_up = 2.0 * WARM_UP_RELAXATIONS * known["law"].slowest
     length = _block_length(modes, max(_resonance_length(modes), 2.0 * warm_up))
     # a level does not repeat with the block, of which the warm-up is the end
@@ -634,7 +670,7 @@ def plan_modal_tables(
             [f"a path of {duration:.3g} s needs more than {MOST_BLOCKS // 2} blocks of "
              f"{length:.3g} s; give a shorter duration and more paths"],
         )  # fmt: skip
-    samples = _samples(modes, length, 1.0 / _interval(model, known))
+    samples = _samples(modes, length, 1.0 / _interval(planned, known))
     plan = ModalTablesPlan(**known, samples=samples, block_length=length, blocks=blocks)
     plan = replace(
         plan,

@@ -1,45 +1,89 @@
-"""Impulses at random times."""
+"""Pulses at random times: impulses, or shocks of a shape."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, ClassVar, Literal, Self
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-from stochvi.mathematics.units import power_ratio
-from stochvi.scenes.excitations.base import BASE
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, PrivateAttr, model_validator
+
+from stochvi.mathematics.pulse_shapes import SHAPES, PulseShape
+from stochvi.mathematics.spectra import Table
+from stochvi.mathematics.units import Unit, power_ratio
+from stochvi.scenes.excitations.base import BASE, Density, agreed_unit, sentences_of, unit_name
 from stochvi.scenes.excitations.drawn import DrawnExcitation
-from stochvi.scenes.validation import Positive
+from stochvi.scenes.records import read_record
+from stochvi.scenes.validation import ColumnName, Positive, Seconds, given
 
 MOST_IN_A_STEP = 100.0
 """Mean number of pulses in a step above which the step is shortened."""
 
+PER_HOUR = "/h"
+"""End of a text that is a number of pulses per hour."""
+
+LINES, LEAST = 2000, 1e-12
+"""Lines of the density of shaped pulses, and its smallest value over the largest one."""
+
+FEWEST_SAMPLES = 4
+"""Smallest number of samples of a measured pulse."""
+
+VALUES = "acceleration", "force"
+"""Quantities of a measured pulse."""
+
+
+def _per_second(value: Any) -> Any:
+    """A text such as "12/h", pulses per hour, as pulses per second."""
+    if isinstance(value, str) and value.strip().endswith(PER_HOUR):
+        try:
+            return float(value.strip().removesuffix(PER_HOUR)) / 3600.0
+        except ValueError:
+            return value
+    return value
+
+
+def _value_unit(name: str) -> str:
+    return unit_name(name, *VALUES)
+
 
 class Pulses(DrawnExcitation):
-    """Instantaneous impulses J at the times of a Poisson process, independent of each other.
+    """Impulses J, or shocks of a shape, at the independent times of a Poisson process.
 
-    A mass m gains the velocity J / m at each. The force has the mean rate E J and, about it, the
-    density of white noise of the intensity S0 = rate E J^2. The response of a linear structure has
-    the cumulants kappa_n = rate E J^n int h(t)^n dt of its response h to a unit impulse (Campbell
-    1909, Rice 1944).
+    A mass m gains the velocity J / m at each impulse. The force has the mean rate E J and, about
+    it, the density of white noise of the intensity S0 = rate E J^2. The response of a linear
+    structure has the cumulants kappa_n = rate E J^n int h(t)^n dt of its response h to a unit
+    impulse (Campbell 1909, Rice 1944). For shocks a stands for J, their peak, and the response to a
+    shock of unit peak for h.
 
     Parameters
     ----------
     rate
-        Mean number of pulses per second.
+        Mean number of pulses per second, or a text, "12/h".
     impulse
-        Size of a pulse, N s on a mass, m/s of the base: of each, or the mean of exponential sizes,
-        or the rms value of normal ones.
+        Size of an impulse, N s on a mass, m/s of the base: of each, or the mean of exponential
+        sizes, or the rms value of normal ones.
+    shape, duration
+        Instead of impulses, shocks: "half-sine", "saw-tooth" (which ends at its peak) or
+        "trapezoid" (with ramps of a tenth), and their length, s, or a text, "11 ms".
+    file, unit, fs, column
+        Instead of a shape: a measured pulse, the unit of its values, its sampling rate if it has no
+        times, and its column if it has several.
+    amplitude
+        Peak of a shock, N on a mass, m/s^2 of the base, with the distribution of `sizes`. It may be
+        left out with a file, whose own peak it then is.
     sizes
         Distribution of the sizes: "equal", "normal" (absolute values of a normal number) or
         "exponential".
     two_sided
         Whether every pulse has either direction with equal probability; otherwise all act in the
-        positive direction.
+        positive direction, or as measured.
 
     See Also
     --------
     stochvi.WhiteNoise : The limit of many small pulses.
+    stochvi.replay : One shock, as measured.
 
     Examples
     --------
@@ -48,6 +92,9 @@ class Pulses(DrawnExcitation):
     (2.0, 0.4)
     >>> [round(gravel.moment(n), 6) for n in (1, 2, 3, 4)]
     [0.1, 0.02, 0.006, 0.0024]
+    >>> shocks = Pulses(rate="12/h", shape="half-sine", duration="11 ms", amplitude=200.0)
+    >>> round(shocks.rate, 5), round(shocks.shock.area, 5)
+    (0.00333, 0.007)
     """
 
     effect_word: ClassVar[str] = "pulses"
@@ -55,13 +102,80 @@ class Pulses(DrawnExcitation):
     white: ClassVar[bool] = True
 
     kind: Literal["pulses"] = "pulses"
-    rate: Positive
-    impulse: Positive
+    rate: Annotated[Positive, BeforeValidator(_per_second)]
+    impulse: Positive | None = None
+    shape: Literal["half-sine", "saw-tooth", "trapezoid"] | None = None
+    duration: Seconds | None = None
+    file: str | None = None
+    unit: Annotated[str, AfterValidator(_value_unit)] | None = None
+    fs: Positive | None = None
+    column: ColumnName | None = None
+    amplitude: Positive | None = None
     sizes: Literal["equal", "normal", "exponential"] = "equal"
     two_sided: bool = True
+    _shock: PulseShape | None = PrivateAttr(default=None)
+    _unit: Unit | None = PrivateAttr(default=None)
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Self:
+        if (self.impulse is not None) + (self.shape is not None) + (self.file is not None) != 1:
+            raise ValueError(
+                "needs exactly one of impulse, shape and file, "
+                f"got {given(self, 'impulse', 'shape', 'file')}"
+            )
+        of_form = {
+            "impulse": (), "shape": ("duration", "amplitude"),
+            "file": ("amplitude", "unit", "fs", "column"),
+        }  # fmt: skip
+        form = given(self, "impulse", "shape", "file")
+        keys = given(self, "duration", "amplitude", "unit", "fs", "column").split(", ")
+        if wrong := [key for key in keys if key not in (*of_form[form], "none")]:
+            raise ValueError(f"has {wrong[0]}, which does not go with {form}")
+        if self.shape is not None:
+            if self.duration is None or self.amplitude is None:
+                raise ValueError(
+                    "needs duration and amplitude with shape, got "
+                    f"{given(self, 'duration', 'amplitude')}"
+                )
+            self._shock = PulseShape(SHAPES[self.shape], self.duration)
+        elif self.file is not None:
+            self._read(Path(self.file))
+        return self
+
+    def _read(self, path: Path) -> None:
+        """Take the pulse from its file, with a sample of 0 before it and after it."""
+        with sentences_of("file"):
+            record, columns = read_record(
+                path, fs=self.fs, column=self.column, fewest=FEWEST_SAMPLES
+            )
+            self._unit = agreed_unit(self.unit, columns, VALUES)
+        known = self._unit.factor * (record.values + record.mean)
+        values = np.concatenate([[0.0], known, [0.0]])
+        self._shock = PulseShape(values, (len(values) - 1) / record.fs)
+
+    @property
+    def density_unit(self) -> str | None:
+        """The unit of a density that belongs to the values of a file; None without one."""
+        if self._unit is None:
+            return None
+        return "N2/Hz" if self._unit.quantity == "force" else "(m/s2)2/Hz"
+
+    @property
+    def shock(self) -> PulseShape | None:
+        """The shape of a shock, whose values are over `size`; None for impulses."""
+        return self._shock
+
+    @property
+    def size(self) -> float:
+        """What the size of a pulse is over: its impulse, or the peak of a shock over that of its
+        shape."""
+        if self.impulse is not None:
+            return self.impulse
+        assert self._shock is not None
+        return 1.0 if self.amplitude is None else self.amplitude / self._shock.peak
 
     def moment(self, order: int) -> float:
-        """Mean of the power `order` of a pulse, E J^n.
+        """Mean of the power `order` of a pulse, E J^n; of a shock that of its peak, E a^n.
 
         Parameters
         ----------
@@ -71,26 +185,36 @@ class Pulses(DrawnExcitation):
         Returns
         -------
         float
-            (N s)^n, or (m/s)^n of the base.
+            (N s)^n, or (m/s)^n of the base; N^n, or (m/s^2)^n of shocks.
         """
+        peak = 1.0 if self._shock is None else self._shock.peak
+        return self.relative_moment(order) * (self.size * peak) ** order
+
+    def relative_moment(self, order: int) -> float:
+        """Mean of the power `order` of the size of a pulse over `size`."""
         if self.two_sided and order % 2:
             return 0.0
-        n, relative = order, 1.0
+        n = order
         if self.sizes == "exponential":
-            relative = math.gamma(n + 1.0)
-        elif self.sizes == "normal":
-            relative = 2.0 ** (n / 2.0) * math.gamma((n + 1.0) / 2.0) / math.sqrt(math.pi)
-        return float(relative * self.impulse**n)
+            return math.gamma(n + 1.0)
+        if self.sizes == "normal":
+            return float(2.0 ** (n / 2.0) * math.gamma((n + 1.0) / 2.0) / math.sqrt(math.pi))
+        return 1.0
+
+    @property
+    def _area(self) -> float:
+        """Integral of a pulse over its size, s; 1 for impulses."""
+        return 1.0 if self._shock is None else self._shock.area
 
     @property
     def mean(self) -> float:
         """Mean force, rate E J, N, or acceleration of the base, m/s^2."""
-        return self.rate * self.moment(1)
+        return self.rate * self.relative_moment(1) * self.size * self._area
 
     @property
     def si_intensity(self) -> float:
-        """S0 = rate E J^2, N^2 s or (m/s^2)^2 s."""
-        return self.rate * self.moment(2)
+        """S0 = rate E J^2 at low frequencies, N^2 s or (m/s^2)^2 s."""
+        return self.rate * self.relative_moment(2) * (self.size * self._area) ** 2
 
     @property
     def fastest(self) -> float:
@@ -98,7 +222,21 @@ class Pulses(DrawnExcitation):
 
     @property
     def jump(self) -> float:
-        return math.sqrt(self.moment(2))
+        return 0.0 if self._shock is not None else math.sqrt(self.moment(2))
+
+    @property
+    def table(self) -> Table:
+        """The density of shocks about their mean force, 2 rate E a^2 abs(S)^2, one-sided; it is
+        held above 0."""
+        assert self._shock is not None
+        ends = 1e-4 / self._shock.duration, 0.5 / self._shock.interval
+        f = np.geomspace(*ends, LINES)
+        power = np.abs(self.size * self._shock.transform(2.0 * math.pi * f)) ** 2
+        density = 2.0 * self.rate * self.relative_moment(2) * power
+        return Table(frequency_hz=f, density=np.maximum(density, LEAST * density.max()))
+
+    def density_for(self, omega: float, damping_rate: float) -> Density:
+        return super().density_for(omega, damping_rate) if self._shock is None else self.table
 
     def compiled(self, mass: float) -> Any:
         from stochvi.engine.characteristics.pulses import (
@@ -108,14 +246,24 @@ class Pulses(DrawnExcitation):
         )
 
         kinds = {"equal": EqualPulses, "normal": NormalPulses, "exponential": ExponentialPulses}
-        return kinds[self.sizes](self.rate, self.impulse / mass, float(self.two_sided))
+        return kinds[self.sizes](self.rate, self.size / mass, float(self.two_sided))
 
     def louder(self, level_db: float) -> Self:
-        size = math.sqrt(power_ratio(level_db)) * self.impulse
-        return self.model_copy(update={"impulse": size})
+        gain = math.sqrt(power_ratio(level_db))
+        if self.impulse is not None:
+            return self.replace(impulse=gain * self.impulse)
+        assert self._shock is not None
+        return self.replace(amplitude=gain * self.size * self._shock.peak)
 
     def facts(self, where: str, numbers: Mapping[str, float]) -> list[tuple[str, ...]]:
-        unit = "m/s" if where == BASE else "N s"
         sides = "in either direction" if self.two_sided else "in one direction"
-        size = f"{self.rate:.4g} per second of {self.impulse:.4g} {unit}, {self.sizes} sizes"
+        often = f"{self.rate:.4g} per second"
+        if self._shock is None:
+            unit = "m/s" if where == BASE else "N s"
+            size = f"{often} of {self.size:.4g} {unit}, {self.sizes} sizes"
+            return [(f"Pulses on {where}", size, sides)]
+        unit = "m/s²" if where == BASE else "N"
+        shape = self.shape or Path(self.file or "").name
+        peak = f"{self.size * self._shock.peak:.4g} {unit}"
+        size = f"{often}, {shape} of {peak} in {self._shock.duration:.4g} s, {self.sizes} sizes"
         return [(f"Pulses on {where}", size, sides)]

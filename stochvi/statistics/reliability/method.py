@@ -30,7 +30,7 @@ from stochvi.methods.monte_carlo.missions import (
     settling_time,
 )
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import beyond_one_oscillator, without_noise
+from stochvi.model.coverage import beyond_one_oscillator, not_gaussian, without_noise
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
@@ -519,6 +519,7 @@ def _outside(model: Model, ends: Ends) -> str:
 def _is_coloured(scene: Scene, model: Model, start: str, way: str | None) -> bool:
     """Whether the noise has a memory of its own; raises for what no way covers."""
     unmet = beyond_one_oscillator(model, with_filters=True, with_sines=True)
+    unmet += not_gaussian(model)
     if unmet:
         raise NotApplicable("reliability", unmet)
     if unmet := without_noise(model):

@@ -384,7 +384,8 @@ def _screening(review: Review) -> Section:
         ]
     return Section(
         title="Linear screening",
-        lead="The rule of three sigma rests on the Gaussian response of the mount without stops.",
+        lead="The rule of three sigma rests on the Gaussian response of the mount without stops."
+        + (" A sine beside the noise counts by its rms alone." if linear.only.sines else ""),
         facts=facts,
         pictures=pictures,
     )
