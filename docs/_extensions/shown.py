@@ -33,7 +33,8 @@ NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?:\((\d+(?:\.\d
 """Pattern of a number, with its standard error in brackets where one is stated."""
 
 TIMES = re.compile(
-    r"^cost: .*(?:\n(?!\w+:).+)*|, [\d.e+]+ ns a step here|: about [\d.]+ s\b|\bphases +[\d.]+",
+    r"^cost: .*(?:\n(?!\w+:).+)*|, [\d.e+]+ ns a step here|: about [\d.]+ s\b|"
+    r"\b(?:phases|levels) +[\d.]+",
     flags=re.MULTILINE,
 )
 """Pattern of what depends on the speed of the machine, and is not compared. The cost of an answer

@@ -183,7 +183,6 @@ class Common:
             first, and the phase that it shakes.
         """
         from stochvi.views.files import write_json, write_table
-        from stochvi.views.isolator_tables import print_record
 
         self.judged.extend([] if record is None else [record])
         verdict = {} if record is None else {"record": record.to_dict()}
@@ -192,7 +191,10 @@ class Common:
                 write_json({**(document or found.to_dict()), **verdict}, self.json_file)
         finally:  # a disk that is full costs the file, not the answer
             if not self.quiet:
-                print_record(self.console, record, where)
+                if record is not None:
+                    from stochvi.views.isolator_tables import print_record
+
+                    print_record(self.console, record, where)
                 tell(self.console, found)
         if self.out is not None and table is not None:
             write_table(found.to_frame(), self.out / f"{table}.csv")

@@ -98,7 +98,8 @@ level_db = 0.0
 # [[phase]]                  # of a mission, for `stochvi reliability`; FILE.toml#road is one
 # name = "road"
 # duration = "2 h"           # or seconds
-# level_db = 3.0             # raises what shakes; or profile = ".." or [[phase.excitation]]
+# level_db = 3.0             # raises what shakes; or profile = ".." or [[phase.excitation]];
+#                            # [[phase.added_excitation]] and [[phase.moving_band]] beside it
 # stiffness_factor = 1.2     # and damping_factor: of mounts that are cold or warm
 """
 

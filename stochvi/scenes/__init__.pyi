@@ -37,6 +37,7 @@ from .impact_laws import (
     SpeedRestitution,
     Viscoelastic,
 )
+from .moving_bands import MovingBand
 from .phases import Phase
 from .records import Record, read_record
 from .scatter import Scatter
@@ -76,6 +77,7 @@ __all__ = [
     "Modes",
     "Modulation",
     "Mount",
+    "MovingBand",
     "NonlinearOscillator",
     "Oscillator",
     "Phase",

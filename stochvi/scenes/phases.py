@@ -9,7 +9,8 @@ from pydantic import Field, model_validator
 
 from stochvi.scenes.changed_mounts import changed_mount
 from stochvi.scenes.excitations import BASE, Excitation, Excitations, RoadNoise, TabulatedNoise
-from stochvi.scenes.validation import Checked, Number, Positive, Seconds
+from stochvi.scenes.moving_bands import MovingBand
+from stochvi.scenes.validation import Checked, Count, Number, Positive, Seconds
 
 if TYPE_CHECKING:
     from stochvi.scenes.scene import Scene
@@ -35,6 +36,19 @@ class Phase(Checked):
     excitations
         Instead of a profile: excitations of this phase. `excitation` in a file. Cross densities of
         the scene do not act on them.
+    added
+        Excitations that act beside those of the scene or of the phase. `added_excitation` in a
+        file.
+    moving
+        Narrow bands or sines whose frequency moves through the phase, beside all else.
+        `moving_band` in a file. The phase becomes `steps` phases, in each of which they stand
+        still; they must therefore move slowly.
+    steps
+        Number of these phases; by default a band moves by half its width from one to the next, and
+        a sine by a hundredth of its frequency.
+    sweep
+        Whether frequencies move in a constant ratio ("logarithmic"), or by a constant difference
+        ("linear"), in a time.
     stiffness_factor, damping_factor
         Factors of the stiffness and of the damping constants of the mounts, which are warm or cold
         in this phase.
@@ -56,6 +70,10 @@ class Phase(Checked):
     profile: str | None = None
     axis: Literal["x", "y", "z"] | None = None
     excitations: Excitations = Field(default=(), alias="excitation")
+    added: Excitations = Field(default=(), alias="added_excitation")
+    moving: tuple[MovingBand, ...] = Field(default=(), alias="moving_band")
+    steps: Count | None = None
+    sweep: Literal["logarithmic", "linear"] = "logarithmic"
     stiffness_factor: Positive = 1.0
     damping_factor: Positive = 1.0
 
@@ -65,7 +83,25 @@ class Phase(Checked):
             raise ValueError(f"has axis {self.axis!r} without a profile")
         if self.profile is not None and self.excitations:
             raise ValueError("has profile and excitation; give one of them")
+        if self.steps is not None and not self.moving:
+            raise ValueError(f"has steps = {self.steps} without a moving_band")
         return self
+
+    @property
+    def standing(self) -> tuple[Phase, ...]:
+        """The phases in which nothing moves: this one, or one for each step of what moves."""
+        if not self.moving:
+            return (self,)
+        count = self.steps or max(each.steps() for each in self.moving) or 1
+        shares = [(step + 0.5) / count for step in range(count)]
+        return tuple(
+            self.replace(
+                name=f"{self.name}, {self.moving[0].frequency(share, self.sweep):.4g} Hz",
+                duration=self.duration / count, moving=(), steps=None,
+                added=(*self.added, *(each.at(share, self.sweep) for each in self.moving)),
+            )
+            for share in shares
+        )  # fmt: skip
 
     @property
     def own_excitations(self) -> tuple[Excitation, ...]:
@@ -78,8 +114,11 @@ class Phase(Checked):
     def of(self, scene: Scene) -> Scene:
         """The scene as it is in this phase."""
         changes: dict[str, Any] = {"phases": ()}
-        if own := self.own_excitations:
-            changes |= {"excitations": own, "cross_densities": ()}
+        own = self.own_excitations
+        if own or self.added:
+            changes["excitations"] = (*(own or scene.excitations), *self.added)
+        if own:
+            changes["cross_densities"] = ()
             if not any(isinstance(each, RoadNoise) for each in own):
                 changes["vehicle"] = None
         found = scene.replace(**changes).at_level(self.level_db)

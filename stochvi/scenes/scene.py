@@ -291,6 +291,12 @@ class Scene(Checked):
             raise ValueError(f"must be a list, got one table ({keys}); write [[{key}]]")
         return value
 
+    @field_validator("phases")
+    @classmethod
+    def _standing(cls, phases: tuple[Phase, ...]) -> tuple[Phase, ...]:
+        """Phases through which a band moves are a phase for each of its steps."""
+        return tuple(step for phase in phases for step in phase.standing)
+
     @model_validator(mode="after")
     def _fits_together(self) -> Self:
         problems: list[tuple[str, str]] = []
@@ -329,7 +335,8 @@ class Scene(Checked):
     @property
     def _shaken_by_phases(self) -> bool:
         """Whether each phase of a mission has excitations of its own."""
-        return bool(self.phases) and all(phase.own_excitations for phase in self.phases)
+        shaken = (phase.own_excitations or phase.added for phase in self.phases)
+        return bool(self.phases) and all(shaken)
 
     def _check_phases(self) -> None:
         """Raise the faults of the phases, each by its number."""

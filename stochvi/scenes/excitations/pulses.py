@@ -175,7 +175,7 @@ class Pulses(DrawnExcitation):
         return 1.0 if self.amplitude is None else self.amplitude / self._shock.peak
 
     def moment(self, order: int) -> float:
-        """Mean of the power `order` of a pulse, E J^n; of a shock that of its peak, E a^n.
+        """Mean of the power `order` of a pulse, E J^n, or of the peak of a shock, E a^n.
 
         Parameters
         ----------
