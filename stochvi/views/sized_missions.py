@@ -71,7 +71,12 @@ def plot_mission_sizing(found: MissionSizing, ax: Axes | None = None) -> Axes:
         x, curve["probability_low"], curve["probability_high"], color=COLOURS["simulate"],
         alpha=BAND_ALPHA, linewidth=0,
     )  # fmt: skip
-    ax.plot(x, curve["probability"], color=COLOURS["simulate"], label="all phases")
+    ax.plot(
+        x,
+        curve["probability"],
+        color=COLOURS["simulate"],
+        label="all phases" if len(found.phases) > 1 else None,
+    )
     ax.axvline(
         MM * found.clearance.value, color=CLEARANCES["recommended"],
         label=f"{MM * found.clearance.value:.4g} mm keep {spoken_percent(found.target.value)}",

@@ -76,7 +76,7 @@ def _evidence(found: ClearanceAnswer) -> tuple[str, list[Section]]:
         mission = spoken_mission(found.mission)
         return (
             f"Clearance of an isolated mass for a mission of {mission} in "
-            f"{len(found.phases)} phases",
+            f"{len(found.phases)} {'phases' if len(found.phases) > 1 else 'phase'}",
             [_phases(found), _environment(found)],
         )
     assert isinstance(found, DamageSizing)
@@ -114,7 +114,9 @@ def _phases(found: MissionSizing) -> Section:
     return Section(
         title="Phase by phase",
         lead="Phases are independent, and each starts in its own stationary motion. So the "
-        "probability of no impact in the mission is the product of those of its phases.",
+        "probability of no impact in the mission is the product of those of its phases."
+        if len(found.phases) > 1
+        else "The mission starts in its stationary motion.",
         grids=[
             Grid.of(
                 "At the calculated clearance, and the clearance that each phase alone would need",
