@@ -81,10 +81,10 @@ class MovingBand(Checked):
         )  # fmt: skip
 
     def steps(self) -> int:
-        """Least number of steps at which a band covers its way without gaps, each half a width from
-        the next; for a sine steps of a hundredth of its frequency."""
+        """Least number of steps at which a band covers its way evenly, each a quarter of a width
+        from the next; for a sine steps of a hundredth of its frequency."""
         if self.width_hz is not None:
-            return math.ceil(2.0 * abs(self.to_hz - self.from_hz) / self.width_hz)
+            return math.ceil(4.0 * abs(self.to_hz - self.from_hz) / self.width_hz)
         return math.ceil(abs(math.log(self.to_hz / self.from_hz)) / SINE_STEP)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from pydantic import Field, model_validator
@@ -14,6 +15,30 @@ from stochvi.scenes.validation import Checked, Count, Number, Positive, Seconds
 
 if TYPE_CHECKING:
     from stochvi.scenes.scene import Scene
+
+
+def steps_of_bands(phases: Sequence[Phase]) -> list[list[str]]:
+    """Names of the phases that are steps of one moving band, for each band, in their order."""
+    bands = dict.fromkeys(phase.step_of for phase in phases if phase.step_of is not None)
+    return [[phase.name for phase in phases if phase.step_of == band] for band in bands]
+
+
+def bias_of_steps(steps: Sequence[Sequence[str]], hazards: Mapping[str, float]) -> float:
+    """What half as many steps of moving bands change in the sum of hazards, over 3: a sum over the
+    middles of steps errs in second order of their length.
+
+    >>> round(bias_of_steps([["a", "b"]], {"a": 1.0, "b": 1.0}), 12)
+    0.0
+    >>> round(bias_of_steps([["a", "b"]], {"a": 1.0, "b": 1.3}), 12)
+    0.1
+    """
+    total = 0.0
+    for names in steps:
+        own = [hazards[name] for name in names]
+        if len(own) > 1:
+            halves = (sum(part) * len(own) / len(part) for part in (own[::2], own[1::2]))
+            total += max(abs(half - sum(own)) for half in halves) / 3.0
+    return total
 
 
 class Phase(Checked):
@@ -44,11 +69,14 @@ class Phase(Checked):
         `moving_band` in a file. The phase becomes `steps` phases, in each of which they stand
         still; they must therefore move slowly.
     steps
-        Number of these phases; by default a band moves by half its width from one to the next, and
-        a sine by a hundredth of its frequency.
+        Number of these phases; by default a band moves by a quarter of its width from one to the
+        next, and a sine by a hundredth of its frequency.
     sweep
         Whether frequencies move in a constant ratio ("logarithmic"), or by a constant difference
         ("linear"), in a time.
+    step_of
+        Name of the phase through which a band moves, of which this one is a step; it need not be
+        given.
     stiffness_factor, damping_factor
         Factors of the stiffness and of the damping constants of the mounts, which are warm or cold
         in this phase.
@@ -74,6 +102,7 @@ class Phase(Checked):
     moving: tuple[MovingBand, ...] = Field(default=(), alias="moving_band")
     steps: Count | None = None
     sweep: Literal["logarithmic", "linear"] = "logarithmic"
+    step_of: str | None = None
     stiffness_factor: Positive = 1.0
     damping_factor: Positive = 1.0
 
@@ -97,7 +126,7 @@ class Phase(Checked):
         return tuple(
             self.replace(
                 name=f"{self.name}, {self.moving[0].frequency(share, self.sweep):.4g} Hz",
-                duration=self.duration / count, moving=(), steps=None,
+                duration=self.duration / count, moving=(), steps=None, step_of=self.name,
                 added=(*self.added, *(each.at(share, self.sweep) for each in self.moving)),
             )
             for share in shares

@@ -9,7 +9,7 @@ softer or carries another load: a phase that hangs lower has uneven distances.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -35,6 +35,7 @@ from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
 from stochvi.sampling.run import Run
 from stochvi.scenes.between_units import varied
+from stochvi.scenes.phases import bias_of_steps, steps_of_bands
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.reliability.phases import INDEPENDENT, NEGLIGIBLE, parts_of_phases
 from stochvi.statistics.reliability.random_levels import FOLLOWED, felt_by
@@ -87,7 +88,7 @@ def size_mission(scene: Scene, target: Target, run: Run) -> MissionSizing:
     }
     for name, part in parts_of_phases(run, busy):
         phases[name] = phases[name].simulated(target, part)
-    joint = _Joint(phases)
+    joint = _Joint(phases, steps_of_bands(scene.phases))
     clearance = joint.clearance(hazard, guess)
     rows = []
     total, _ = joint.hazard(clearance.value)
@@ -218,13 +219,16 @@ class _Joint:
     """The risk of several phases together."""
 
     phases: Mapping[str, _Phase]
+    steps: Sequence[Sequence[str]] = ()
 
     def hazard(self, clearance: float) -> tuple[float, float]:
-        """The sum of the hazards, and half its 95 % interval."""
+        """The sum of the hazards, and half its 95 % interval, with the bias of the steps of moving
+        bands."""
         values, halves = zip(
             *(each.hazard(clearance) for each in self.phases.values()), strict=True
         )
-        return sum(values), math.hypot(*halves)
+        stepped = bias_of_steps(self.steps, dict(zip(self.phases, values, strict=True)))
+        return sum(values), math.hypot(*halves) + stepped
 
     def clearance(self, hazard: float, guess: float) -> Clearance:
         """The clearance at which the hazard is this one."""

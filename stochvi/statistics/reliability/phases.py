@@ -24,6 +24,7 @@ from stochvi.model.model import Model, model_of
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.sampling.run import Run
+from stochvi.scenes.phases import bias_of_steps, steps_of_bands
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.reliability.answer import Chance, Reliability
 
@@ -166,17 +167,23 @@ def _together(
     busy = [each for name, each in found.items() if name not in idle]
     events = [event for event in busy[0].chances if all(event in each.chances for each in phases)]
     hits = [each.hits for each in busy if each.hits is not None]
+    steps = steps_of_bands(scene.phases)
     total = _sum(hits) if len(hits) == len(busy) else None
+    stepped = bias_of_steps(
+        steps, {name: float(each.hits or 0.0) for name, each in found.items()}
+    )  # fmt: skip
+    if total is not None and total.bias is not None:
+        total = replace(total, bias=total.bias + stepped)
     intervals = [each.hits_interval for each in busy if each.hits_interval is not None]
     return Reliability(
         mission=sum(each.mission for each in phases),
         start=busy[0].start,
         chances={
-            event: joint_chance({name: each.chances[event] for name, each in found.items()})
+            event: joint_chance({name: each.chances[event] for name, each in found.items()}, steps)
             for event in events
         },
         hits=total,
-        hits_interval=_ends_of_sum(hits, intervals) if total is not None else None,
+        hits_interval=_ends_of_sum(hits, intervals, stepped) if total is not None else None,
         confidence=busy[0].confidence,
         assumptions=[
             INDEPENDENT,
@@ -202,8 +209,9 @@ def _together(
     )
 
 
-def joint_chance(chances: Mapping[str, Chance]) -> Chance:
-    """The probability that an event comes in any of several independent phases."""
+def joint_chance(chances: Mapping[str, Chance], steps: Sequence[Sequence[str]] = ()) -> Chance:
+    """The probability that an event comes in any of several independent phases, some of which are
+    the `steps` of a moving band."""
     each = list(chances.values())
     hazards = _hazards([one.estimate.value for one in each])
     lower, upper = (_hazards([getattr(one, end) for one in each]) for end in ("lower", "upper"))
@@ -214,6 +222,8 @@ def joint_chance(chances: Mapping[str, Chance]) -> Chance:
     above = -math.expm1(-(hazard + float(high)))
     biases = [one.estimate.bias for one in each]
     known = [bias for bias in biases if bias is not None]
+    stepped = bias_of_steps(steps, dict(zip(chances, hazards.tolist(), strict=True)))
+    stepped *= math.exp(-hazard)
     worst, share = max(zip(chances, hazards, strict=True), key=lambda one: one[1])
     return Chance(
         event=each[0].event,
@@ -223,7 +233,7 @@ def joint_chance(chances: Mapping[str, Chance]) -> Chance:
             standard_error=float(
                 np.linalg.norm(kept * [one.estimate.standard_error or 0.0 for one in each])
             ),
-            bias=float(kept @ np.abs(known)) if len(known) == len(biases) else None,
+            bias=float(kept @ np.abs(known)) + stepped if len(known) == len(biases) else None,
             upper_95=above if value == 0.0 else None,
             how="of independent phases",
         ),
@@ -260,14 +270,14 @@ def _sum(estimates: Sequence[Estimate]) -> Estimate:
 
 
 def _ends_of_sum(
-    estimates: Sequence[Estimate], intervals: Sequence[tuple[float, float]]
+    estimates: Sequence[Estimate], intervals: Sequence[tuple[float, float]], bias: float
 ) -> tuple[float, float]:
-    """The interval of a sum: half widths added as roots of sums of squares, each side for
-    itself."""
+    """The interval of a sum: half widths added as roots of sums of squares, each side for itself,
+    with a bias of the sum."""
     values = np.array([each.value for each in estimates])
     low, high = np.array(intervals).T
     total = float(values.sum())
     return (
-        max(total - float(np.linalg.norm(values - low)), 0.0),
-        total + float(np.linalg.norm(high - values)),
+        max(total - float(np.linalg.norm(values - low)) - bias, 0.0),
+        total + float(np.linalg.norm(high - values)) + bias,
     )
