@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stochvi.mathematics.arguments import shown
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.periodic.answer import Branch, HarmonicResponse
 from stochvi.methods.periodic.family import unmet
@@ -173,8 +174,8 @@ def sine_power(scene: Scene, branch: Branch) -> Vector:
 
     Raises
     ------
-    NotApplicable
-        If the scene has several sines, or stops that are not rigid.
+    NotApplicable, ValueError
+        If the scene has several sines, or stops that are not rigid; if `branch` is no branch.
 
     See Also
     --------
@@ -197,6 +198,8 @@ def sine_power(scene: Scene, branch: Branch) -> Vector:
     >>> round(power / by_damper, 9)
     1.0
     """
+    if not isinstance(branch, Branch):
+        raise ValueError(f"branch must be one of harmonic_response, got {shown(branch)}")
     model = model_of(scene)
     conditions = unmet(model)
     if len(model.sines) > 1:
