@@ -28,6 +28,8 @@ class Stops(NamedTuple):
         below 0 where nothing rubs.
     ratios : (pairs,), reduced mass of the pair over that of its tangent.
     frictions : (pairs, 2), coefficient of friction of each stop.
+    rubs : None where no compliant stop rubs, whose friction is then absent from the compiled code;
+        else an empty array.
     """
 
     places: NDArray[np.float64]
@@ -42,6 +44,7 @@ class Stops(NamedTuple):
     tangents: NDArray[np.int64]
     ratios: NDArray[np.float64]
     frictions: NDArray[np.float64]
+    rubs: NDArray[np.float64] | None
 
 
 _COMPILED: dict[type, tuple[Any, ...]] = {}
@@ -110,10 +113,12 @@ def stops_of(
         kinds[at] = classes.index(type(law))
         rigid[at], lossy[at], smooth[at] = is_rigid(law), is_lossy(law), is_smooth(law)
     order = np.argsort(kinds.ravel(), kind="stable")
+    soft = frictions is not None and bool(np.any(frictions[~rigid] > 0.0))
     stops = Stops(
         places, kinds, rigid, lossy, smooth, numbers, order, np.argsort(order), thresholds,
         np.full(len(places), -1) if tangents is None else tangents,
         np.ones(len(places)) if ratios is None else ratios,
         np.zeros(places.shape) if frictions is None else frictions,
+        np.zeros(0) if soft else None,
     )  # fmt: skip
     return stops, [example[kind] for kind in classes]

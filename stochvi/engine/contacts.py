@@ -73,7 +73,6 @@ class Contacts(NamedTuple):
     pushed : (pairs,), 1 for a pair that has been pushed in the step.
     struck : (1,), number of impacts on rigid stops during the contacts of the step.
     gaps : (4, pairs), with the rows named above.
-    speeds : (pairs,), slopes of the gaps at the start of the last sub-step.
     accelerations : (4, pairs), those of the gaps in the four stages of a sub-step.
     forces, rates : (4, pairs, 2), forces of the stops along the gap, and rates of their
         deflections, in the four stages.
@@ -87,7 +86,6 @@ class Contacts(NamedTuple):
     pushed: NDArray[np.int64]
     struck: NDArray[np.int64]
     gaps: NDArray[np.float64]
-    speeds: NDArray[np.float64]
     accelerations: NDArray[np.float64]
     forces: NDArray[np.float64]
     rates: NDArray[np.float64]
@@ -178,7 +176,7 @@ def make_contacts(pairs):
     return Contacts(
         np.zeros((pairs, 2), np.int64), np.zeros((pairs, 2), np.int64), np.zeros((pairs, 6)),
         np.zeros((pairs, MOMENTS)), np.zeros((pairs, MOMENTS)), np.zeros(pairs, np.int64),
-        np.zeros(1, np.int64), np.zeros((4, pairs)), np.zeros(pairs), np.zeros((4, pairs)),
+        np.zeros(1, np.int64), np.zeros((4, pairs)), np.zeros((4, pairs)),
         np.zeros((4, pairs, 2)), np.zeros((4, pairs, 2)),
     )  # fmt: skip
 
@@ -427,9 +425,10 @@ def add_contacts(h, contacts, stops, laws, tally):
 
 
 @kernel
-def rub_contacts(h, speeds, contacts, stops, responses, tally):
-    """Friction of all contacts in a sub-step of h s that is over; `speeds` of the gaps were those
-    at its start, m/s."""
+def rub_contacts(rubs, h, contacts, stops, responses, tally):
+    """Add the friction of all contacts in a sub-step of h s to its end; see `Stops.rubs`."""
+    if rubs is None:
+        return
     f, gaps = contacts.forces, contacts.gaps
     for j in range(stops.places.shape[0]):
         tangent = stops.tangents[j]
@@ -441,8 +440,8 @@ def rub_contacts(h, speeds, contacts, stops, responses, tally):
             total = f[0, j, which] + 2.0 * (f[1, j, which] + f[2, j, which]) + f[3, j, which]
             taken = h / 6.0 * abs(total)
             rub_contact(
-                j, which, h, speeds[tangent], gaps[V, tangent], taken, contacts, stops, responses,
-                tally,
+                j, which, h, gaps[V, tangent], gaps[V_END, tangent], taken, contacts, stops,
+                responses, tally,
             )  # fmt: skip
 
 
@@ -600,14 +599,13 @@ def integrate_contacts(
             ends = False
         add_contacts(h, contacts, stops, laws, tally)
         t = span if ends else t + h
+        rub_contacts(stops.rubs, h, contacts, stops, responses, tally)
         for j in range(pairs):
-            contacts.speeds[j] = contacts.gaps[V, j]
             contacts.gaps[Y, j] = contacts.gaps[Y_END, j]
             contacts.gaps[V, j] = contacts.gaps[V_END, j]
             if contacts.pushed[j] != 0:
                 for k in range(MOMENTS):
                     s[j, k] = contacts.moments_end[j, k]
-        rub_contacts(h, contacts.speeds, contacts, stops, responses, tally)
         if share > 1.0:
             continue
         if followed is not None:  # where a contact ends or begins

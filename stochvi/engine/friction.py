@@ -27,6 +27,9 @@ import math
 from stochvi.engine.compiling import kernel
 from stochvi.engine.pushes import MOMENTS, V1
 
+Y_END, V_END = 2, 3
+"""Rows of `contacts.Contacts.gaps`: value and slope of every gap at the end of a sub-step."""
+
 
 @kernel
 def rub(w, u, restitution, friction, ratio, along, into):
@@ -142,11 +145,12 @@ def rub_contact(pair, upper, h, before, after, taken, contacts, stops, responses
     ratio = stops.ratios[pair]
     added, lost = rub_evenly(before, after, stops.frictions[pair, upper] * ratio * taken)
     tally.sums[tangent, 3 * upper, tally.lane] += lost / ratio
-    contacts.pushed[tangent] = 1
-    gaps, moments, power = contacts.gaps, contacts.moments, added
+    gaps, moments, power = contacts.gaps, contacts.moments_end, added
     for k in range(MOMENTS):
-        moments[tangent, k] += power
+        kept = moments[tangent, k] if contacts.pushed[tangent] != 0 else 0.0
+        moments[tangent, k] = kept + power
         for j in range(gaps.shape[1]):
-            gaps[0, j] += power * series[tangent, j, 0, k]
-            gaps[1, j] += power * series[tangent, j, 1, k]
+            gaps[Y_END, j] += power * series[tangent, j, 0, k]
+            gaps[V_END, j] += power * series[tangent, j, 1, k]
         power *= 0.5 * h
+    contacts.pushed[tangent] = 1
