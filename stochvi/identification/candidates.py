@@ -198,5 +198,5 @@ def as_written(law: ImpactLaw, mass: float | None) -> ImpactLaw:
         return Hertz(coefficient=law.coefficient)
     if (law.exponent, law.loss_exponent) == (1.0, 0.0) and mass is not None:
         ratio = law.loss / (2.0 * (law.coefficient * mass) ** 0.5)
-        return Viscoelastic(stiffness=law.coefficient, damping_ratio=ratio)
+        return Viscoelastic(stiffness=law.coefficient, damping_ratio=ratio, mass=mass)
     return law

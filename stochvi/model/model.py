@@ -1106,14 +1106,15 @@ def _pair(scene: Scene, pair: ImpactPair, mass: Matrix) -> Pair:
         direction = scene.row_of(pair)
         compliance = scene.structure.compliance(scene.weights_of(pair))
     places = {"lower": (LOWER, pair.lower), "upper": (UPPER, pair.upper)}
+    reduced = float(1.0 / (direction @ np.linalg.solve(mass, direction)))
     return Pair(
         name=pair.name,
         direction=direction,
-        mass=float(1.0 / (direction @ np.linalg.solve(mass, direction))),
+        mass=reduced,
         relative=bool(np.count_nonzero(direction) > 1) or pair.at is not None,
         tangent=scene.tangent_of(pair),
         stops=tuple(
-            Stop(side, position, pair.law_of(name).in_series(compliance))
+            Stop(side, position, pair.law_of(name).on_mass(reduced).in_series(compliance))
             for name, (side, position) in places.items()
             if position is not None
         ),

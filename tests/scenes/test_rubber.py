@@ -7,8 +7,20 @@ import math
 import pytest
 from scipy.integrate import solve_ivp
 
-from stochvi import Elastic, ImpactPair, Isolator, Scene, SceneError, Viscoelastic, WhiteNoise
+from stochvi import (
+    Elastic,
+    ImpactPair,
+    Isolator,
+    Scene,
+    SceneError,
+    Viscoelastic,
+    WhiteNoise,
+    linearise,
+    load_scene,
+)
 from stochvi.mathematics.kelvin_voigt import damping_ratio_of
+from stochvi.model.model import model_of
+from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.impact_laws.rubber_data import youngs_modulus
 
 STIFFNESS, MASS = 2.0e5, 1.7
@@ -115,3 +127,43 @@ def test_the_conversion_is_stated_and_the_document_needs_it_no_more() -> None:
     keys = scene.document()["impact_pair"][0]["law"]
     assert Viscoelastic(**keys) == law and "restitution" not in keys
     assert Viscoelastic(**keys).restitution == pytest.approx(0.6, rel=1e-12)
+
+
+@pytest.mark.parametrize("asked", [{"damping_ratio": 0.2}, {"loss_factor": 0.4}])
+def test_a_ratio_of_a_tested_mass_keeps_its_damper_whatever_hits_the_stop(asked) -> None:
+    tested = Viscoelastic(stiffness=STIFFNESS, mass=0.5, **asked)
+    damper = 2.0 * 0.2 * math.sqrt(STIFFNESS * 0.5)
+    speed = 0.7
+    for mass in (0.5, MASS, 40.0):
+        assert tested.damping(mass) == pytest.approx(damper, rel=1e-14)
+        own = Viscoelastic(
+            stiffness=STIFFNESS, damping_ratio=damper / 2.0 / (STIFFNESS * mass) ** 0.5
+        )
+        assert tested.impact(speed, mass) == pytest.approx(own.impact(speed, mass), rel=1e-12)
+        structure = Isolator(mass=mass, stiffness=1e3 * mass, damping=10.0 * mass)
+        found = [
+            linearise(
+                Scene(
+                    structure=structure, excitations=[WhiteNoise(intensity=0.1 * mass**2)],
+                    impact_pairs=[ImpactPair(clearance=0.004, law=law)],
+                )
+            ).to_dict()["coordinates"]["x"]
+            for law in (tested, own, Viscoelastic(stiffness=STIFFNESS, **asked))
+        ]  # fmt: skip
+        sigma = [each["displacement_std"]["value"] for each in found]
+        assert sigma[0] == pytest.approx(sigma[1], rel=1e-12)
+        if mass != 0.5:  # without the mass of the test the damper is another one
+            assert sigma[0] != pytest.approx(sigma[2], rel=1e-4)
+
+
+def test_the_damper_of_a_test_is_that_of_every_number_of_modes() -> None:
+    reed = load_scene(shipped_scene("beam"))
+    tested = Viscoelastic(stiffness=2e4, damping_ratio=0.1, mass=0.5)
+    for modes in (1, 4):
+        structure = reed.structure.replace(modes=modes)
+        pair = reed.impact_pairs[0].replace(law=tested)
+        model = model_of(reed.replace(structure=structure, impact_pairs=[pair]))
+        law, mass = model.stops[0].law, model.pairs[0].mass
+        softer = 1.0 + 2e4 * structure.compliance({pair.on: 1.0})
+        wanted = 2.0 * 0.1 * math.sqrt(2e4 * 0.5) / softer**2
+        assert law.damping(mass) == pytest.approx(wanted, rel=1e-12)

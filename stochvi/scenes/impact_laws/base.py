@@ -128,6 +128,10 @@ class ImpactLaw(Checked):
         """The constant restitution at which slow impacts under white noise are the same."""
         return self.restitution
 
+    def on_mass(self, mass: float) -> Self:
+        """The law for a pair of this reduced mass, kg, with numbers that refer to it."""
+        return self
+
     def in_series(self, compliance: float) -> Self:
         """The law of the stop and of a spring in series with it, of a compliance in m/N; the law
         itself where the spring is left out."""

@@ -17,7 +17,7 @@ from stochvi.mathematics.kelvin_voigt import ContactSolution, half_contact, kelv
 from stochvi.scenes.between_units import VariedPositive
 from stochvi.scenes.impact_laws.base import Form, inside
 from stochvi.scenes.impact_laws.rubber_data import RubberLaw, with_damping_ratio, with_stiffness
-from stochvi.scenes.validation import NonNegative
+from stochvi.scenes.validation import NonNegative, Positive
 
 
 class LinearLaw(RubberLaw):
@@ -122,6 +122,9 @@ class Viscoelastic(LinearLaw):
         z, of any size. The restitution that a free mass sees is exp(-2 z arccos z / sqrt(1 - z^2)).
         Or `loss_factor` = 2 z, that of the rubber at the frequency sqrt(K / M) of the contact; or
         `restitution`, that of a free mass, measured `at_speed` (m/s).
+    mass
+        M of a test, kg, to which the damping ratio refers: the damper c is then that of the test,
+        whatever hits the stop. Without it M is the mass that hits the stop.
     source
         Where the numbers come from; what was converted is added.
 
@@ -135,12 +138,16 @@ class Viscoelastic(LinearLaw):
     >>> law = Viscoelastic(stiffness=1.0, damping_ratio=0.2)
     >>> round(law.restitution, 12), round(law.impact(speed=1.0, mass=1.0).contact_time, 10)
     (0.571740027585, 2.7953544407)
+    >>> dropped = Viscoelastic(stiffness=1.0, damping_ratio=0.2, mass=4.0)
+    >>> dropped.damping(1.0), dropped.damping(100.0), dropped.on_mass(1.0).damping_ratio
+    (0.8, 0.8, 0.4)
     """
 
     word: ClassVar[str] = "viscoelastic"
 
     kind: Literal["viscoelastic"] = "viscoelastic"
     damping_ratio: NonNegative
+    mass: Positive | None = None
     source: str | None = None
 
     @classmethod
@@ -152,9 +159,19 @@ class Viscoelastic(LinearLaw):
         """Restitution of a free mass, R = exp(-2 z arccos z / sqrt(1 - z^2)) (B App. I)."""
         return math.exp(-2.0 * self.damping_ratio * half_contact(self.damping_ratio))
 
+    def on_mass(self, mass: float) -> Self:
+        if self.mass is None:
+            return self
+        ratio = self.damping_ratio * math.sqrt(self.mass / mass)
+        return self.model_copy(update={"damping_ratio": ratio, "mass": None})
+
     def damping(self, mass: float) -> float:
         """c = 2 z sqrt(K M), N s/m."""
-        return 2.0 * self.damping_ratio * math.sqrt(self.stiffness * mass)
+        return 2.0 * self.damping_ratio * math.sqrt(self.stiffness * (self.mass or mass))
+
+    def per_unit_mass(self, mass: float) -> Self:
+        found = self.on_mass(mass)
+        return found.model_copy(update={"stiffness": found.stiffness / mass})
 
     def force_at(self, deflection: ArrayLike, rate: ArrayLike = 0.0, mass: float = 1.0) -> Vector:
         """Force on the stop, N; the mass that the damping ratio refers to, kg, by default 1."""
@@ -174,11 +191,11 @@ class Viscoelastic(LinearLaw):
         )
 
     def impact(self, speed: float, mass: float) -> ContactSolution:
-        return kelvin_voigt(self.stiffness, self.damping_ratio, speed, mass)
+        return kelvin_voigt(self.stiffness, self.on_mass(mass).damping_ratio, speed, mass)
 
     def phrase(self) -> str:
         numbers = f"stiffness {self.stiffness:.4g} N/m, damping ratio {self.damping_ratio:.4g}"
-        return f"{self.word}, {numbers}"
+        return f"{self.word}, {numbers}" + (f" of {self.mass:g} kg" if self.mass else "")
 
     def compiled(self) -> NamedTuple:
         from stochvi.engine.laws.viscoelastic import Viscoelastic as Compiled
