@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.linalg
-from pyyeti.nastran import op4
 from scipy.io import savemat
 
 from stochvi import Matrices, SceneError, load_scene
@@ -30,12 +29,22 @@ def write_mat(path: Path) -> None:
     savemat(path, HELD)
 
 
-def write_op4(path: Path) -> None:
-    op4.write(str(path), HELD)
+def write_op4(path: Path, *, binary: bool = True) -> None:
+    # pyYeti changes how numpy prints all arrays of its process, and a table then loses digits
+    with np.printoptions():
+        from pyyeti.nastran import op4
+
+        op4.write(str(path), HELD, binary=binary)
 
 
 def write_text(path: Path) -> None:
-    op4.write(str(path), HELD, binary=False)
+    write_op4(path, binary=False)
+
+
+def test_files_of_others_leave_the_printing_of_numbers_alone(tmp_path: Path) -> None:
+    write_op4(tmp_path / "model.op4")
+    Matrices(file=str(tmp_path / "model.op4"), **NAMES)
+    assert np.get_printoptions()["legacy"] is False and repr(np.ones(1)) == "array([1.])"
 
 
 WRITERS = {".npz": write_npz, ".mat": write_mat, ".op4": write_op4}
