@@ -364,7 +364,7 @@ def reliability(
 
             origin, first = options.origin(scene, answer.provenance), next(iter(phases.values()))
             write_reliability_report(
-                answer, first, scene_at_rest(first), record, options.out, origin, *units,
+                answer, loaded, scene_at_rest(first), record, options.out, origin, *units,
             )  # fmt: skip
 
     shown(found, show, asked)

@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+import re
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
@@ -310,3 +311,41 @@ def test_the_mission_of_a_phase_is_its_duration(stochvi: Run, tmp_path: Path) ->
         assert one_document(done.out)["mission"] == 300.0
     done = stochvi("reliability", *rough, "--mission", "1min")
     assert one_document(done.out)["mission"] == 60.0
+
+
+def test_the_page_of_a_mission_names_what_shakes_in_each_phase(
+    stochvi: Run, tmp_path: Path
+) -> None:
+    file = tmp_path / "flight.toml"
+    file.write_text(
+        f"""{Path(ISOLATOR).read_text()}
+[[phase]]
+name = "climb"
+duration = "1 min"
+
+[[phase.added_excitation]]
+kind = "sine"
+amplitude = 0.1
+unit = "g"
+frequency_hz = 17.0
+
+[[phase]]
+name = "tracks"
+duration = "1 min"
+
+[[phase.moving_band]]
+from_hz = 8.0
+to_hz = 12.0
+width_hz = 3.0
+density = 1e-4
+unit = "g2/Hz"
+""",
+        encoding="utf-8",
+    )
+    done = stochvi("reliability", file, "--rel-error", "0.5", "--out", tmp_path / "out", "--quiet")
+    assert done.code == 0, done.err
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    words = " ".join(re.sub(r"<[^>]+>", " ", page).split())
+    assert "Phase climb" in words and "Sine on base 0.9807 m/s² peak at 17 Hz" in words
+    assert re.search(r"Phase tracks the first of \d+ steps", words)
+    assert words.count("Simulated ") == 2

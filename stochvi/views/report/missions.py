@@ -315,10 +315,15 @@ def _scene_section(scene: Scene, hung: SceneAtRest) -> Section:
                     f"spring; {law.phrase()}",
                 )
             )
-    parts = {phase.name: scene.in_phase(phase.name) for phase in scene.phases} or {"": scene}
-    for name, part in parts.items():
+    parts: dict[str, list[str]] = {}
+    for phase in scene.phases:
+        parts.setdefault(phase.step_of or phase.name, []).append(phase.name)
+    drawn = scene.in_phase(scene.phases[0].name) if parts else scene
+    for name, steps in (parts or {"": [""]}).items():
+        part = scene.in_phase(steps[0]) if name else scene
         if name:
-            facts.append(Fact("Phase", name))
+            told = f"the first of {len(steps)} steps" if len(steps) > 1 else ""
+            facts.append(Fact("Phase", name, told))
         for excitation in part.excitations:
             facts += excitation_facts(part, excitation, excitation.numbers())
         facts.append(Fact("Simulated", effects_in_words(part.effects())))
@@ -327,7 +332,7 @@ def _scene_section(scene: Scene, hung: SceneAtRest) -> Section:
         facts=facts,
         pictures=[
             shown(
-                lambda: draw_problem(scene, hung.gaps),
+                lambda: draw_problem(drawn, hung.gaps),
                 "The scene with its stops as the scene file states them; not to scale.",
                 wide=True,
             )
