@@ -63,25 +63,43 @@ def of_phases(
     durations = {phase.name: phase.duration for phase in scene.phases}
     idle = _idle(scenes, durations)
     busy = {name: duration for name, duration in durations.items() if name not in idle}
+    found, missing = asked_in_parts(
+        run, busy, lambda name, part: ask(scenes[name], durations[name], part)
+    )
+    like = next(iter(found.values()))
+    found |= {name: _never_hit(like, durations[name], most) for name, most in idle.items()}
+    answer = _together(scene, {name: found[name] for name in scenes}, missing, idle, run)
+    return complete(answer, missing, run, of="phase", where="in phase")
+
+
+def asked_in_parts(
+    run: Run, durations: Mapping[str, float], ask: Callable[[str, Run], Reliability]
+) -> tuple[dict[str, Reliability], dict[str, str]]:
+    """The risk of each part of a mission by name, and why what was not found as accurately as asked
+    for was not."""
     found: dict[str, Reliability] = {}
     missing: dict[str, str] = {}
-    for name, part in parts_of_phases(run, busy):
+    for name, part in parts_of_phases(run, durations):
         try:
-            found[name] = ask(scenes[name], durations[name], part)
+            found[name] = ask(name, part)
         except (NotConverged, Interrupted) as error:
             if error.partial is None:
                 raise
             found[name] = error.partial
             reasons = error.partial.missing or {"accuracy": str(error)}
             missing |= {f"{name}, {event}": why for event, why in reasons.items()}
-    like = next(iter(found.values()))
-    found |= {name: _never_hit(like, durations[name], most) for name, most in idle.items()}
-    answer = _together(scene, {name: found[name] for name in scenes}, missing, idle, run)
+    return found, missing
+
+
+def complete(
+    answer: Reliability, missing: Mapping[str, str], run: Run, *, of: str, where: str
+) -> Reliability:
+    """The answer of all parts, carried by an error where one was interrupted or fell short."""
     if run.deadline.interrupted:
-        raise run.deadline.fell_short("before the risk of every phase was found", "", answer)
+        raise run.deadline.fell_short(f"before the risk of every {of} was found", "", answer)
     if missing:
         reasons = "; ".join(f"{name.replace('_', ' ')}: {why}" for name, why in missing.items())
-        raise NotConverged(f"in phase {reasons}", answer)
+        raise NotConverged(f"{where} {reasons}", answer)
     return answer
 
 

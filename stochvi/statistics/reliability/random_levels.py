@@ -21,12 +21,12 @@ from scipy.interpolate import PchipInterpolator
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.random_level import RandomLevel
 from stochvi.model.model import Model, model_of
-from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
+from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, provenance
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.reliability.answer import Chance, Reliability
-from stochvi.statistics.reliability.phases import crossings_of, parts_of_phases
+from stochvi.statistics.reliability.phases import asked_in_parts, complete, crossings_of
 
 TRIED = 7
 """Number of levels at which the risk is simulated."""
@@ -131,27 +131,14 @@ def of_random_level(
     expected = _rice(scene)
     duration = min(mission, level.time)
     tried, names = _levels_to_try(level, expected, mission)
-    found: dict[str, Reliability] = {}
-    missing: dict[str, str] = {}
-    for name, part in parts_of_phases(run, dict.fromkeys(names, duration)):
-        steady = scene.at_steady_level(names[name])
-        try:
-            found[name] = ask(steady, duration, part)
-        except (NotConverged, Interrupted) as error:
-            if error.partial is None:
-                raise
-            found[name] = error.partial
-            reasons = error.partial.missing or {"accuracy": str(error)}
-            missing |= {f"{name}, {event}": why for event, why in reasons.items()}
+    found, missing = asked_in_parts(
+        run, dict.fromkeys(names, duration),
+        lambda name, part: ask(scene.at_steady_level(names[name]), duration, part),
+    )  # fmt: skip
     rates = expected(level.gain(tried))
     asked = _Asked(level, felt, mission, duration, expected, tried, rates)
     answer = _together(scene, asked, found, missing, run)
-    if run.deadline.interrupted:
-        raise run.deadline.fell_short("before the risk at every level was found", "", answer)
-    if missing:
-        reasons = "; ".join(f"{name.replace('_', ' ')}: {why}" for name, why in missing.items())
-        raise NotConverged(f"at a level of {reasons}", answer)
-    return answer
+    return complete(answer, missing, run, of="level", where="at a level of")
 
 
 def _rice(scene: Scene) -> Callable[[Vector], Vector]:
