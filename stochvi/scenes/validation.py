@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import inspect
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -398,3 +399,12 @@ def given(part: BaseModel, *names: str) -> str:
 def _short(value: Any) -> str:
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
+
+
+@contextlib.contextmanager
+def sentences_of(key: str) -> Iterator[None]:
+    """Give the key `key` to every problem in a SceneError that names no key."""
+    try:
+        yield
+    except SceneError as error:
+        raise SceneError([(name or key, text) for name, text in error.problems]) from None

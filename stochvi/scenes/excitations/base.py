@@ -3,10 +3,9 @@ and checks of their units."""
 
 from __future__ import annotations
 
-import contextlib
 import re
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -443,12 +442,3 @@ ONE_SIDED = r"(?:one|single|1)[-_ ]?sided|einseitig|unilat[eé]ral"
 
 OTHER_UNITS = r"[\[(]([mµu]?V|[np]C|[cC]ounts?|LSB|[Dd]igits?)(?:(?:\^?2|²)?/Hz)?[\])]"
 """Pattern of units in brackets that a logger writes for values not yet scaled to a quantity."""
-
-
-@contextlib.contextmanager
-def sentences_of(key: str) -> Iterator[None]:
-    """Give the key `key` to every problem in a SceneError that names no key."""
-    try:
-        yield
-    except SceneError as error:
-        raise SceneError([(name or key, text) for name, text in error.problems]) from None

@@ -12,10 +12,10 @@ from pydantic import Discriminator, PrivateAttr, Tag, model_validator
 
 from stochvi.mathematics.spectra import Filter, Table
 from stochvi.results.errors import SceneError
-from stochvi.scenes.excitations.base import BaseExcitation, sentences_of
+from stochvi.scenes.excitations.base import BaseExcitation
 from stochvi.scenes.excitations.tabulated import cleaned
 from stochvi.scenes.readers import read_columns
-from stochvi.scenes.validation import Column, Positive, given
+from stochvi.scenes.validation import Column, Positive, given, sentences_of
 
 WIDEST = 0.2
 """Largest standard deviation of the relative change of a clearance, which stays above 0."""

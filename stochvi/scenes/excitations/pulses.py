@@ -13,10 +13,10 @@ from pydantic import AfterValidator, BeforeValidator, PrivateAttr, model_validat
 from stochvi.mathematics.pulse_shapes import SHAPES, PulseShape
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import Unit, power_ratio
-from stochvi.scenes.excitations.base import BASE, Density, agreed_unit, sentences_of, unit_name
+from stochvi.scenes.excitations.base import BASE, Density, agreed_unit, unit_name
 from stochvi.scenes.excitations.drawn import DrawnExcitation
 from stochvi.scenes.records import read_record
-from stochvi.scenes.validation import ColumnName, Positive, Seconds, given
+from stochvi.scenes.validation import ColumnName, Positive, Seconds, given, sentences_of
 
 MOST_IN_A_STEP = 100.0
 """Mean number of pulses in a step above which the step is shortened."""

@@ -18,7 +18,6 @@ from stochvi.scenes.excitations.base import (
     BaseExcitation,
     DensityNoise,
     agreed_unit,
-    sentences_of,
     unit_name,
     unread_unit,
 )
@@ -32,7 +31,7 @@ from stochvi.scenes.records import (
     response_error,
     wanted_resolution,
 )
-from stochvi.scenes.validation import Band, ColumnName, Count, Names, Positive
+from stochvi.scenes.validation import Band, ColumnName, Count, Names, Positive, sentences_of
 
 VALUES = ("acceleration", "force")
 """Quantities that a record may hold."""

@@ -18,12 +18,11 @@ from stochvi.scenes.excitations.base import (
     DensityOrLevelUnit,
     agreed_unit,
     band_of,
-    sentences_of,
     unread_unit,
 )
 from stochvi.scenes.readers import Columns, read_columns
 from stochvi.scenes.response_spectra import is_response_spectrum, read_response_spectrum
-from stochvi.scenes.validation import Column, ColumnName, Count, Names, Numbers, given
+from stochvi.scenes.validation import Column, ColumnName, Count, Names, Numbers, given, sentences_of
 
 
 class TabulatedNoise(DensityNoise):

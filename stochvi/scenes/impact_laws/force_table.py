@@ -19,7 +19,7 @@ from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws.base import CompliantLaw, Form, inside
 from stochvi.scenes.si_columns import si_columns
 from stochvi.scenes.text_tables import all_columns, read_text_table
-from stochvi.scenes.validation import NonNegatives
+from stochvi.scenes.validation import NonNegatives, sentences_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,11 +224,9 @@ def with_columns(keys: Any) -> Any:
     if given_unit is not None and given_unit not in tuple(COLUMN_UNITS):
         raise SceneError([("unit", f"must be {CHOICES}, got {given_unit!r}")])
     names = ("deflection", "force")
-    try:
+    with sentences_of("file"):
         table = read_text_table(Path(keys["file"]), names)
         columns = all_columns(table, names)
-    except SceneError as error:
-        raise SceneError([("file", str(error))]) from None
     units = COLUMN_UNITS[given_unit] if given_unit else None
     deflection, force = si_columns(table, columns, ("length", "force"), units, CHOICES)
     kept = {name: value for name, value in keys.items() if name not in ("file", "unit")}

@@ -10,10 +10,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 from pydantic import WithJsonSchema, field_validator, model_validator
 
-from stochvi.results.errors import SceneError
 from stochvi.scenes.matrix_files import read_matrices
 from stochvi.scenes.structures.base import AnyStructure
-from stochvi.scenes.validation import Matrix, NonNegative, given
+from stochvi.scenes.validation import Matrix, NonNegative, given, sentences_of
 
 NamedMatrix = Annotated[
     Matrix,
@@ -87,11 +86,9 @@ class Matrices(AnyStructure):
             for name in ("mass", "damping", "stiffness")
             if isinstance(keys.get(name), str)
         }
-        try:
-            damped = "damping" in names or keys.get("zeta") is None
+        damped = "damping" in names or keys.get("zeta") is None
+        with sentences_of("file"):
             found = read_matrices(keys["file"], names, damped=damped)
-        except SceneError as error:
-            raise SceneError([("file", str(error))]) from None
         count = len(found["mass"])
         rest = {name: value for name, value in keys.items() if name not in (*names, "file")}
         numbered = {"coordinates": tuple(f"x{n}" for n in range(1, count + 1))}

@@ -29,6 +29,7 @@ from stochvi.scenes.validation import (
     Numbers,
     Positive,
     given,
+    sentences_of,
 )
 
 
@@ -222,10 +223,8 @@ class Modes(ModalStructure):
             raise SceneError(
                 [("points", f'must name columns or nodes, as {{ tip = "12.z" }}, got {points!r}')]
             )
-        try:
+        with sentences_of("file"):
             found = read_modes(keys["file"], points)
-        except SceneError as error:
-            raise SceneError([("file", str(error))]) from None
         kept = {name: value for name, value in keys.items() if name not in ("file", "points")}
         twice = sorted(found.keys() & kept.keys() - {"source"})
         if {"zeta", "Q"} & kept.keys():
