@@ -283,12 +283,13 @@ def plot_chances(found: Reliability, ax: Axes | None = None) -> Axes:
             ax.errorbar([value], [place], xerr=bars, fmt="o", capsize=4, color=COLOURS["simulate"])
         else:
             ax.plot([high], [place], marker="<", markersize=9, color=COLOURS["simulate"])
+        # at the left edge, as a long text about its point would leave the picture
         ax.annotate(
-            f"{words}: {_value(chance)}", (value or high, place), xytext=(0, 9),
-            textcoords="offset points", fontsize="small", ha="center",
+            f"{words}: {_value(chance)}", (0.01, place), xytext=(0, 9), fontsize="small",
+            xycoords=ax.get_yaxis_transform(), textcoords="offset points",
         )  # fmt: skip
     ax.set_xscale("log")
-    ax.margins(x=0.4)
+    ax.margins(x=0.2)
     ax.set_ylim(-0.6, len(drawn) - 0.2)
     ax.set_yticks([])
     label_for_page(ax, f"probability in {spoken_mission(found.mission)}", "", legend=False)
