@@ -41,7 +41,7 @@ EXAMPLES = {"speeds": "'m/s,m/s'", "times": "'s'", "force": "'mm,N', or 's,mm,N'
 
 
 class RecordKeys(TypedDict, total=False):
-    """What `stochvi.scenes.read_record` is to know of a file."""
+    """Arguments of `stochvi.scenes.read_record` for a file."""
 
     fs: float | None
     column: int | str | None

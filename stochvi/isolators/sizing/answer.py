@@ -529,8 +529,8 @@ class Sizing(Result):
 
 
 def _stops_in_toml(scene: Scene, places: Mapping[str, float]) -> str:
-    """Places of stops as a scene file has them, which differ between units as those of the scene
-    do."""
+    """Positions of stops for a scene file, with the distributions that the scene states for
+    them."""
     stated = dict(scene.impact_pairs[0]) if scene.impact_pairs else {}
     return ", ".join(
         f"{side} = {in_toml(moved(stated.get(side, 0.0), place))}" for side, place in places.items()
