@@ -57,6 +57,8 @@ upper = 0.004                # both sides alike: clearance = 0.004 instead of lo
 law = { kind = "restitution", coefficient = 0.5 }    # lower_law / upper_law where they differ
 # differs between units: upper = { mean = 0.004, std = 1e-4 }, and so a stiffness of a stop
 # drawn anew at each impact (beta distribution): coefficient = { mean = 0.5, std = 0.1 }
+# falls with the speed: { kind = "speed-restitution", coefficient = 0.5, at_speed = 0.3, body =
+# "viscoelastic" } (m/s), or lists: speed = [0.1, 1.0], coefficient = [0.7, 0.4]
 # compliant stops (N/m): { kind = "elastic", stiffness = 1e5 },
 # { kind = "viscoelastic", stiffness = 1e5, damping_ratio = 0.2 } (or loss_factor = 0.4, or
 # restitution = 0.6 with at_speed = 0.5 (m/s); instead of stiffness a rubber pad: shore_a = 60.0,

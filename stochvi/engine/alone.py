@@ -23,6 +23,7 @@ from stochvi.engine.contacts import (
     Contacts,
     V,
     Y,
+    add_impact,
     count_touch,
     integrate_contacts,
     make_contacts,
@@ -47,6 +48,7 @@ from stochvi.engine.pushes import (
     powers_later,
 )
 from stochvi.engine.roots import bracketed_root, first_root, rises_once
+from stochvi.engine.sums import IMPULSE, ROWS_OF_PAIR, ROWS_OF_STOP
 from stochvi.engine.uniform_numbers import uniform_of
 
 MOST_SWEEPS = 1000
@@ -276,6 +278,9 @@ def add_rest(tally, taken, stops, laws, pair, upper):
     kind = stops.kinds[pair, upper]
     change = 1.0 + mean_rebound_of(laws, kind, stops.numbers, 2 * pair + upper, 1.0)
     tally.sums[pair, 3 * upper + 1, tally.lane] += taken / change
+    row = ROWS_OF_PAIR + ROWS_OF_STOP * upper
+    if row < tally.sums.shape[1]:
+        tally.sums[pair, row + IMPULSE, tally.lane] += taken
 
 
 @kernel
@@ -307,6 +312,7 @@ def until_contact(step, span, impacts, stops, laws, responses, followed, work, t
             return pair, upper, span, impacts
         uniform = uniform_of(tally.word, impacts)
         rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
+        add_impact(tally, pair, upper, w, rebound)
         push, rubbed, tangent = w + rebound, 0.0, stops.tangents[pair]
         if tangent >= 0:
             rebound, push, rubbed = rub_along(

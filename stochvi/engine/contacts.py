@@ -119,6 +119,15 @@ def count_touch(tally, pair, upper, w, threshold):
     return counted
 
 
+@kernel
+def add_impact(tally, pair, upper, w, rebound):
+    """Add impulse and loss of an impact on a rigid stop, in a scene that sums them."""
+    row = ROWS_OF_PAIR + ROWS_OF_STOP * upper
+    if row < tally.sums.shape[1]:
+        tally.sums[pair, row + IMPULSE, tally.lane] += w + rebound
+        tally.sums[pair, row + LOSS, tally.lane] += 0.5 * (w - rebound) * (w + rebound)
+
+
 EARLIER, EARLIER_AT, LAST, LAST_AT = range(2, 6)
 END_ROWS = 6
 """Rows of `Followed.ends` after those of the ends."""
@@ -528,6 +537,7 @@ def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, t
     uniform = uniform_of(word, MOST_BOUNCES + contacts.struck[0])
     contacts.struck[0] += 1
     rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
+    add_impact(tally, pair, upper, w, rebound)
     push, rubbed, tangent = w + rebound, 0.0, stops.tangents[pair]
     if tangent >= 0:
         u = gaps[V, tangent]

@@ -14,11 +14,6 @@ from stochvi.identification.measurements import (
     Rebounds,
     Scale,
 )
-from stochvi.identification.restitutions import (
-    hunt_crossley_restitution,
-    viscoelastic_restitution,
-    yielding_restitution,
-)
 from stochvi.mathematics.arrays import Vector
 from stochvi.scenes.impact_laws import (
     Elastic,
@@ -26,9 +21,16 @@ from stochvi.scenes.impact_laws import (
     ImpactLaw,
     PowerLaw,
     Restitution,
+    RigidLaw,
     SpeedRestitution,
     Viscoelastic,
 )
+from stochvi.scenes.impact_laws.bodies import (
+    hunt_crossley_restitution,
+    viscoelastic_restitution,
+    yielding_restitution,
+)
+from stochvi.scenes.impact_laws.speed_restitution import LEAST, Body
 
 MOST_LOSS = 10.0
 """Largest force of a loss that is fitted, at the usual deflection and speed, over the usual force;
@@ -54,6 +56,8 @@ class Candidate:
         The numbers in SI units, by their names with units, from those in units of the test.
     law
         The law of those numbers in SI units.
+    body
+        The `body` of a restitution that depends on the speed, in a scene file.
     """
 
     name: str
@@ -63,6 +67,7 @@ class Candidate:
     high: Sequence[float]
     numbers: Callable[[Vector, Scale], dict[tuple[str, str], float]]
     law: Callable[[Vector, Scale], ImpactLaw]
+    body: Body | None = None
 
 
 def candidates_of(test: Measurement) -> list[Candidate]:
@@ -80,7 +85,7 @@ def candidates_of(test: Measurement) -> list[Candidate]:
 
 
 def _by_speed(
-    name: str, words: str, key: tuple[str, str], start: float,
+    name: str, words: str, body: Body, key: tuple[str, str], start: float,
     number: Callable[[float, Scale], float], at: Callable[[float, Vector], Vector],
 ) -> Candidate:  # fmt: skip
     """A restitution that depends on the speed over that of the test, by one number."""
@@ -90,6 +95,7 @@ def _by_speed(
         law=lambda p, scale: SpeedRestitution(
             coefficient=lambda w, p=float(p[0]), w0=scale.speed: at(p, w / w0)
         ),
+        body=body,
     )  # fmt: skip
 
 
@@ -101,17 +107,17 @@ RIGID = [
         law=lambda p, scale: Restitution(coefficient=float(p[0])),
     ),
     _by_speed(
-        "viscoelastic body", "1 - 1.15 b w^(1/5) + ..., Kuwabara and Kono",
+        "viscoelastic body", "1 - 1.15 b w^(1/5) + ..., Kuwabara and Kono", "viscoelastic",
         ("b", "(s/m)^(1/5)"), 0.3, lambda p, scale: p * scale.speed**-0.2,
         lambda p, ratio: viscoelastic_restitution(p * ratio**0.2),
     ),
     _by_speed(
-        "Hunt and Crossley", "1 - (2/3) a w + ...",
+        "Hunt and Crossley", "1 - (2/3) a w + ...", "hunt-crossley",
         ("a", "s/m"), 0.3, lambda p, scale: p / scale.speed,
         lambda p, ratio: hunt_crossley_restitution(p * ratio),
     ),
     _by_speed(
-        "yielding body", "(w_y / w)^(1/4) above w_y",
+        "yielding body", "(w_y / w)^(1/4) above w_y", "yielding",
         ("w_y", "m/s"), 0.1, lambda p, scale: p * scale.speed,
         lambda p, ratio: yielding_restitution(ratio / max(p, 1e-12)),
     ),
@@ -126,6 +132,7 @@ RIGID = [
                 r * (w / w0) ** q, 0.0, 1.0
             )
         ),
+        body="power",
     ),
 ]  # fmt: skip
 """Laws of the restitution over the speed w."""
@@ -186,6 +193,15 @@ DAMPED = [
     _force("power with a loss", "k y^n + c y^n y'", None, "n"),
 ]
 """Forces with a loss."""
+
+
+def by_speed(law: RigidLaw, body: Body, exponent: float, speed: float) -> ImpactLaw:
+    """The law of the same restitutions as scene files have it, by that at a speed, m/s."""
+    value = float(law.restitution_at([speed])[0])
+    if value < LEAST:
+        return Restitution(coefficient=value)
+    power = exponent if body == "power" else None
+    return SpeedRestitution(coefficient=value, at_speed=speed, body=body, exponent=power)
 
 
 def as_written(law: ImpactLaw, mass: float | None) -> ImpactLaw:

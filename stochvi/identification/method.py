@@ -10,12 +10,18 @@ from typing import Any
 import numpy as np
 
 from stochvi.identification.answer import Identification, LawFit
-from stochvi.identification.candidates import Candidate, as_written, candidates_of
+from stochvi.identification.candidates import Candidate, as_written, by_speed, candidates_of
 from stochvi.identification.fitting import Fit, errors_of, fit
 from stochvi.identification.measurements import DropRecord, ForceCurve, Measurement, Rebounds
 from stochvi.model.calculations import calculation
 from stochvi.results.estimates import Cost, Estimate, provenance
-from stochvi.scenes.impact_laws import CompliantLaw, ImpactLaw, Restitution, RigidLaw
+from stochvi.scenes.impact_laws import (
+    CompliantLaw,
+    ImpactLaw,
+    Restitution,
+    RigidLaw,
+    SpeedRestitution,
+)
 from stochvi.scenes.scatter import Scatter
 
 LEVEL = 0.05
@@ -42,8 +48,8 @@ def identify(test: Measurement, *, at_speed: float | None = None) -> Identificat
     test
         `Rebounds`, also those of times of impacts; a `ForceCurve`; or a `DropRecord`.
     at_speed
-        Speed, m/s, at which a restitution that depends on the speed is written into the line for a
-        scene file; by default the mean speed of the test.
+        Speed, m/s, by whose restitution one that depends on the speed is written into the line for
+        a scene file; by default the mean speed of the test.
 
     Returns
     -------
@@ -89,14 +95,19 @@ def identify(test: Measurement, *, at_speed: float | None = None) -> Identificat
     ]
     chosen = fits[min(kept)[-1]]
     mass = getattr(test, "mass", None)
-    law = as_written(chosen.law, mass)
+    law, body = chosen.law, chosen.candidate.body
+    if body is not None and isinstance(law, RigidLaw):
+        exponent = float(chosen.numbers[chosen.own - 1])
+        law = by_speed(law, body, exponent, at_speed or test.scale.speed)
+    else:
+        law = as_written(law, mass)
     told = {
         each.candidate.name: _told(each, criterion - min(criteria), p)
         for each, criterion, p in zip(fits, criteria, rejected, strict=True)
     }
     return Identification(
         test=test, fits=told, chosen=chosen.candidate.name, law=law,
-        line=_line(law, test, at_speed), of_test=_of_test(chosen), curve=_curve(test, fits),
+        line=_line(law), of_test=_of_test(chosen), curve=_curve(test, fits),
         loop=_loop(test, chosen), assumptions=test.assumptions,
         warnings=_warnings(chosen, [fits[number] for *_, number in kept], left_out, law, test),
         cost=Cost(wall_time=time.perf_counter() - began), provenance=provenance({}),
@@ -166,12 +177,16 @@ def _loop(test: Measurement, found: Fit) -> Any:
     )
 
 
-def _line(law: ImpactLaw, test: Measurement, at_speed: float | None) -> str:
+def _line(law: ImpactLaw) -> str:
     """The law as a line of a scene file, with the digits that a test carries."""
-    if isinstance(law, RigidLaw):
-        speed = at_speed or test.scale.speed
-        R = float(np.ravel(law.restitution_at(np.array([speed])))[0])
-        return f'law = {{ kind = "restitution", coefficient = {R:.3g} }}'
+    if isinstance(law, SpeedRestitution):
+        power = "" if law.exponent is None else f", exponent = {law.exponent:.3g}"
+        return (
+            f'law = {{ kind = "{law.kind}", coefficient = {law.restitution:.3g}, at_speed = '
+            f'{law.at_speed:.3g}, body = "{law.body}"{power} }}'
+        )
+    if isinstance(law, Restitution):
+        return f'law = {{ kind = "restitution", coefficient = {law.restitution:.3g} }}'
     given = {
         name: value
         for name, value in law.model_dump(exclude_defaults=True).items()
@@ -221,11 +236,12 @@ def _warnings(
 
 def _of_rebounds(chosen: Fit, law: ImpactLaw) -> list[str]:
     """Notes to a restitution: its dependence on the speed, and its scatter."""
-    if not isinstance(law, Restitution):
+    if isinstance(law, SpeedRestitution):
         return [
-            "a scene file takes one restitution, that of the line; in Python the law of all speeds "
-            "is identify(test).law, which fokker_planck takes"
+            "methods for a constant restitution take that of the speed in the line: "
+            f'{{ kind = "restitution", coefficient = {law.restitution:.3g} }}'
         ]
+    assert isinstance(law, Restitution)
     spread = float(np.std(chosen.test.observed - chosen.fitted, ddof=1))
     if chosen.errors.root is not None or not spread > 0.0:
         return []

@@ -26,7 +26,6 @@ from typing import Any
 import numpy as np
 
 from stochvi.model.model import Model
-from stochvi.scenes.impact_laws import Restitution
 
 ENERGIES = ("kinetic", "potential", "dissipation")
 """Names of E v'M v, E (q - o)'K (q - o) and E v'C v (not halved) among the moments of `residuals`.
@@ -45,7 +44,8 @@ def residuals(
     moments
         By (coordinate, name): `x`, `variance`, `vv`. By (impact pair, name): `f1_lower`,
         `f1_upper`, `f2_lower`, `f2_upper` for rigid stops, or `force_lower`, `force_upper`,
-        `loss_lower`, `loss_upper` for compliant ones, per unit of the reduced mass. By (spring or
+        `loss_lower`, `loss_upper` for compliant ones and for those whose restitution depends on the
+        speed, per unit of the reduced mass. By (spring or
         damper that is a function, name): `impulse`, `virial`, `work`, in the same unit. By
         ("", name): `ENERGIES`, which may be left out for a single coordinate. Values are numbers,
         or arrays of one value per independent path.
@@ -114,7 +114,7 @@ def _pushes(model: Model, moments: Mapping[tuple[str, str], Any]) -> list[tuple[
     found = []
     for pair in model.pairs:
         for stop in pair.stops:
-            if isinstance(stop.law, Restitution):
+            if not stop.summed:
                 force = (1.0 + stop.law.restitution) * moments[pair.name, f"f1_{stop.name}"]
             else:
                 force = moments[pair.name, f"force_{stop.name}"]
@@ -128,7 +128,7 @@ def _losses(model: Model, moments: Mapping[tuple[str, str], Any]) -> list[Any]:
     found = []
     for pair in model.pairs:
         for stop in pair.stops:
-            if isinstance(stop.law, Restitution):
+            if not stop.summed:
                 square = moments[pair.name, f"f2_{stop.name}"]
                 loss = (1.0 - stop.law.restitution_mean_square) / 2.0 * square
             else:

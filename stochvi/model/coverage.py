@@ -28,7 +28,7 @@ def rubbing(model: Model) -> list[str]:
 
 
 def speed_restitutions(model: Model) -> list[str]:
-    """A sentence for each restitution that is a function of speed."""
+    """A sentence for each restitution that depends on the speed, for methods that take a number."""
     return [
         "law.coefficient must be a number, got a function of speed "
         f"at the {stop.name} stop of {pair.name}"
@@ -115,7 +115,7 @@ def not_compiled(model: Model) -> list[str]:
         f"stop of {pair.name}"
         for pair in model.pairs
         for stop in pair.stops
-        if stop.law.compiled() is None and not isinstance(stop.law, SpeedRestitution)
+        if stop.law.compiled() is None
     ]
 
 
@@ -160,6 +160,7 @@ def beyond_one_oscillator(
     with_functions: bool = False,
     with_filters: bool = False,
     with_sines: bool = False,
+    with_speeds: bool = False,
     white_only: bool = False,
 ) -> list[str]:
     """The conditions of a method for one oscillator that a model does not meet.
@@ -172,10 +173,16 @@ def beyond_one_oscillator(
         Whether the method takes filtered noise.
     with_sines
         Whether the method takes sines beside noise.
+    with_speeds
+        Whether the method takes restitutions that depend on the speed.
     white_only
         Whether the method takes no noise but white noise (see `not_white`).
     """
-    found = not_apart(model) if with_functions else functions(model)
+    if with_functions:
+        found = not_apart(model)
+    else:
+        found = nonlinear(model) + rubbing(model)
+        found += [] if with_speeds else speed_restitutions(model)
     if len(model.coordinates) > 1:
         found.append(
             "structure.kind must be 'oscillator' or 'isolator', got "

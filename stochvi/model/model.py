@@ -105,6 +105,12 @@ class Stop:
         return self.law.restitution if constant else None
 
     @property
+    def summed(self) -> bool:
+        """Whether impulses and losses of impacts are summed one by one; those of a restitution that
+        does not depend on the speed follow from F1 and F2."""
+        return not isinstance(self.law, Restitution)
+
+    @property
     def scattered(self) -> bool:
         """Whether the restitution is drawn at each impact."""
         return isinstance(self.law, Restitution) and self.law.scatter is not None
@@ -522,6 +528,11 @@ class Model:
             or any(intensity for intensity, _ in self.whites)
             or any(np.any(signal.direction) for signal in self.signals)
         )
+
+    @property
+    def summed(self) -> bool:
+        """Whether impulses and losses of the impacts on any stop are summed one by one."""
+        return any(stop.summed for pair in self.pairs for stop in pair.stops)
 
     @property
     def scattered(self) -> bool:

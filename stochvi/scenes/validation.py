@@ -257,7 +257,7 @@ def _problems(error: ValidationError, model: type[BaseModel]) -> list[tuple[str,
     return problems
 
 
-PYTHON_ONLY = ("nonlinear", "speed-restitution", "function")
+PYTHON_ONLY = ("nonlinear", "function")
 """Kinds of parts that hold functions, which a scene file cannot express."""
 
 KINDS_AFTER = {

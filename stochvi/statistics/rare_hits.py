@@ -437,7 +437,7 @@ def kinds_of(
     """
     model = model_of(scene)
     # trials of the stops that are reached seldom would be too few where pairs differ
-    if unmet := beyond_one_oscillator(model, with_filters=True, with_sines=True):
+    if unmet := beyond_one_oscillator(model, with_filters=True, with_sines=True, with_speeds=True):
         raise NotApplicable("rare impacts", unmet)
     own = int(np.random.SeedSequence([seed, STREAM]).generate_state(1, np.uint64)[0] >> 1)
     paths = ClusterPaths(model, own, HORIZONS)

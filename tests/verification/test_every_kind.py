@@ -54,7 +54,7 @@ from stochvi.verification.explain import explain
 
 KEYS_OF_LAWS: dict[str, dict[str, Any]] = {
     "restitution": {"coefficient": 0.8},
-    "speed-restitution": {"coefficient": lambda speed: 1.0 / (1.0 + 0.1 * speed**0.25)},
+    "speed-restitution": {"speed": [0.1, 2.0], "coefficient": [0.9, 0.6]},
     "elastic": {"stiffness": 50.0},
     "viscoelastic": {"stiffness": 50.0, "damping_ratio": 0.1},
     "hertz": {"coefficient": 80.0},
@@ -86,8 +86,9 @@ KEYS_OF_EXCITATIONS: dict[str, dict[str, Any]] = {
 """Keys of one member of each kind; a new kind needs an entry, or its tests fail."""
 
 KEYS_WITHOUT_UNIT = {
-    "restitution.coefficient", "modulation.amplitude", "damping_ratio", "zeta", "phase_deg",
-    "intensity", "numerator", "denominator", "C", "friction", "exponent", "loss_exponent",
+    "restitution.coefficient", "speed-restitution.coefficient", "modulation.amplitude",
+    "damping_ratio", "zeta", "phase_deg", "intensity", "numerator", "denominator", "C", "friction",
+    "exponent", "loss_exponent",
 }  # fmt: skip
 """Keys of numbers without a unit, of an angle, which has one unit only, and of the strength of
 white noise, whose unit depends on what is shaken."""
@@ -316,7 +317,7 @@ def test_a_simulation_takes_the_force_of_the_law(compliant: CompliantLaw) -> Non
 def test_a_law_is_named_wherever_it_is_spoken_of(law: Law) -> None:
     scene = scene_of(EXCITATIONS[0](**KEYS_OF_EXCITATIONS["white"]), law)
     found = explain(scene)
-    assert f"{law.word} stop upper" in found.effects
+    assert f"{law.word} stop upper{law.remark}" in found.effects
     assert "stop upper" not in found.absent and "stop lower" in found.absent
     assert law.phrase()
     written = law.kind not in PYTHON_ONLY  # a function cannot be written in a scene file

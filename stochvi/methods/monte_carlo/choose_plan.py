@@ -19,7 +19,6 @@ from stochvi.model.coverage import (
     beyond_one_oscillator,
     functions_of_arrays,
     not_compiled,
-    speed_restitutions,
     without_energy,
     without_noise,
 )
@@ -32,7 +31,7 @@ from stochvi.results.errors import NotApplicable, NotConverged
 
 def unmet(model: Model) -> list[str]:
     """The conditions of `simulate` that a model does not meet, as far as the model alone shows."""
-    found = [*functions_of_arrays(model), *speed_restitutions(model), *not_compiled(model)]
+    found = [*functions_of_arrays(model), *not_compiled(model)]
     return [*found, *without_noise(model, with_sines=True), *unstable(model)]
 
 
@@ -116,6 +115,6 @@ def plan_several(model: Model, speed_threshold: float | None, duration: float | 
         model = with_linear_part(model)
     if model.tables or model.shocks or model.sampled_modulations:
         return plan_modal_tables(model, speed_threshold, duration)
-    if model.not_rigid():
+    if model.summed:
         return plan_modal_contacts(model, speed_threshold, duration)
     return plan_modal(model, speed_threshold, duration)

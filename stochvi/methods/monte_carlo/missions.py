@@ -265,7 +265,7 @@ def _force_at(law: CompliantLaw, distance: float, model: Model, acceleration: fl
 def _base(model: Model) -> WhitePlan:
     if not model.stops:
         raise NotApplicable("reliability", ["impacts need a stop, got a scene without impact_pair"])
-    if model.not_rigid():
+    if model.summed:
         return plan_compliant(model, None, None)
     return plan_white(model, None, None)
 

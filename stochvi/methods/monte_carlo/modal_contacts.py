@@ -46,8 +46,8 @@ class ModalContactsPlan(ModalPlan):
 
     @property
     def contacts(self) -> bool:  # type: ignore[override]
-        """Whether a stop is compliant; pairs then have SUMS_OF_CONTACT_PAIR."""
-        return bool(self.model.not_rigid())
+        """Whether impacts on a stop are summed one by one; pairs then have SUMS_OF_CONTACT_PAIR."""
+        return self.model.summed
 
     @property
     def sums_of_pair(self) -> tuple[str, ...]:  # type: ignore[override]

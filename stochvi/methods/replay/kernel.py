@@ -101,8 +101,8 @@ class Stops(NamedTuple):
     """Numbers of the m stops: phi (m, n), phi . phi (m,), side, place (m), kind, and the numbers of
     the law per reduced mass (m, rows, 3): rigid (R), pieces (start, force, slope) with unused rows
     that start at infinity, damped (K, c), Hertz (k). Forces that are functions, and restitutions
-    that are drawn (m,), have addresses and numbers of their own, (m, 3) and (m, columns); see
-    `engine.law_calls`. `laws` holds the mean of a drawn restitution."""
+    that are asked of each impact (m,), have addresses and numbers of their own, (m, 3) and
+    (m, columns); see `engine.law_calls`. `laws` then holds a restitution that stands for all."""
 
     gaps: np.ndarray
     levers: np.ndarray
@@ -112,7 +112,7 @@ class Stops(NamedTuple):
     laws: np.ndarray
     functions: np.ndarray
     numbers: np.ndarray
-    drawn: np.ndarray
+    asked: np.ndarray
 
 
 class Series(NamedTuple):
@@ -547,7 +547,7 @@ def strike(s, structure, stops, touch, force, tick, moving):
             restitution = stops.laws[r, 0, 0]
             speed = max(speed, 0.0)
             rebound = restitution * speed
-            if stops.drawn[r]:
+            if stops.asked[r]:
                 uniform = uniform_of(touch.draws[0], touch.draws[1])
                 touch.draws[1] += np.uint64(1)
                 rebound = rebound_of(stops.functions, r, stops.numbers, r, speed, uniform)

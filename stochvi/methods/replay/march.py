@@ -188,21 +188,23 @@ def _stops(model: Model) -> kernel.Stops:
     ]
     unit = [pair.stops[side].law.per_unit_mass(pair.mass) for pair, _, side in found]
     forms = [law.form() for law in unit]
-    drawn = np.array([pair.stops[side].scattered for pair, _, side in found], dtype=np.bool_)
+    # of these the restitution of each impact is asked; the number stands for it at rest
+    stops = [pair.stops[side] for pair, _, side in found]
+    asked = np.array([stop.rigid and stop.coefficient is None for stop in stops], dtype=np.bool_)
     numbers = [
         (KINDS[form.name], form.numbers)
         if form is not None
         else (kernel.RIGID, np.array([[law.restitution]]))
-        if scattered
+        if own
         else (kernel.FUNCTION, np.zeros((1, 1)))
-        for law, form, scattered in zip(unit, forms, drawn, strict=True)
+        for law, form, own in zip(unit, forms, asked, strict=True)
     ]
     rows = max([len(each) for _, each in numbers], default=1)
     laws = np.zeros((len(found), rows, 3))
     laws[:, :, 0] = math.inf
     for row, (_, each) in zip(laws, numbers, strict=True):
         row[: len(each), : each.shape[1]] = each
-    # laws without a form of their own are functions, or drawn
+    # laws without a form of their own are functions, or have a restitution that varies
     own = {s: law.compiled() for s, law in enumerate(unit) if forms[s] is None}
     width = max([len(row_of_numbers(law)) for law in own.values()], default=1)
     called = [functions_of([own[s]])[0] if s in own else (0, 0, 0) for s in range(len(unit))]
@@ -210,7 +212,6 @@ def _stops(model: Model) -> kernel.Stops:
     for s, law in own.items():
         table[s, : len(row_of_numbers(law))] = row_of_numbers(law)
     directions = np.array([gaps[number] for _, number, _ in found]).reshape(-1, gaps.shape[1])
-    stops = [pair.stops[side] for pair, _, side in found]
     return kernel.Stops(
         gaps=directions,
         levers=np.sum(directions**2, axis=1),
@@ -220,5 +221,5 @@ def _stops(model: Model) -> kernel.Stops:
         laws=laws,
         functions=np.array(called) if called else np.zeros((0, 2), np.int64),
         numbers=table,
-        drawn=drawn,
+        asked=asked,
     )

@@ -15,7 +15,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.methods.replay.answer import CoordinateReplay, Histories, PairReplay, Replay, ReplayAt
 from stochvi.methods.replay.march import Motion, SampledExcitation, integrate, rest_of
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import functions, not_compiled
+from stochvi.model.coverage import nonlinear, not_compiled, rubbing
 from stochvi.model.model import Model, Pair, Stop, inertia_of, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
@@ -73,8 +73,8 @@ def replay(
     Raises
     ------
     NotApplicable
-        If the scene has no record, other noise besides records, a spring, damper or restitution
-        that is a function, or records of different lengths.
+        If the scene has no record, other noise besides records, or records of different lengths; if
+        a spring or damper is a function, or a stop rubs.
 
     See Also
     --------
@@ -167,7 +167,7 @@ def _compiled(model: Model, shaking: SampledExcitation) -> float:
 
 def unmet(scene: Scene, model: Model) -> list[str]:
     """The conditions of a replay that a scene does not meet."""
-    found = [*functions(model), *not_compiled(model)]
+    found = [*nonlinear(model), *rubbing(model), *not_compiled(model)]
     records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
     if not records:
         found.append('excitation must hold a measured record (kind = "record"), got none')

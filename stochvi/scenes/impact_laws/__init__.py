@@ -17,7 +17,8 @@ from stochvi.scenes.impact_laws.force_function import ForceFunction
 from stochvi.scenes.impact_laws.force_table import ForceTable
 from stochvi.scenes.impact_laws.hertz import Hertz
 from stochvi.scenes.impact_laws.power import PowerLaw
-from stochvi.scenes.impact_laws.rigid import Restitution, SpeedRestitution
+from stochvi.scenes.impact_laws.rigid import Restitution
+from stochvi.scenes.impact_laws.speed_restitution import SpeedRestitution
 from stochvi.scenes.impact_laws.viscoelastic import Elastic, Viscoelastic
 
 __all__ = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +14,6 @@ from stochvi.mathematics.beta_distribution import BetaDistribution
 from stochvi.mathematics.impact_rates import equivalent_restitution
 from stochvi.scenes.impact_laws.base import Form, RigidLaw
 from stochvi.scenes.scatter import Scatter, Scattered
-from stochvi.scenes.validation import Function, check_values, evaluated
 
 
 class Restitution(RigidLaw):
@@ -130,77 +129,6 @@ class Restitution(RigidLaw):
         return Form("rigid", np.array([[self.restitution]]))
 
 
-class SpeedRestitution(RigidLaw):
-    """A rigid stop whose restitution depends on the speed of the impact, v+ = -R(|v-|) v-.
-
-    A function cannot be written in a scene file: this law is for Python only, and for methods that
-    take functions.
-
-    Parameters
-    ----------
-    coefficient
-        R, in [0, 1], as a function of an array of incident speeds (m/s, above 0). It returns an
-        array of the same shape, or one number for all.
-
-    Raises
-    ------
-    SceneError
-        If the function is not in [0, 1] at speeds from 1 um/s to 1 km/s.
-
-    See Also
-    --------
-    stochvi.Restitution : One number for all speeds.
-
-    Examples
-    --------
-    >>> steel = SpeedRestitution(coefficient=lambda w: 1.0 / (1.0 + 0.1 * w**0.25))
-    >>> steel.restitution_at([1e-4, 1.0]).round(3).tolist()
-    [0.99, 0.909]
-    """
-
-    kind: Literal["speed-restitution"] = "speed-restitution"
-    coefficient: Function
-
-    @field_validator("coefficient")
-    @classmethod
-    def _between_nothing_and_all(cls, function: Any) -> Any:
-        values = check_values("coefficient", function, SAMPLE_SPEEDS)
-        wrong = (values < 0.0) | (values > 1.0)
-        if wrong.any():
-            raise ValueError(
-                f"must be in [0, 1], got {values[wrong][0]:g} at {SAMPLE_SPEEDS[wrong][0]:g} m/s"
-            )
-        return function
-
-    @property
-    def conservative(self) -> bool:
-        """Whether no impact loses energy."""
-        return bool(np.all(self.restitution_at(SAMPLE_SPEEDS) == 1.0))
-
-    @property
-    def restitution(self) -> float:
-        """Raises a ValueError, because there is no single restitution."""
-        raise ValueError("a restitution that is a function of speed has no single value")
-
-    @property
-    def slow_restitution(self) -> float:
-        """R in the limit of slow impacts, read at 1 nm/s."""
-        return float(self.restitution_at([SLOWEST])[0])
-
-    def restitution_at(self, speed: ArrayLike) -> Vector:
-        """R of impacts at the given speeds, m/s."""
-        return evaluated(self.coefficient, np.asarray(speed, dtype=float))
-
-    def phrase(self) -> str:
-        return "rigid, restitution a function of speed: speeds of impact but no peak acceleration"
-
-
 MOST_SHIFTED = 0.98
 """How far from 0.5 the mean of a restitution is shifted, as a share of the way to where its std
 leaves no distribution."""
-
-SLOWEST = 1e-9
-"""Speed at which the limit of a restitution that depends on speed is read, m/s."""
-
-SAMPLE_SPEEDS = np.geomspace(1e-6, 1e3, 181)
-"""Speeds at which a restitution that depends on speed is checked, m/s: twenty per decade."""

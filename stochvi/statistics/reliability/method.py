@@ -518,7 +518,7 @@ def _outside(model: Model, ends: Ends) -> str:
 
 def _is_coloured(scene: Scene, model: Model, start: str, way: str | None) -> bool:
     """Whether the noise has a memory of its own; raises for what no way covers."""
-    unmet = beyond_one_oscillator(model, with_filters=True, with_sines=True)
+    unmet = beyond_one_oscillator(model, with_filters=True, with_sines=True, with_speeds=True)
     unmet += not_gaussian(model)
     if unmet:
         raise NotApplicable("reliability", unmet)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
-from scipy.special import lambertw
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.scenes.impact_laws import PowerLaw
+from stochvi.scenes.impact_laws.power import PowerLaw
 
 MOST_LOSS, POINTS = 40.0, 41
 """Largest loss X of a viscoelastic body in the table, at which 0.3 % of the speed are left, and
@@ -39,8 +38,10 @@ def viscoelastic_restitution(loss: ArrayLike) -> Vector:
 
 
 @cache
-def _curve() -> CubicSpline:
+def _curve() -> Any:
     """The restitution over the root of the loss, from contacts of a unit mass at unit speed."""
+    from scipy.interpolate import CubicSpline
+
     roots = np.linspace(0.0, MOST_LOSS**0.5, POINTS)
     found = [
         PowerLaw(coefficient=1.0, loss=root**2, loss_exponent=0.5).impact(1.0, 1.0).restitution
@@ -60,6 +61,8 @@ def hunt_crossley_restitution(loss: ArrayLike) -> Vector:
     >>> hunt_crossley_restitution([0.0, 0.1]).round(4).tolist()
     [1.0, 0.9375]
     """
+    from scipy.special import lambertw
+
     x = np.asarray(loss, dtype=float)
     safe = np.maximum(x, SERIES)
     found = 1.0 + lambertw(-(1.0 + safe) * np.exp(-1.0 - safe), 0).real
