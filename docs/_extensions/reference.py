@@ -373,15 +373,20 @@ def judges_page(source: Path) -> str:
         "that shares no code with it: a closed form, another method, a plain integration, brute "
         "force. A quantity that is missing here, and a test that is not there, fail "
         "`tests/verification/test_judges.py`.",
-        "",
-        "| answer or part | quantities | judged by |",
-        "|---|---|---|",
     ]  # fmt: skip
-    for name, rows in table["judged"].items():
-        for number, (keys, judges) in enumerate(rows.items()):
-            words = ", ".join(f"`{key}`" for key in keys.split())
-            named = ", ".join(map(_judge_in_words, judges))
-            text.append(f"| {'' if number else f'`{name}`'} | {words} | {named} |")
+    for group, heading in (
+        ("judged", "| answer or part | quantities | judged by |"),
+        ("tables", "| answer | further columns of its tables | judged by |"),
+    ):
+        text += ["", heading, "|---|---|---|"]
+        for name, rows in table[group].items():
+            for number, (keys, judges) in enumerate(rows.items()):
+                words = ", ".join(f"`{key}`" for key in keys.split())
+                known = judges == "asked"
+                named = (
+                    "the question, repeated" if known else ", ".join(map(_judge_in_words, judges))
+                )
+                text.append(f"| {'' if number else f'`{name}`'} | {words} | {named} |")
     for group, title in (
         ("asked", "What the question or the scene says, repeated"),
         ("work", "Time and work on the machine, counted or measured"),

@@ -33,6 +33,9 @@ CLEARANCES_IN_SIGMA = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
 @common("seed", "threads", "quiet")
 def demo(options: Common, out: Path) -> None:
     """Run a textbook case and a truck isolator."""
+    from stochvi.cli.writable_targets import check_folder_target
+
+    check_folder_target(out)
     console = console_for(None)
     console.quiet = options.quiet
     with progress_bar(options.quiet, "demo", console) as report:

@@ -57,7 +57,8 @@ def _stop_for(error: BaseException) -> NoReturn:
     if isinstance(error, MemoryError):
         stop(f"not enough memory ({error}); reduce paths or samples", BAD_INPUT)
     if isinstance(error, OSError):
-        stop(f"{error.filename or ''} {reason_of(error)}", BAD_INPUT)
+        named = f"{error.filename}: " if error.filename else ""
+        stop(f"{named}{reason_of(error)}", BAD_INPUT)
     raise error
 
 

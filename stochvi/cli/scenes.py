@@ -143,6 +143,7 @@ def new(file: Path, kind: str) -> None:
     """Write a commented scene file to start from."""
     import shutil
 
+    from stochvi.cli.writable_targets import check_file_target
     from stochvi.scenes.datasets import scene_files
     from stochvi.views.files import write_text
 
@@ -151,6 +152,7 @@ def new(file: Path, kind: str) -> None:
     for target in (file, *(file.parent / table.name for table in tables)):
         if target.exists():
             stop(f"{target} exists already; choose another name", BAD_INPUT)
+        check_file_target("FILE", target, ())
     write_text(shipped[0].read_text("utf-8") if shipped else TEMPLATE, file)
     for table in tables:
         shutil.copy(table, file.parent)

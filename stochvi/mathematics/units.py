@@ -25,6 +25,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochvi.mathematics.arguments import shown
+
 if TYPE_CHECKING:
     import pint
 
@@ -169,13 +171,13 @@ def unit(spelling: str) -> Unit:
     (0.001, 'frequency', 0.1592)
     """
     text = spelling.strip()
+    if len(text) > LONGEST_SPELLING:
+        raise _unknown(spelling)
     usual = re.sub(r"\s*/\s*", "/", re.sub(r"\^|\*\*", "", text.replace("²", "2")))
     usual = re.sub(r"\bhz\b", "Hz", usual, flags=re.I)
     for quantity, known in UNITS.items():
         if usual in known:
             return Unit(usual, known[usual], quantity)
-    if len(text) > LONGEST_SPELLING:
-        raise _unknown(spelling)
     if level := re.fullmatch(r"dB\b\s*(?:re\b\.?|ref\b\.?|rel\b\.?|//)?\s*:?\s*(.*)", text, re.I):
         return _level(text, level[1])
     factor, quantity = _parsed(text)
@@ -192,8 +194,8 @@ def listed_units(*quantities: str) -> str:
 
 def _unknown(spelling: str) -> ValueError:
     return ValueError(
-        f"{spelling!r} is not a known unit; expected one of {listed_units()}, dB re 1 g2/Hz, or "
-        "products and powers of these"
+        f"{shown(spelling)} is not a known unit; expected one of {listed_units()}, "
+        "dB re 1 g2/Hz, or products and powers of these"
     )
 
 

@@ -8,6 +8,7 @@ files. First comes a line of JSON, an error or the arrays with their names, then
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 import warnings
@@ -25,6 +26,9 @@ MOST_NUMBERS = 100_000_000
 
 REAL = "fiu"
 """Kinds of the data types of numpy that hold real numbers."""
+
+OF_MATLAB = {"double", "single"} | {f"{sign}int{2**n}" for sign in ("", "u") for n in range(3, 7)}
+"""Classes of MATLAB that hold numbers."""
 
 
 def main(kind: str, path: str, modules: str) -> None:
@@ -92,8 +96,12 @@ def write(output: BinaryIO, arrays: list[dict[str, Any]]) -> None:
 def matlab(path: str) -> Iterator[dict[str, Any]]:
     """Real arrays of numbers, vectors with one dimension; a field of a structure has a name such as
     "run.acc"."""
-    from scipy.io import loadmat
+    from scipy.io import loadmat, whosmat
 
+    # what the headers claim, before any of it is read
+    claimed = (math.prod(shape) for _, shape, kind in whosmat(path) if kind in OF_MATLAB)
+    if sum(claimed) > MOST_NUMBERS:
+        raise MemoryError
     content = loadmat(path, simplify_cells=True)
     yield from numeric({name: value for name, value in content.items() if name[:2] != "__"})
 

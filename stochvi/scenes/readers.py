@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stochvi.mathematics.arguments import shown
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.units import UNITS, Unit, listed_units, unit
 from stochvi.results.errors import SceneError
@@ -149,8 +150,8 @@ def _read_text(
             )
         if heading.unread and " " not in heading.unread:
             raise SceneError(
-                f"{path} has the heading {heading.name!r} above its first column, in which "
-                f"{heading.unread!r} is not a known unit; write {listed_units(quantity)} there"
+                f"{path} has the heading {shown(heading.name)} above its first column, in which "
+                f"{shown(heading.unread)} is not a known unit; write {listed_units(quantity)} there"
             )
         if heading.unit is not None:
             times = heading.unit.to_si(times)
@@ -183,14 +184,14 @@ def _column_of(table: TextTable, quantity: str, chosen: int | None, *, needed: b
             return naming[0]
         raise SceneError(
             f"{table.path} has the {quantity} in its second column, by the heading "
-            f"{table.headings[1].name!r}; put the column of {quantity} first"
+            f"{shown(table.headings[1].name)}; put the column of {quantity} first"
         )
     if not needed:
         if count == 1 or chosen == 0 or first.counts or not _holds_times(table):
             return None
         return 0
     if count > 1 and not table.is_stamp(0) and (first.counts or _counts_rows(table, chosen)):
-        found = repr(first.name) if first.name else "the numbers of rows"
+        found = shown(first.name) if first.name else "the numbers of rows"
         remedy = " for a record without times give fs, and column;" if quantity == "time" else ""
         raise SceneError(
             f"{table.path} has {found} in its first column, expected the {quantity};{remedy} put "

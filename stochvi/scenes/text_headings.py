@@ -12,6 +12,9 @@ from stochvi.scenes.text_cells import DELIMITERS, is_number, split_cells
 LAST_HEADINGS = 3
 """Number of lines above the numbers that may name the columns and their units."""
 
+LONGEST_HEADING = 1000
+"""Number of characters of a cell in which a name or a unit is looked for."""
+
 GLUE = "\0"
 """Character in place of a blank at which a line is not split; decoded text never contains it."""
 
@@ -136,7 +139,7 @@ def _heading_cells(
     """The cells of a heading, one for each column; None for a line with another number of cells."""
     text = re.sub(r"^\s*(?:#|%|//)+\s*", "", line)
     # a unit in brackets belongs to the name before it
-    glued = re.sub(r"\s+(?=[\[(])", GLUE, text.strip())
+    glued = re.sub(r"(?<!\s)\s+(?=[\[(])", GLUE, text.strip())
     for each in (delimiter, *(other for other in DELIMITERS if other != delimiter)):
         cells = split_cells(glued if each is None else text, each)
         while len(cells) > count and not cells[-1]:
@@ -144,7 +147,7 @@ def _heading_cells(
         if stamped and len(cells) == count + 1:
             cells = [f"{cells[0]} {cells[1]}", *cells[2:]]  # a date and a time of day
         if (len(cells) == count or (each and count < len(cells) <= longest)) and any(cells):
-            return [cell.replace(GLUE, " ") for cell in cells[:count]]
+            return [cell.replace(GLUE, " ")[:LONGEST_HEADING] for cell in cells[:count]]
     return None
 
 
@@ -179,6 +182,8 @@ def unit_in(text: str, alone: bool = False) -> Unit | None:
     ('ms', '(m/s2)2/Hz')
     """
     found: Unit | None
+    if len(text) > LONGEST_HEADING:
+        return None
     for inner in _bracketed(text):
         if found := _known(inner):
             return found

@@ -384,12 +384,13 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
         if line.strip(" \t\f\v\ufeff;,") and not line.startswith("sep=")
     ]
     content = [(number, plain) for number, line in lines if (plain := _uncommented(line))]
-    delimiter, count, full = _layout([line for _, line in content[:SAMPLE]], needed)
-    if count > MOST_COLUMNS:
+    sample = [line for _, line in content[:SAMPLE]]
+    if (width := max(map(_most_cells, sample), default=0)) > MOST_COLUMNS:
         raise SceneError(
-            f"{path} must have at most {MOST_COLUMNS} columns, got {count}; write those alone that "
+            f"{path} must have at most {MOST_COLUMNS} columns, got {width}; write those alone that "
             "are needed"
         )
+    delimiter, count, full = _layout(sample, needed)
     begin = 0
     for number, line in content if count else ():
         cells = split_cells(line, delimiter)
@@ -511,6 +512,14 @@ def _uncommented(line: str) -> str:
     if line.lstrip(" \ufeff").startswith(COMMENTS):
         return ""
     return (HASH.split(line)[0] if "#" in line else line).strip(" \ufeff")
+
+
+def _most_cells(line: str) -> int:
+    """Number of cells of a line by the delimiter that it has most of; 0 of one that begins with no
+    number."""
+    if not re.match(r"\W{0,3}\d", line):
+        return 0
+    return max(len(line.split()), *(1 + line.count(each) for each in DELIMITERS if each))
 
 
 def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:

@@ -157,7 +157,7 @@ def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS
         notes.append(
             "the price of a simulation was not measured: its plan alone, for these coordinates "
             f"and lines of tables, takes about {planning:.2g} s, more than is left of the budget "
-            f"of {budget:.2g} s; raise budget"
+            f"of {deadline.budget:.2g} s; raise budget"
         )
     else:
         try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
@@ -121,7 +122,7 @@ def test_a_target_that_cannot_be_is_refused_before_the_work(
 def test_a_disk_that_is_full_costs_the_file_and_not_the_answer(stochvi: Run, tmp_path: Path):
     scene = scene_in(tmp_path)
     code, text, errors = stochvi("exact", scene, "--json", "/dev/full")
-    assert (code, errors) == (2, "stochvi: /dev/full no space left on device\n")
+    assert (code, errors) == (2, "stochvi: /dev/full: no space left on device\n")
     assert text.split("cost:")[0] == stochvi("exact", scene)[1].split("cost:")[0] != ""
 
 
@@ -197,3 +198,72 @@ def test_a_device_a_pipe_or_a_folder_is_no_input(stochvi: Run, tmp_path: Path, w
         assert "expected a text file, got" in refused(stochvi("exact", scene))
         replaced.rmdir() if replaced.is_dir() else replaced.unlink()
     assert time.process_time() - began < 5.0
+
+
+UNPRIVILEGED = ["setpriv", "--bounding-set=-dac_override,-dac_read_search"]
+"""What takes from root the right to write where nobody may."""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has other rights")
+@pytest.mark.skipif(
+    hasattr(os, "geteuid") and os.geteuid() == 0 and not shutil.which("setpriv"),
+    reason="root may write everywhere",
+)
+def test_without_write_access_a_command_ends_in_a_sentence_before_it_works(tmp_path: Path):
+    """`demo` worked for 12 s first, and a message began with a name and went on without a colon."""
+    scene, closed = scene_in(tmp_path / "here"), tmp_path / "closed"
+    closed.mkdir()
+    closed.chmod(0o555)
+    without = UNPRIVILEGED if os.geteuid() == 0 else []
+    commands = [
+        ("linearise", scene, "--out", closed / "answers"),
+        ("linearise", scene, "--json", closed / "answer.json"),
+        ("simulate", scene, "--checkpoint", closed / "kept"),
+        ("sweep", scene, *VARY, "--out", closed),
+        ("demo", "--out", closed / "answers"),
+        ("new", closed / "scene.toml"),
+    ]
+    words = (
+        "import resource, sys; from stochvi.cli import main;\n"
+        "for each in eval(sys.argv[1]):\n"
+        "    try: main(each)\n"
+        "    except SystemExit as ended: print(ended.code, file=sys.stderr)\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_utime)"
+    )
+    asked = repr([[str(word) for word in command] for command in commands])
+    ended = subprocess.run(
+        [*without, sys.executable, "-c", words, asked], capture_output=True, text=True, check=True,
+        env=os.environ | {"HOME": str(closed)},
+    )  # fmt: skip
+    said, codes = ended.stderr.splitlines()[::2], ended.stderr.splitlines()[1::2]
+    assert codes == ["2"] * len(commands)
+    for sentence in said:
+        assert sentence.startswith("stochvi: ") and f"{closed} cannot be written to;" in sentence
+    assert float(ended.stdout) < 4.0
+    # the negative control: the same commands write where they may
+    closed.chmod(0o755)
+    asked = repr([[str(word) for word in command] for command in commands[:2]])
+    subprocess.run([*without, sys.executable, "-c", words, asked], capture_output=True, check=True)
+    assert len(files_below(closed)) == 3
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows refuses a file that another program has open")
+def test_two_writers_of_one_folder_leave_whole_answers_of_one_of_them(tmp_path: Path):
+    scenes = [scene_in(tmp_path / title, title) for title in ("one", "two")]
+    out = tmp_path / "out"
+    words = "import sys; from stochvi.cli import main\nfor _ in range(20):\n"
+    words += "    try: main(['linearise', sys.argv[1], '--out', sys.argv[2], '--quiet'])\n"
+    words += "    except SystemExit as ended: assert ended.code in (0, None), ended.code\n"
+    both = [
+        subprocess.Popen([sys.executable, "-c", words, scene, out], stderr=subprocess.PIPE)
+        for scene in scenes
+    ]
+    seen = set()
+    while any(each.poll() is None for each in both):
+        if (out / "response.json").exists():  # at any moment it is a whole document
+            document = json.loads((out / "response.json").read_text("utf-8"))
+            seen.add(document["provenance"]["scene"]["title"])
+        time.sleep(1e-3)
+    assert [each.returncode for each in both] == [0, 0], [each.stderr.read() for each in both]  # type: ignore[union-attr]
+    assert seen == {"one", "two"}
+    assert {path.name for path in files_below(out)} == {"response.csv", "response.json"}

@@ -4,6 +4,7 @@ import itertools
 import json
 import signal
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -23,7 +24,7 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.results.deadline import graceful_interrupt
 from stochvi.results.errors import Interrupted, SceneError
-from stochvi.results.estimates import format_with_error
+from stochvi.results.estimates import Estimate, format_with_error
 from stochvi.scenes.absorbers import Absorber
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.excitations import Sine, TabulatedNoise, WhiteNoise
@@ -43,6 +44,7 @@ from stochvi.views.sweep import (
     write_sweep,
 )
 from support.commands import ELASTIC, Run, refused
+from support.sized import scene_between_stops, sizing_of
 
 R = "impact_pair.0.law.coefficient"
 GAP = "impact_pair.0.upper"
@@ -484,6 +486,23 @@ def test_a_sizing_for_each_row(stochvi: Run, tmp_path: Path) -> None:
     written = pd.read_csv(tmp_path / "out" / "sweep.csv")
     assert written["size.clearance_m"].tolist() == table["size.clearance"].tolist()
     assert [path.name for path in (tmp_path / "out").glob("*.png")] == ["sweep.png"]
+
+
+def test_a_clearance_that_is_an_upper_limit_stays_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The nearest stops that can be judged keep the target: the table stated an error of them."""
+    known = sizing_of(scene_between_stops(), paths=64)
+    kept = replace(known, kept_with=Estimate(value=0.0, upper_95=2e-5))
+    answers = iter([known, kept])
+    monkeypatch.setattr("stochvi.isolators.size", lambda scene, **asked: next(answers))
+    scene, asked = scene_between_stops(), {"probability": 0.05, "mission": 600.0, "threads": 1}
+    table = sweep(scene, {"structure.frequency_hz": [10.0, 11.0]}, method="size", **asked)
+    first, second = (table.iloc[row] for row in (0, 1))
+    assert first["size.clearance"] == known.clearance.value
+    assert first["size.clearance.standard_error"] > 0.0 and np.isnan(first[LIMIT])
+    assert second["size.clearance"] == 0.0 and second[LIMIT] == known.clearance.value
+
+
+LIMIT = "size.clearance.upper_95"
 
 
 def test_a_reliability_for_each_row(tmp_path: Path) -> None:

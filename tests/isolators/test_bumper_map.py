@@ -17,6 +17,7 @@ from stochvi import (
     Scene,
     TabulatedNoise,
     Viscoelastic,
+    history,
     simulate,
 )
 from stochvi.isolators import BumperMap, bumper_map
@@ -84,6 +85,46 @@ def test_peaks_are_exceeded_as_often_as_by_plain_simulation(
             # a level that is off by half is told apart
             low, high = chances_around(largest, 1.5 * level, reach if fine else 0.0)
             assert not low < CHANCE < high, (place, factor)
+
+
+@pytest.mark.parametrize(
+    ("places", "paths"),
+    [((4.5e-3,), 120), pytest.param((4.5e-3, 7.5e-3), 1000, marks=pytest.mark.verify)],
+)
+def test_forces_travels_and_speeds_are_exceeded_as_often_as_by_plain_paths(
+    places: tuple[float, ...], paths: int
+) -> None:
+    """Of elastic stops the force is the stiffness times the deflection, which paths show."""
+    stiffness = 4e5
+    scene = between(Elastic(stiffness=stiffness))
+    found = bumper_map(
+        scene, mission=WINDOW, exceedance=CHANCE, clearances=places, stiffness_factors=[1.0],
+        rel_error=0.1, budget=600.0,
+    )  # fmt: skip
+    assert tuple(found.ways) == ("records", "clusters")[: len(places)]
+    for row, place in enumerate(places):
+        stopped = at_clearances(scene, place)
+        seen = [
+            history(stopped, duration=WINDOW, rate=1000.0, seed=5, path=n) for n in range(paths)
+        ]
+        travel = np.array([each.samples["displacement_m"].abs().max() for each in seen])
+        speed = np.array([each.impacts["speed_m_s"].abs().max() for each in seen])
+        largest = {
+            "rattle_space": travel - place,
+            "pad_force": stiffness * (travel - place),
+            "impact_speed": np.nan_to_num(speed),
+        }
+        for name, values in largest.items():
+            level, error, bias = (
+                getattr(getattr(found, name), part)[row, 0]
+                for part in ("value", "standard_error", "bias")
+            )
+            level -= place if name == "rattle_space" else 0.0
+            low, high = chances_around(values, level, 4.5 * error + bias)
+            assert low < CHANCE < high, (name, place)
+            # a level that is off by half is told apart
+            low, high = chances_around(values, 1.5 * level, 0.0)
+            assert not low < CHANCE < high, (name, place)
 
 
 def test_energies_and_rates_are_those_of_a_simulation() -> None:

@@ -82,6 +82,10 @@ def test_one_phase_is_its_scene_and_two_halves_are_one() -> None:
     assert one.upper == pytest.approx(whole.clearance.upper, rel=1e-4)
     half = {"duration": 3600.0}
     halves = sized(mission([half | {"name": "first"}, half | {"name": "second"}]))
+    # each has paths of its own; a tenth less is told apart
+    assert halves.phases["share"].tolist() == pytest.approx([0.5, 0.5], abs=0.05)
+    alone = halves.phases["probability"]
+    assert 1.0 - (1.0 - alone[0]) * (1.0 - alone[1]) == pytest.approx(0.05, rel=0.01)
     both = math.hypot(one.upper - one.value, halves.clearance.upper - halves.clearance.value)
     assert abs(halves.clearance.value - one.value) < 4.5 / 1.96 * both
     # half of the mission needs less

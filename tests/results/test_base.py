@@ -30,6 +30,7 @@ from stochvi.statistics.spectra.method import spectrum
 from stochvi.verification.check_of_many import check_many
 from stochvi.verification.cost import cost
 from stochvi.views.tables import value_with_error
+from support import judges
 from support.known import oscillator
 from support.pairs import pair, uncoupled
 from support.sized import scene_between_stops, sizing_of
@@ -184,6 +185,20 @@ def test_a_document_follows_the_schema_of_its_kind(answer: Result) -> None:
 
 def test_a_table_has_rows(answer: Result) -> None:
     assert len(answer.to_frame()) > 0
+
+
+def test_every_column_of_a_table_has_a_judge(answer: Result) -> None:
+    """A new column needs a row in docs/judges.toml, and with it a test that could refute it."""
+    assert judges.columns_without_judge(answer) == []
+
+
+def test_a_column_without_a_judge_is_noticed() -> None:
+    sizing = sizing_of(scene_between_stops(), paths=64)
+    known = {"clearance", "rice_rate", "first_hit_rate", "hit_rate", "probability"}
+    strange = sizing.curve.assign(noise_level=1.0, noise_level_low=0.5, word="a", passed=True)
+    assert known <= set(strange) | set(sizing.simulated)
+    changed = replace(sizing, curve=strange)
+    assert judges.columns_without_judge(changed) == ["noise_level", "noise_level_low"]
 
 
 def test_a_picture_is_drawn_in_axes_of_its_own_and_in_given_ones(answer: Result) -> None:

@@ -6,7 +6,9 @@ import inspect
 import json
 import subprocess
 import sys
+import time
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +17,7 @@ from scipy.io import savemat
 
 from stochvi import RecordedNoise, SceneError
 from stochvi.mathematics.units import unit
-from stochvi.scenes import foreign_files, foreign_reader
+from stochvi.scenes import foreign_files, foreign_reader, text_tables
 from stochvi.scenes.foreign_files import read_foreign, read_numpy
 from stochvi.scenes.readers import SPECTRAL_DENSITY, TIME_RESPONSE, read_columns
 from support.uff import write_uff
@@ -93,6 +95,19 @@ def test_a_file_that_claims_more_than_it_may_hold_takes_no_memory(
         read_numpy(objects)
 
 
+@pytest.fixture
+def read_by(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """Has files read by another program in place of the reader."""
+
+    def other(program: str) -> None:
+        path = tmp_path / "reader.py"
+        path.write_text(program, encoding="utf-8")
+        monkeypatch.setattr(foreign_reader, "__file__", str(path))
+        foreign_files._read_apart.cache_clear()
+
+    return other
+
+
 @pytest.mark.parametrize(
     ("reader", "sentence"),
     [
@@ -107,18 +122,31 @@ def test_a_file_that_claims_more_than_it_may_hold_takes_no_memory(
 )
 @pytest.mark.skipif(sys.platform == "win32", reason="needs limits and signals")
 def test_whatever_a_reader_does_is_a_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reader: str, sentence: str
+    tmp_path: Path, read_by: Callable[[str], None], reader: str, sentence: str
 ) -> None:
     program = Path(foreign_reader.__file__).read_text(encoding="utf-8")
-    program = program.replace("    from scipy.io import loadmat\n", f"    {reader}\n")
-    other = tmp_path / "reader.py"
-    other.write_text(program, encoding="utf-8")
-    monkeypatch.setattr(foreign_reader, "__file__", str(other))
-    foreign_files._read_apart.cache_clear()
+    read_by(program.replace("    content = loadmat(", f"    {reader}\n    content = loadmat("))
     path = tmp_path / "run.mat"
     savemat(path, {"a": VALUES})
     with pytest.raises(SceneError, match=sentence):
         read_foreign(path, "MATLAB")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs limits and signals")
+def test_a_matlab_file_that_claims_too_much_is_not_begun(
+    tmp_path: Path, read_by: Callable[[str], None]
+) -> None:
+    """A compressed gigabyte took 20 s to be refused."""
+    program = Path(foreign_reader.__file__).read_text(encoding="utf-8")
+    program = program.replace(
+        "    content = loadmat(", "    raise KeyError\n    content = loadmat("
+    )
+    path = tmp_path / "run.mat"
+    savemat(path, {"a": VALUES, "note": "x" * 1000}, do_compression=True)
+    for most, sentence in ((399, "holds more than 1e"), (400, "not a MATLAB file that can be")):
+        read_by(program.replace("MOST_NUMBERS = 100_000_000", f"MOST_NUMBERS = {most}"))
+        with pytest.raises(SceneError, match=sentence):
+            read_foreign(path, "MATLAB")
 
 
 def test_a_matlab_file_of_many_vectors_is_listed_in_short_and_at_once(tmp_path: Path) -> None:
@@ -245,15 +273,47 @@ def test_a_unit_of_towering_powers_is_no_unit(spelling: str) -> None:
         unit(spelling)
 
 
-def test_a_quoted_cell_without_end_and_a_million_columns_are_refused(tmp_path: Path) -> None:
+def test_a_quoted_cell_without_end_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     rows = "".join(f"{n / 100},{n % 3}\n" for n in range(300))
     path.write_text(rows + '3.01,"' + "1" * 140_000 + "\n")
     with pytest.raises(SceneError, match="line 301: expected a number in column 2"):
         read_columns(path, RECORD, function_type=TIME_RESPONSE)
-    path.write_text(("1," * 100_000 + "1\n") * 3)
-    with pytest.raises(SceneError, match="at most 10000 columns, got 100001"):
-        read_columns(path, RECORD, function_type=TIME_RESPONSE)
+
+
+@pytest.mark.parametrize("delimiter", [",", ";", "\t", "  "])
+def test_a_million_columns_are_refused_before_their_cells_are_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, delimiter: str
+) -> None:
+    """Each of three million cells was looked at five times, for 17 s."""
+    path = tmp_path / "run.csv"
+    path.write_text((("1" + delimiter) * 100_000 + "1\n") * 3)
+    with monkeypatch.context() as patch:
+        patch.setattr(text_tables, "count_values", lambda _: pytest.fail("a cell was read"))
+        with pytest.raises(SceneError, match="columns, got 100001;"):
+            read_columns(path, RECORD, function_type=TIME_RESPONSE)
+    # the negative control: thousands of columns are read, cell by cell
+    path.write_text(
+        "".join(f"{n / 100}{delimiter}" + f"{n % 3}{delimiter}" * 5_000 + "1\n" for n in range(3))
+    )
+    found = read_columns(path, RECORD, column=4_000, function_type=TIME_RESPONSE)
+    assert found.y.tolist() == [0.0, 1.0, 2.0]
+
+
+@pytest.mark.parametrize("word", ["m/s2 ", "m/s2*", "(", " "])
+def test_a_towering_heading_is_neither_searched_nor_repeated(tmp_path: Path, word: str) -> None:
+    """Of 40,000 words each was taken for the start of a unit that ends with the last: minutes."""
+    path = tmp_path / "run.csv"
+    rows = "".join(f"{n / 200:g},{value}\n" for n, value in enumerate(VALUES))
+    for heading in (f"t (s),a ({word * 40_000}m)", f"t ({word * 40_000}s),a (g)"):
+        path.write_text(f"{heading}\n{rows}")
+        for keys in ({}, {"unit": "g"}):
+            began = time.process_time()
+            try:
+                told = " ".join(of_record(path, **keys).cautions(0.0, 0.0))
+            except SceneError as error:
+                told = str(error)
+            assert time.process_time() - began < 3.0 and len(told) < 800 + 3 * len(str(path))
 
 
 @pytest.mark.parametrize("secret", ["root:x:0:0:root", "-----BEGIN PRIVATE KEY-----", "1 hunter2"])

@@ -425,7 +425,7 @@ def test_a_heading_that_falls_into_no_columns_is_shown_with_how_to_write_its_uni
 ) -> None:
     path = tmp_path / "spec.txt"
     path.write_text("# shaker, grms=2.1\nFreq(Hz)  Level dB(m/s^2)^2/Hz\n5 -10\n50 -3\n")
-    with pytest.raises(SceneError, match=r"stands 'Freq\(Hz\)  Level .*unit = \"dB re 1"):
+    with pytest.raises(SceneError, match=r"stands 'Freq\(Hz\) Level .*unit = \"dB re 1"):
         TabulatedNoise(file=str(path))
     assert TabulatedNoise(file=str(path), unit="dB re 1 (m/s2)2/Hz").table.density[0] == 0.1
 

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import ast
+import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+from pandas.api.types import is_bool_dtype, is_numeric_dtype
+
 from stochvi.cli.answer_schema import Definitions, answer_schema
 from stochvi.isolators.sizing.review import Review
+from stochvi.results.base import Result
 from support import CHECKOUT
 
 TABLE = CHECKOUT / "docs" / "judges.toml"
@@ -42,13 +48,60 @@ def _is_number(schema: Mapping[str, Any]) -> bool:
     return any(isinstance(each, Mapping) and _is_number(each) for each in inner)
 
 
-def table() -> Iterator[tuple[str, str, list[str] | str]]:
-    """Class, key, and its judges; "asked" or "work" where none is needed."""
+ERRORS = re.compile(r"_(?:standard_error|error|bias|low|high|lower|upper)$")
+"""End of the name of a column that holds an error of another column, or an end of its interval."""
+
+
+def columns_without_judge(answer: Result) -> list[str]:
+    """Columns of numbers, in the tables of an answer, that are neither listed for its tables nor
+    quantities of its parts."""
+    kind = type(answer).__name__
+    known = {key for name, key, _ in table() if name in _parts(kind)}
+    known |= {key for name, key, _ in table("tables") if name == kind}
+    found = {
+        str(name).replace(" ", "_")
+        for each in (*_tables(answer, []), answer.to_frame())
+        for name in each
+        if is_numeric_dtype(each[name]) and not is_bool_dtype(each[name])
+    }
+    return sorted(name for name in found if not {name, ERRORS.sub("", name)} & known)
+
+
+def _tables(part: Any, seen: list[int]) -> Iterator[pd.DataFrame]:
+    """The tables in an answer, and in its parts."""
+    if isinstance(part, pd.DataFrame):
+        yield part
+    elif is_dataclass(part) and id(part) not in seen:
+        seen.append(id(part))
+        for each in fields(part):
+            yield from _tables(getattr(part, each.name), seen)
+    elif isinstance(part, Mapping):
+        yield from _tables(list(part.values()), seen)
+    elif isinstance(part, Sequence) and not isinstance(part, str):
+        for each in part:
+            yield from _tables(each, seen)
+
+
+@cache
+def _parts(kind: str) -> frozenset[str]:
+    """The classes in the document of a kind of answer."""
+    schemas, found, waiting = answer_schema()["$defs"], set[str](), [kind]
+    while waiting:
+        name = waiting.pop()
+        if name in schemas and name not in found:
+            found.add(name)
+            waiting += re.findall(r"#/\$defs/(\w+)", str(schemas[name]))
+    return frozenset(found)
+
+
+def table(of: str = "judged") -> Iterator[tuple[str, str, list[str] | str]]:
+    """Class, key, and its judges; "asked" or "work" where none is needed. Of "tables", the kind of
+    answer, the column, and its judges."""
     document = tomllib.loads(TABLE.read_text("utf-8"))
-    for group in ("asked", "work"):
+    for group in ("asked", "work") if of == "judged" else ():
         for name, keys in document[group].items():
             yield from ((name, key, group) for key in keys.split())
-    for name, rows in document["judged"].items():
+    for name, rows in document[of].items():
         for keys, judges in rows.items():
             yield from ((name, key, judges) for key in keys.split())
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, PrivateAttr, field_validator, model_validator
 
+from stochvi.mathematics.arguments import shown
 from stochvi.mathematics.random_level import RandomLevel
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import (
@@ -370,7 +371,7 @@ def agreed_unit(name: str | None, columns: Columns, quantities: tuple[str, ...])
     if stated is None and name is None and columns.unread and columns.lines is None:
         raise SceneError(
             [("unit", f"must be one of {listed_units(*quantities)}, but {columns.stated_in} says "
-              f"{columns.unread!r}; choose another one, or give unit if that text is wrong")]
+              f"{shown(columns.unread)}; choose another one, or give unit if that text is wrong")]
         )  # fmt: skip
     if stated is None and name is None:
         wanted = f"needs unit, one of {listed_units(*quantities)}, got none"
@@ -387,8 +388,8 @@ def unread_unit(columns: Columns, taken: Unit) -> tuple[str, ...]:
         return ()
     where = "above the values" if columns.lines is not None else f"in {columns.stated_in}"
     return (
-        f"the text {columns.unread!r} {where} is not a known unit; the values were taken to be in "
-        f"{taken.name}, as the scene states",
+        f"the text {shown(columns.unread)} {where} is not a known unit; the values were taken to "
+        f"be in {taken.name}, as the scene states",
     )
 
 
@@ -405,7 +406,7 @@ def _unread_heading(columns: Columns, quantities: tuple[str, ...]) -> str:
     if not heading:
         return ""
     decibels = '; decibels are written as unit = "dB re 1 g2/Hz"' if "dB" in heading else ""
-    return f"; above the values stands {heading!r}{decibels}"
+    return f"; above the values stands {shown(heading)}{decibels}"
 
 
 def _check_sides(columns: Columns) -> None:

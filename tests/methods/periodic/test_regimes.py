@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.linalg import expm
 
 from stochvi import (
     Absorber,
@@ -108,6 +109,42 @@ def check_regimes(scene: Scene) -> int:
 )  # fmt: skip
 def test_a_regime_repeats_itself_impact_by_impact(seeds: range) -> None:
     assert sum(check_regimes(random_scene(seed)) for seed in seeds) > len(seeds) // 2
+
+
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 0.8])
+def test_sizes_of_a_regime_are_those_of_its_sampled_motion(restitution: float) -> None:
+    """Largest displacement and acceleration between impacts, and the first harmonic by Fourier's
+    integral over the periods."""
+    scene = mount(restitution=restitution)
+    flight, chosen = Bounces(scene), regimes(harmonic_response(scene))
+    assert chosen
+    for branch, i in chosen:
+        period = 2.0 * math.pi * branch.periods / flight.omega
+        z, begun, moments, places, pulls = after(flight, branch, i), 0.0, [], [], []
+        for time, stop, before in flight.impacts(z, len(branch.stops), 1.5 * period):
+            part = np.linspace(0.0, time - begun, 2000)
+            states = [z]
+            step = expm(part[1] * flight.a)
+            for _ in part[1:]:
+                states.append(step @ states[-1])
+            moments.append(begun + part)
+            places.append([each[0] for each in states])
+            pulls.append([(flight.a @ each)[1] for each in states])
+            z, begun = flight.struck(before, stop), time
+        found = {
+            "displacement_max": np.abs(places).max(),
+            "acceleration_max": np.abs(pulls).max(),
+            "amplitude": 2.0 / period * abs(
+                sum(
+                    np.trapezoid(np.array(x) * np.exp(-1j * flight.omega * t), t)
+                    for t, x in zip(moments, places, strict=True)
+                )
+            ),
+        }  # fmt: skip
+        for name, truth in found.items():
+            assert getattr(branch, name)[i] == pytest.approx(truth, rel=1e-4), name
+        # the negative control: none of the three is another of them
+        assert found["amplitude"] < 0.99 * found["displacement_max"]
 
 
 def test_a_branch_that_ends_in_a_grazing_rest_has_no_multiplier_there() -> None:
