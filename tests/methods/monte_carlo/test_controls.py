@@ -360,7 +360,11 @@ def test_few_paths_use_few_controls() -> None:
 
 ZOO = zoo_files()
 CONTROLLED = [
-    *(name for name in ZOO if not name.startswith(("road", "record", "psd-truck-linear"))),
+    *(
+        name
+        for name in ZOO
+        if not name.startswith(("filtered", "road", "record", "psd-truck-linear"))
+    ),
     "rigid-box",
 ]
 """Scenes of every kind that have controls."""
@@ -385,6 +389,7 @@ def test_controls_pay_for_the_quantity_that_an_accuracy_waits_for(name: str) -> 
     file = shipped_scene(name) if name == "rigid-box" else ZOO[name]
     plan = make_plan(model_of(load_scene(file)))
     parts = [plan.averages(3, first, plan.block) for first in range(0, 3000, plan.block)]
+    assert plan.layout.controls
     found = PathStatistics.of(np.concatenate(parts, axis=1), plan.layout)
     # the accuracy waits for the largest error of all quantities, with controls or without
     plain, controlled = (
