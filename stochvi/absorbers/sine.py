@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from stochvi.absorbers.performance import own_name, without_absorber
 from stochvi.absorbers.tuned_damper import NO_STOPS
 from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.shown_units import LENGTH, ShownQuantity, readable
 from stochvi.methods.periodic import HarmonicResponse, harmonic_response
 from stochvi.methods.periodic.family import Family, forced, parts_of
 from stochvi.model.calculations import calculation
@@ -149,18 +150,18 @@ class AbsorberSine(Result):
         peak = int(np.argmax(np.where(np.isnan(left), -math.inf, curve.without)))
         where = "where it moves most without the absorber, " if len(curve.value) > 1 else ""
         least, largest = curve.best[peak] * curve.without[peak], left[peak]
-        moved = _mm(largest)
+        moved = LENGTH.text(largest)
         if least < ALIKE * largest:
-            moved = f"{_mm(least)} to {moved} (by the motion that lasts)"
+            moved = f"{LENGTH.text(least)} to {moved} (by the motion that lasts)"
         parts = [
             f"at {curve.value[peak]:.4g} Hz, {where}{self.carrier} moves {moved} with the "
-            f"absorber and {_mm(curve.without[peak])} without it"
+            f"absorber and {LENGTH.text(curve.without[peak])} without it"
         ]
         most = int(np.nanargmax(left))
         if most != peak:
             ends = f"{curve.value[0]:.4g} to {curve.value[-1]:.4g} Hz"
             parts.append(
-                f"over {ends} it moves at most {_mm(left[most])} with the absorber, at "
+                f"over {ends} it moves at most {LENGTH.text(left[most])} with the absorber, at "
                 f"{curve.value[most]:.4g} Hz"
             )
         return "; ".join([*parts, *filter(None, map(self._tuned, self.tuning))])
@@ -169,30 +170,29 @@ class AbsorberSine(Result):
         """The best value of a tuning curve, in words; empty where no motion lasts."""
         if np.all(np.isnan(curve.worst)):
             return ""
-        name, unit, factor = tuned_key(curve.key)
+        name, quantity = tuned_key(curve.key)
         sines = [each.frequency_hz for each in self.scene.excitations if isinstance(each, Sine)]
         share, hertz = curve.worst[curve.tuned], f"{min(sines):.4g} Hz"
         if not share < 1.0:
             return f"no {name} is sure to help at {hertz}"
-        best = f"{factor * curve.value[curve.tuned]:.4g} {unit}".rstrip()
+        best = quantity.text(curve.value[curve.tuned]).rstrip()
         return f"the best {name}, {best}, leaves {share:.3g} of the displacement at {hertz}"
 
     def _document(self) -> dict[str, Any]:
         return {"method": "absorber sine", **super()._document()}
 
 
-def tuned_key(key: str) -> tuple[str, str, float]:
-    """A tuned key in words, the unit in which it is shown, and the factor from the unit of the
-    scene.
+def tuned_key(key: str) -> tuple[str, ShownQuantity]:
+    """A tuned key in words, and its quantity.
 
     Examples
     --------
-    >>> tuned_key("absorber.play"), tuned_key("absorber.law.coefficient")
-    (('total play', 'mm', 1000.0), ('absorber.law.coefficient', '', 1.0))
+    >>> name, quantity = tuned_key("absorber.play")
+    >>> quantity.heading(name), quantity(0.004)
+    ('total play (mm)', 4.0)
     """
     unit = KEY_UNITS.get(key.rpartition(".")[2], "")
-    name = TUNED.get(key, key)
-    return (name, "mm", 1e3) if unit == "m" else (name, unit, 1.0)
+    return TUNED.get(key, key), readable(unit)
 
 
 TUNED = {
@@ -206,10 +206,6 @@ TUNED = {
 
 ALIKE = 0.995
 """Two displacements count as one in words from this ratio of the smaller to the larger on."""
-
-
-def _mm(metres: float) -> str:
-    return f"{1e3 * metres:.4g} mm"
 
 
 @calculation

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics import rounding
 from stochvi.mathematics.arrays import Matrix
+from stochvi.mathematics.shown_units import LENGTH
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_contacts import plan_modal_contacts
@@ -148,9 +149,9 @@ class Jolts(Result):
             below = self.clearance <= known.energy_boundary
             found += (
                 "; the sine alone can keep up the resonant regime to a clearance of "
-                f"{1e3 * known.energy_boundary:.4g} mm (harmonic linearisation: "
-                f"{1e3 * known.harmonic_boundary:.4g} mm), and the clearance here is "
-                f"{1e3 * self.clearance:.4g} mm{'' if below else ', beyond it'}"
+                f"{LENGTH.text(known.energy_boundary)} (harmonic linearisation: "
+                f"{LENGTH.text(known.harmonic_boundary)}), and the clearance here is "
+                f"{LENGTH.text(self.clearance)}{'' if below else ', beyond it'}"
             )
         rate, low, high = self.escape_rate()
         if caught and rate > 0.0:

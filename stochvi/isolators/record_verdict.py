@@ -11,6 +11,7 @@ import numpy as np
 from scipy.linalg.lapack import dtbtrs
 
 from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.shown_units import LENGTH
 from stochvi.mathematics.spectra import Table, squared_gain
 from stochvi.mathematics.state_space import transition
 from stochvi.methods.replay.method import shaking_of, unmet
@@ -157,10 +158,10 @@ class RecordVerdict:
         return {name: plain(getattr(self, name)) for name in self.__dataclass_fields__}
 
     @property
-    def needed(self) -> float:
-        """The clearance that the record itself needs, rounded up to a micrometre, in millimetres:
-        the one number that words, pages and pictures state."""
-        return _rounded_up(self.clearance)
+    def needed(self) -> str:
+        """The clearance that the record itself needs, rounded up to a micrometre: the one number
+        that words, pages and pictures state."""
+        return _needed(self.clearance)
 
     @property
     def needed_on_each_side(self) -> str:
@@ -168,13 +169,13 @@ class RecordVerdict:
         empty where there is one side, or both need the same."""
         if self.clearance_lower is None or self.clearance_upper is None:
             return ""
-        below, above = _rounded_up(self.clearance_lower), _rounded_up(self.clearance_upper)
-        return "" if below == above else f"{below:.3f} mm below, {above:.3f} mm above"
+        below, above = map(_needed, (self.clearance_lower, self.clearance_upper))
+        return "" if below == above else f"{below} below, {above} above"
 
     def needs(self) -> str:
         """The clearance that the record itself needs, in words."""
         sides = f" ({self.needed_on_each_side})" if self.needed_on_each_side else ""
-        return f"the record itself needs {self.needed:.3f} mm per side{sides}"
+        return f"the record itself needs {self.needed} per side{sides}"
 
     def sentence(self) -> str:
         """The verdict in one sentence."""
@@ -557,9 +558,9 @@ def _verdict(
     )
 
 
-def _rounded_up(clearance: float) -> float:
-    """A clearance in millimetres, rounded up to a micrometre."""
-    return math.ceil(1e6 * clearance) / 1e3
+def _needed(clearance: float) -> str:
+    """A clearance, rounded up to a micrometre."""
+    return LENGTH.rounded_up(clearance, 1e-6)
 
 
 def p_value_in_words(value: float) -> str:

@@ -12,7 +12,15 @@ import pandas as pd
 
 from stochvi.isolators.record_verdict import RecordVerdict, record_verdict
 from stochvi.mathematics.moving_means import MovingMean, Sines
-from stochvi.mathematics.units import STANDARD_GRAVITY, density_from_intensity
+from stochvi.mathematics.shown_units import (
+    ACCELERATION,
+    HOURLY,
+    LENGTH,
+    MILLIRADIANS,
+    SPEED,
+    shown_as,
+)
+from stochvi.mathematics.units import density_from_intensity
 from stochvi.model.calculations import calculation
 from stochvi.model.cautions import scene_notes
 from stochvi.model.free_motion import FreeMotion, free_motion
@@ -166,65 +174,67 @@ class Screening(Result):
         return 2.0 * _rate(clearance, self.displacement_std, self.velocity_std, sines)
 
     def to_frame(self) -> pd.DataFrame:
-        """A table for people: a row per coordinate and point (millimetres and g; thousandths of a
-        radian, and rad/s^2, of a rotation), or the numbers of the only one in rows."""
+        """A table for people: a row per coordinate and point (millimetres and g unless other units
+        are shown; thousandths of a radian, and rad/s^2, of a rotation), or the numbers of the only
+        one in rows."""
         if len(self.coordinates) == 1:
             return self._only_in_rows()
         return pd.DataFrame([self._row(name, each) for name, each in self.coordinates.items()])
 
     def _only_in_rows(self) -> pd.DataFrame:
-        mm, g, sigma = 1e3, 1.0 / STANDARD_GRAVITY, self.displacement_std
+        sigma = self.displacement_std
+        rate = HOURLY(self.rice_rate(3.0 * sigma))
         rows = [
-            ("input acceleration", self.input_acceleration_std, g, "g rms"),
-            ("relative displacement", sigma, mm, "mm rms"),
+            (
+                "input acceleration",
+                ACCELERATION(self.input_acceleration_std),
+                f"{ACCELERATION} rms",
+            ),
+            ("relative displacement", LENGTH(sigma), f"{LENGTH} rms"),
             *(
-                (f"of it the sine of {hertz:.4g} Hz", amplitude, mm, "mm peak")
+                (f"of it the sine of {hertz:.4g} Hz", LENGTH(amplitude), f"{LENGTH} peak")
                 for hertz, amplitude in self.only.sines
             ),
-            ("relative velocity", self.velocity_std, 1.0, "m/s rms"),
-            ("absolute acceleration", self.acceleration_std, g, "g rms"),
-            ("Miles' equation for it", self.miles, g, "g rms"),
-            ("zero up-crossings", self.zero_crossing_rate, 1.0, "Hz"),
-            ("3 sigma clearance, per side", 3.0 * sigma, mm, "mm"),
-            ("impacts on it by Rice, both sides", self.rice_rate(3.0 * sigma), 3600.0, "per hour"),
+            ("relative velocity", SPEED(self.velocity_std), f"{SPEED} rms"),
+            ("absolute acceleration", ACCELERATION(self.acceleration_std), f"{ACCELERATION} rms"),
+            ("Miles' equation for it", ACCELERATION(self.miles), f"{ACCELERATION} rms"),
+            ("zero up-crossings", self.zero_crossing_rate, "Hz"),
+            ("3 sigma clearance, per side", LENGTH(3.0 * sigma), str(LENGTH)),
+            ("impacts on it by Rice, both sides", rate, f"per {HOURLY.time}"),
         ]
-        return pd.DataFrame(
-            [
-                {"quantity": name, "value": value * factor, "unit": unit}
-                for name, value, factor, unit in rows
-                if value is not None
-            ]
-        )
+        known = [row for row in rows if row[1] is not None]
+        return pd.DataFrame(known, columns=["quantity", "value", "unit"])
 
     def _row(self, name: str, each: CoordinateScreening) -> dict[str, str | float | None]:
-        turns = name in self.rotations
-        acceleration = each.acceleration_std
-        if acceleration is not None and not turns:
-            acceleration /= STANDARD_GRAVITY
+        shown = MILLIRADIANS, shown_as("rad/s"), shown_as("rad/s^2")
+        length, speed, acceleration = (
+            shown if name in self.rotations else (LENGTH, SPEED, ACCELERATION)
+        )
         return {
             "coordinate": name,
-            "displacement": 1e3 * each.displacement_std,
-            "unit": "mrad rms" if turns else "mm rms",
-            "velocity": each.velocity_std,
-            "unit of velocity": "rad/s rms" if turns else "m/s rms",
-            "absolute acceleration": acceleration,
-            "unit of acceleration": "rad/s^2 rms" if turns else "g rms",
+            "displacement": length(each.displacement_std),
+            "unit": f"{length} rms",
+            "velocity": speed(each.velocity_std),
+            "unit of velocity": f"{speed} rms",
+            "absolute acceleration": acceleration(each.acceleration_std),
+            "unit of acceleration": f"{acceleration} rms",
             "zero up-crossings (Hz)": each.zero_crossing_rate,
         }
 
     def gaps_to_frame(self) -> pd.DataFrame:
-        """A row per pair: millimetres, and impacts per hour by Rice."""
+        """A row per pair: millimetres, and impacts per hour by Rice, unless other units are
+        shown."""
         return pd.DataFrame(
             [
                 {
                     "pair": name,
-                    "gap (mm rms)": 1e3 * gap.displacement_std,
-                    "3 sigma (mm)": 1e3 * gap.three_sigma,
-                    "impacts on it per hour": 3600.0 * gap.three_sigma_rate,
-                    "its stops (mm)": " and ".join(
-                        f"{1e3 * distance:.4g}" for distance in gap.stops.values()
+                    f"gap ({LENGTH} rms)": LENGTH(gap.displacement_std),
+                    f"3 sigma ({LENGTH})": LENGTH(gap.three_sigma),
+                    f"impacts on it per {HOURLY.time}": HOURLY(gap.three_sigma_rate),
+                    f"its stops ({LENGTH})": " and ".join(
+                        f"{LENGTH(distance):.4g}" for distance in gap.stops.values()
                     ),
-                    "impacts on them per hour": 3600.0 * gap.rice_rate,
+                    f"impacts on them per {HOURLY.time}": HOURLY(gap.rice_rate),
                 }
                 for name, gap in self.impact_pairs.items()
             ]

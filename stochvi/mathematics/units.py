@@ -84,7 +84,9 @@ WORDS = (
     "inch = 0.0254 * meter = in",
     "foot = 0.3048 * meter = ft",
     "galileo = 0.01 * meter / second ** 2 = Gal = gal",
+    "mil = 0.001 * inch",
     "pound_force = 4.4482216152605 * newton = lbf = lb",
+    "joule = newton * meter = J",
 )
 """Units from which spellings are made: g is gravity, not gram, and an angle counts in cycles, so
 that a density per rad/s becomes one per hertz. Inch, foot and pound-force are exact by definition

@@ -19,6 +19,7 @@ import numpy as np
 
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.rounding import ROUNDING
+from stochvi.mathematics.shown_units import LENGTH, MILLIRADIANS
 from stochvi.mathematics.spectra import Table
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
@@ -162,9 +163,9 @@ class History(Result):
         """The length of the path, how far it moved, and the number of its impacts, in a
         sentence."""
         moved = ", ".join(
-            f"{name} {1e3 * found.displacement_min:.4g} to "
-            f"{1e3 * found.displacement_max:.4g} {'mrad' if name in ROTATIONS else 'mm'}"
+            f"{name} {quantity.span(found.displacement_min, found.displacement_max)}"
             for name, found in self.coordinates.items()
+            for quantity in [MILLIRADIANS if name in ROTATIONS else LENGTH]
         )
         return (
             f"{self.duration:.6g} s of path {self.path} of seed {self.seed}, {len(self.samples)} "

@@ -9,10 +9,11 @@ import numpy as np
 import pandas as pd
 
 from stochvi.absorbers.sine import tuned_key
+from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.shown_units import LENGTH
 from stochvi.views.axes import add_grid, plain_ticks
 from stochvi.views.colours import COLOURS
 from stochvi.views.tables import print_frame
-from stochvi.views.words import MM
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +60,7 @@ def ranges(curve: ResidualCurve) -> pd.DataFrame:
                 "from (Hz)": curve.value[first],
                 "to (Hz)": curve.value[end - 1],
                 "what may last": kinds[first],
-                "without (mm)": MM * np.max(curve.without[part]),
+                f"without ({LENGTH})": LENGTH(np.max(curve.without[part])),
                 "least ratio": np.min(curve.best[part]),
                 "largest ratio": np.max(curve.worst[part]),
             }
@@ -75,7 +76,7 @@ def tunings(found: AbsorberSine) -> pd.DataFrame:
         rows.append(
             {
                 "what": _name(curve),
-                "best": _factor(curve) * curve.value[at],
+                "best": _shown(curve)[at],
                 "ratio": curve.worst[at],
                 "first harmonics": curve.first_harmonic[at],
                 "what may last": _lasting(curve, at),
@@ -97,13 +98,15 @@ def _name(curve: ResidualCurve) -> str:
     """The name of the varied number, with its unit where that is known."""
     if curve.key == "frequency_hz":
         return "frequency (Hz)"
-    name, unit, _ = tuned_key(curve.key)
-    return f"{name} ({unit})" if unit else name
+    name, quantity = tuned_key(curve.key)
+    return quantity.heading(name)
 
 
-def _factor(curve: ResidualCurve) -> float:
-    """Factor from the SI unit of the varied number to the unit that is shown."""
-    return 1.0 if curve.key == "frequency_hz" else tuned_key(curve.key)[2]
+def _shown(curve: ResidualCurve) -> Vector:
+    """The varied numbers in the unit that is shown."""
+    known = curve.key == "frequency_hz"
+    shown: Vector = curve.value if known else tuned_key(curve.key)[1](curve.value)
+    return shown
 
 
 def draw_absorber_sine(found: AbsorberSine) -> Axes:
@@ -128,7 +131,7 @@ def plot_absorber_sine(found: AbsorberSine, ax: Axes | None = None) -> Axes:
 
 def plot_residual(curve: ResidualCurve, ax: Axes) -> Axes:
     """Least and largest ratio of the motions that may last, and that of the first harmonics."""
-    x, best, worst = _factor(curve) * curve.value, curve.best, curve.worst
+    x, best, worst = _shown(curve), curve.best, curve.worst
     marker = "o" if len(x) < 3 else ""
     ax.fill_between(x, best, worst, color=COLOURS["simulate"], alpha=0.25, linewidth=0)
     ax.semilogy(x, worst, f"-{marker}", color=COLOURS["simulate"], label="largest that may last")

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from stochvi.mathematics.shown_units import ACCELERATION, FORCE, LENGTH
 from stochvi.views.axes import axes_or_new, length_unit
 from stochvi.views.colours import COLOURS
-from stochvi.views.tables import print_frame
-from stochvi.views.words import MM, G, millimetres, with_error
+from stochvi.views.tables import Heading, print_frame, with_headings
+from stochvi.views.words import spoken_length, with_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -83,8 +84,8 @@ def tuned_sentence(found: TunedDamper) -> str:
     return (
         f"The same mass on a tuned spring and dashpot ({found.tuning}: {found.frequency_hz:.4g} "
         f"Hz, damping ratio {found.zeta:.3g}) would leave {found.ratio:.3f} of the rms "
-        f"displacement, at every level; it would move {millimetres(found.stroke_std)} rms relative "
-        "to the structure."
+        f"displacement, at every level; it would move {spoken_length(found.stroke_std)} rms "
+        "relative to the structure."
     )
 
 
@@ -94,14 +95,16 @@ def _level_row(each: Performance) -> dict[str, str]:
         "level (dB)": f"{each.level_db:+g}",
         "ratio": f"{each.ratio.value:.3f}",
         "95 % interval": f"{low:.3f} to {high:.3f}",
-        "rms (mm)": with_error(each.displacement_std * MM),
-        "rms without (mm)": f"{MM * each.displacement_std_without:.4g}",
+        f"rms ({LENGTH})": with_error(LENGTH(each.displacement_std)),
+        f"rms without ({LENGTH})": f"{LENGTH(each.displacement_std_without):.4g}",
         "peak factor": with_error(each.peak_factor),
         "peak factor without": with_error(each.peak_factor_without),
     }
     if each.acceleration_std is not None:
-        row["abs. acc. (g)"] = with_error(each.acceleration_std * G)
-        row["abs. acc. without (g)"] = f"{G * (each.acceleration_std_without or 0.0):.3g}"
+        row[f"abs. acc. ({ACCELERATION})"] = with_error(ACCELERATION(each.acceleration_std))
+        row[f"abs. acc. without ({ACCELERATION})"] = (
+            f"{ACCELERATION(each.acceleration_std_without or 0.0):.3g}"
+        )
     return row
 
 
@@ -109,14 +112,14 @@ def _impact_row(each: Performance) -> dict[str, str]:
     row = {
         "level (dB)": f"{each.level_db:+g}",
         "impacts per period": with_error(each.impacts_per_period),
-        "stop force (N)": with_error(each.wall_force),
+        f"stop force ({FORCE})": with_error(FORCE(each.wall_force)),
         "impulse (N s)": with_error(each.impulse),
         "absorbed": with_error(each.absorbed_share),
     }
     if each.wall_force_peak and each.wall_force_largest and each.wall_acceleration_largest:
-        row["peak force (N)"] = with_error(each.wall_force_peak)
-        row["largest (N)"] = with_error(each.wall_force_largest)
-        row["largest (g)"] = with_error(each.wall_acceleration_largest * G)
+        row[f"peak force ({FORCE})"] = with_error(FORCE(each.wall_force_peak))
+        row[f"largest ({FORCE})"] = with_error(FORCE(each.wall_force_largest))
+        row[f"largest ({ACCELERATION})"] = with_error(ACCELERATION(each.wall_acceleration_largest))
     return row
 
 
@@ -125,34 +128,34 @@ def print_design(console: Console, found: Design) -> None:
     best, robust = found.best, found.robust
     units = "one unit" if found.units == 1 else f"{found.units} units"
     console.print(
-        f"best: {units}, restitution {found.restitution:g}, play {millimetres(best.play)} "
-        f"(95 % interval {MM * best.play_low:.4g} to {MM * best.play_high:.4g}; as good within its "
-        f"error: {MM * best.low:.4g} to {MM * best.high:.4g}), rms ratio {with_error(best.ratio)}",
+        f"best: {units}, restitution {found.restitution:g}, play {spoken_length(best.play)} "
+        f"(95 % interval {LENGTH(best.play_low):.4g} to {LENGTH(best.play_high):.4g}; as good "
+        f"within its error: {LENGTH(best.low):.4g} to {LENGTH(best.high):.4g}), rms ratio "
+        f"{with_error(best.ratio)}",
         style="bold",
         highlight=False,
     )
     console.print(
         f"for levels from -{found.level_range_db:g} to +{found.level_range_db:g} dB: play "
-        f"{millimetres(robust.play)}, rms ratio at worst {with_error(robust.ratio)}",
+        f"{spoken_length(robust.play)}, rms ratio at worst {with_error(robust.ratio)}",
         highlight=False,
     )
     if found.tuned_damper is not None:
         console.print(tuned_sentence(found.tuned_damper), highlight=False)
-    columns = {
+    columns: dict[str, Heading] = {
         "restitution": "restitution",
         "units": "units",
-        "play_mm": "play (mm)",
+        "play": ("play ()", LENGTH),
         "play_in_sigma": "play/sigma",
         "rms_ratio": "rms ratio",
         "rms_ratio_error": "its error",
     }
-    candidates = found.candidates.assign(play_mm=MM * found.candidates["play"])
-    print_frame(console, candidates[list(columns)].rename(columns=columns), CANDIDATES)
+    print_frame(console, with_headings(found.candidates, columns), CANDIDATES)
     if rivals := rivals_in_words(found):
         console.print(rivals, highlight=False)
     console.print(
-        f"sigma = {millimetres(found.sigma)}, rms displacement without absorber; total play, stop "
-        "to stop",
+        f"sigma = {spoken_length(found.sigma)}, rms displacement without absorber; total play, "
+        "stop to stop",
         style="dim",
         highlight=False,
     )

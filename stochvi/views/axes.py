@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.shown_units import LENGTH, TIME
 from stochvi.views.colours import COLOURS, GRID_COLOUR
 
 if TYPE_CHECKING:
@@ -134,7 +135,9 @@ def add_grid(ax: Axes) -> None:
 
 
 def length_unit(size: float) -> tuple[float, str]:
-    """Unit in which lengths of this size read well: (metres, name)."""
+    """Unit of lengths of this size, (metres, name): the chosen one, or one that reads well."""
+    if LENGTH.chosen is not None:
+        return LENGTH.chosen.si, LENGTH.chosen.name
     return next((unit for unit in LENGTH_UNITS if size >= 0.2 * unit[0]), LENGTH_UNITS[-1])
 
 
@@ -212,7 +215,9 @@ def around_shock(time: Vector, x: Vector, shock: float | None) -> slice:
 def seconds_of(part: slice, time: Vector) -> str:
     """Label of the axis of time of an excerpt of samples: which part of the whole it is."""
     whole = len(time) <= part.stop - part.start
-    return "time (s)" if whole else f"time (s), a part of {time[-1] - time[0]:.4g} s"
+    return (
+        f"time ({TIME})" if whole else f"time ({TIME}), a part of {TIME.text(time[-1] - time[0])}"
+    )
 
 
 def plain_ticks(ax: Axes) -> None:

@@ -10,9 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.patches import Patch
 
+from stochvi.mathematics.shown_units import RATE, SPEED, TIME
 from stochvi.views.axes import add_grid, axes_or_new, length_unit
 from stochvi.views.colours import BASINS, BEYOND, CHAOTIC, COLOURS, UNDECIDED
-from stochvi.views.tables import print_frame
+from stochvi.views.tables import Heading, print_frame, with_headings
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -24,22 +25,26 @@ if TYPE_CHECKING:
 MAP_SIZE, DIAGRAM_SIZE = (7.0, 5.2), (7.0, 6.0)
 """Sizes of a map of basins and of a diagram of two panels, inches."""
 
-REGIME_COLUMNS = {
+REGIME_COLUMNS: dict[str, Heading] = {
+    "regime": "regime",
+    "kind": "kind",
     "share": "share of starts",
-    "impact_speed_max": "impact speed (m/s)",
+    "impact_speed_max": ("impact speed ()", SPEED),
     "multiplier": "largest multiplier",
-    "lyapunov": "Lyapunov exponent (1/s)",
-    "lyapunov_error": "standard error",
+    "lyapunov": ("Lyapunov exponent ()", RATE),
+    "lyapunov_error": ("standard error", RATE),
 }
 """Headings of the columns of regimes as the terminal shows them."""
 
-LIFE_COLUMNS = {
-    "life_time": "life time (s)",
-    "life_time_low": "95 % from",
-    "life_time_high": "to",
+LIFE_COLUMNS: dict[str, Heading] = {
+    "regime": "regime",
+    "life_time": ("life time ()", TIME),
+    "life_time_low": ("95 % from", TIME),
+    "life_time_high": ("to", TIME),
     "left": "paths left",
     "paths": "of",
     "to": "they go to",
+    "share": "share",
     "share_low": "95 % from ",
     "share_high": "to ",
 }
@@ -52,7 +57,7 @@ MOST_PRINTED = 40
 def print_basins(console: Console, found: Basins) -> None:
     """Print which motions are reached, and by what share of the starts."""
     console.print(found.summary(), style="bold", highlight=False)
-    print_frame(console, found.table().rename(columns=REGIME_COLUMNS), "motions that starts end in")
+    print_frame(console, with_headings(found.table(), REGIME_COLUMNS), "motions that starts end in")
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
 
@@ -62,8 +67,11 @@ def print_bifurcation(console: Console, found: Bifurcation) -> None:
     console.print(found.summary(), style="bold", highlight=False)
     table = found.table()
     chosen = np.unique(np.linspace(0, len(table) - 1, min(MOST_PRINTED, len(table))).astype(int))
-    names = {**REGIME_COLUMNS, "value": found.key, "periods": "periods (0: none)"}
-    print_frame(console, table.iloc[chosen].rename(columns=names), "motions of a slow sweep")
+    columns: dict[str, Heading] = {
+        "sweep": "sweep", "value": found.key, "periods": "periods (0: none)",
+        "impacts per period": "impacts per period", **REGIME_COLUMNS,
+    }  # fmt: skip
+    print_frame(console, with_headings(table.iloc[chosen], columns), "motions of a slow sweep")
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
 
@@ -71,7 +79,7 @@ def print_bifurcation(console: Console, found: Bifurcation) -> None:
 def print_lifetimes(console: Console, found: LifeTimes) -> None:
     """Print how long each regime lasts, and where paths go."""
     console.print(found.summary(), style="bold", highlight=False)
-    print_frame(console, found.to_frame().rename(columns=LIFE_COLUMNS), "regimes in noise")
+    print_frame(console, with_headings(found.to_frame(), LIFE_COLUMNS), "regimes in noise")
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
 
@@ -84,12 +92,14 @@ def plot_lifetimes(found: LifeTimes, ax: Axes | None = None) -> Axes:
     for row, each in enumerate(found.regimes):
         colour = COLOURS["simulate"]
         if each.life_time is None or each.life_time_high is None:
-            ax.plot(each.life_time_low or longest, row, ">", color=colour)
+            ax.plot(TIME(each.life_time_low or longest), row, ">", color=colour)
         else:
-            bars = [[each.life_time - each.life_time_low], [each.life_time_high - each.life_time]]
-            ax.errorbar(each.life_time, row, xerr=bars, fmt="o", capsize=3, color=colour)
+            ends = (each.life_time_low, each.life_time, each.life_time_high)
+            low, middle, high = map(TIME, ends)
+            bars = [[middle - low], [high - middle]]
+            ax.errorbar(middle, row, xerr=bars, fmt="o", capsize=3, color=colour)
         there = ", ".join(f"{100.0 * to.share:.0f} % to {to.regime}" for to in each.destinations)
-        place = each.life_time or each.life_time_low or longest
+        place = TIME(each.life_time or each.life_time_low or longest)
         ax.annotate(
             there or "longer than this (95 %): no path left it", (place, row), (0.0, 9.0),
             textcoords="offset points", ha="center", fontsize="small",
@@ -98,7 +108,7 @@ def plot_lifetimes(found: LifeTimes, ax: Axes | None = None) -> Axes:
     ax.margins(x=0.45)
     ax.set_yticks(range(rows), [each.regime for each in found.regimes])
     ax.set_ylim(rows - 0.5, -0.7)
-    ax.set_xlabel("mean life time (s)")
+    ax.set_xlabel(f"mean life time ({TIME})")
     add_grid(ax)
     return ax
 
@@ -146,7 +156,7 @@ def _unit(name: str, values: np.ndarray) -> tuple[float, str]:
     """The unit of an axis and its label."""
     what, _, coordinate = name.partition(".")
     if what == "velocity":
-        return 1.0, f"velocity of {coordinate} at the start (m/s)"
+        return SPEED.shown.si, f"velocity of {coordinate} at the start ({SPEED})"
     unit, word = length_unit(float(np.abs(values).max()) or 1.0)
     return unit, f"displacement of {coordinate} at the start ({word})"
 
@@ -183,9 +193,9 @@ def draw_bifurcation(found: Bifurcation, ax: Axes | None = None) -> Axes:
     first: Axes = _plot_speeds(found, axes[0])
     first.set_xlabel("")
     for sweep in found.sweeps:
-        axes[1].plot(sweep.value, sweep.lyapunov, **_style(upwards=sweep.upwards))
+        axes[1].plot(sweep.value, RATE(sweep.lyapunov), **_style(upwards=sweep.upwards))
     axes[1].axhline(0.0, color=COLOURS["stop"], linewidth=1.0)
-    axes[1].set_ylabel("Lyapunov exponent (1/s)")
+    axes[1].set_ylabel(f"Lyapunov exponent ({RATE})")
     axes[1].set_xlabel(_name(found))
     add_grid(axes[1])
     return first
@@ -198,9 +208,9 @@ def _plot_speeds(found: Bifurcation, ax: Axes) -> Axes:
         rows = [(value, speed) for value, speeds in pairs for speed in _distinct(speeds)]
         values, speeds = np.array(rows).reshape(-1, 2).T
         word = "up" if sweep.upwards else "down"
-        ax.plot(values, speeds, label=f"sweep {word}", **_style(upwards=sweep.upwards))
+        ax.plot(values, SPEED(speeds), label=f"sweep {word}", **_style(upwards=sweep.upwards))
     ax.set_ylim(bottom=0.0)
-    ax.set_ylabel("impact speed (m/s)")
+    ax.set_ylabel(f"impact speed ({SPEED})")
     ax.set_xlabel(_name(found))
     ax.legend(fontsize="small", markerscale=5.0)
     add_grid(ax)

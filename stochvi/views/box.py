@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stochvi.mathematics.shown_units import LENGTH
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
 from stochvi.views.colours import COLOURS
-from stochvi.views.words import MM, chance_in_words, four_digits
+from stochvi.views.words import chance_in_words, four_digits
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -51,10 +52,10 @@ def one_axis_in_rows(sizing: PairsSizing) -> pd.DataFrame:
         [
             {
                 "pair": row["pair"],
-                "clearance (mm)": four_digits(MM * sizing.clearances[row["pair"]].value)
+                f"clearance ({LENGTH})": four_digits(LENGTH(sizing.clearances[row["pair"]].value))
                 if row["pair"] in sizing.clearances
                 else "fixed",
-                "3 sigma of one axis (mm)": four_digits(MM * row["one_axis_three_sigma"]),
+                f"3 sigma of one axis ({LENGTH})": four_digits(LENGTH(row["one_axis_three_sigma"])),
                 "hit there": chance_in_words(row["chance_at_one_axis"]),
                 "hit as the scene stands": chance_in_words(row["chance_as_given"]),
             }

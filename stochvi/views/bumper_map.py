@@ -12,6 +12,14 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.mathematics.arrays import Matrix
+from stochvi.mathematics.shown_units import (
+    ACCELERATION,
+    ENERGY,
+    FORCE,
+    LENGTH,
+    STIFFNESS,
+    ShownQuantity,
+)
 from stochvi.results.estimates import Estimate
 from stochvi.views.axes import axes_or_new, plain_ticks
 from stochvi.views.colours import CLEARANCES
@@ -22,7 +30,6 @@ from stochvi.views.tables import (
     print_table,
     value_with_error,
 )
-from stochvi.views.words import MM, G
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -40,36 +47,39 @@ CORNERS = 4
 
 
 class Panel(NamedTuple):
-    """A quantity of the map in words, with the factor and the name of its unit."""
+    """A quantity of the map in words, and what stands behind its unit."""
 
     name: str
     words: str
-    factor: float
-    unit: str
+    quantity: ShownQuantity
+    more: str = ""
 
 
 def panels(found: BumperMap) -> list[Panel]:
     """The four panels of the picture."""
     per = "/kg" if found.scene_without_mass else ""
     return [
-        Panel("peak_acceleration", "peak acceleration", G, "g"),
-        Panel("pad_force", "largest force on a stop", 1.0, f"N{per}"),
-        Panel("rattle_space", "rattle space per side", MM, "mm"),
-        Panel("energy_per_hit", "mean energy of an impact", 1.0, f"J{per}"),
+        Panel("peak_acceleration", "peak acceleration", ACCELERATION),
+        Panel("pad_force", "largest force on a stop", FORCE, per),
+        Panel("rattle_space", "rattle space per side", LENGTH),
+        Panel("energy_per_hit", "mean energy of an impact", ENERGY, per),
     ]
 
 
 def print_bumper_map(console: Console, found: BumperMap) -> None:
     """Print the quantities at some points, and the best one."""
     console.print(found.summary(), style="bold", highlight=False)
-    headings = ["clearance (mm)", "stiffness (N/m)" if _in_units(found) else "stiffness, times"]
+    headings = [
+        f"clearance ({LENGTH})",
+        f"stiffness ({STIFFNESS})" if _in_units(found) else "stiffness, times",
+    ]
     shown = panels(found)
-    headings += [f"{panel.words} ({panel.unit})" for panel in shown] + ["limits"]
+    headings += [panel.quantity.heading(panel.words, panel.more) for panel in shown] + ["limits"]
     table = new_table(f"exceeded in {_risk(found)}", headings)
     rows, columns = found.feasible.shape
     for row in np.unique(np.linspace(0, rows - 1, CORNERS).astype(int)):
         for column in np.unique(np.linspace(0, columns - 1, CORNERS).astype(int)):
-            cells = [f"{MM * found.clearance[row]:.3g}", f"{_stiffness(found)[column]:.3g}"]
+            cells = [f"{LENGTH(found.clearance[row]):.3g}", f"{_stiffness(found)[column]:.3g}"]
             for panel in shown:
                 cells.append(_one(found, panel, row, column))
             cells.append("kept" if found.feasible[row, column] else "exceeded")
@@ -90,7 +100,7 @@ def _in_units(found: BumperMap) -> bool:
 
 
 def _stiffness(found: BumperMap) -> Matrix:
-    return found.stiffness_factor if found.stiffness is None else found.stiffness
+    return found.stiffness_factor if found.stiffness is None else STIFFNESS(found.stiffness)
 
 
 def _one(found: BumperMap, panel: Panel, row: int, column: int) -> str:
@@ -101,9 +111,8 @@ def _one(found: BumperMap, panel: Panel, row: int, column: int) -> str:
     )
     if not np.isfinite(value):
         return "not known"
-    return value_with_error(
-        Estimate(value=value, standard_error=error, bias=bias) * panel.factor, with_bias=False
-    )
+    estimate = Estimate(value=value, standard_error=error, bias=bias)
+    return value_with_error(panel.quantity(estimate), with_bias=False)
 
 
 def draw_bumper_map(found: BumperMap, title: str = "") -> Axes:
@@ -113,7 +122,7 @@ def draw_bumper_map(found: BumperMap, title: str = "") -> Axes:
     for ax, panel in zip(axes.ravel(), panels(found), strict=True):
         _draw_panel(found, panel, ax)
     for ax in axes[1]:
-        ax.set_xlabel("clearance per side (mm)")
+        ax.set_xlabel(f"clearance per side ({LENGTH})")
     for ax in axes[:, 0]:
         ax.set_ylabel(_stiffness_label(found))
     words = f"exceeded in {_risk(found)}; mean energy"
@@ -128,19 +137,23 @@ def plot_bumper_map(found: BumperMap, ax: Axes | None = None) -> Axes:
         return draw_bumper_map(found)
     ax = axes_or_new(ax)
     _draw_panel(found, panels(found)[0], ax)
-    ax.set_xlabel("clearance per side (mm)")
+    ax.set_xlabel(f"clearance per side ({LENGTH})")
     ax.set_ylabel(_stiffness_label(found))
     return ax
 
 
 def _stiffness_label(found: BumperMap) -> str:
-    return "stiffness of a stop (N/m)" if _in_units(found) else "stiffness of a stop, times its own"
+    return (
+        f"stiffness of a stop ({STIFFNESS})"
+        if _in_units(found)
+        else "stiffness of a stop, times its own"
+    )
 
 
 def _draw_panel(found: BumperMap, panel: Panel, ax: Axes) -> None:
     """One quantity in colours, with lines of equal values; what no limit allows is hatched."""
-    values = panel.factor * getattr(found, panel.name).value.T
-    x, y = MM * found.clearance, _stiffness(found)
+    values = panel.quantity(getattr(found, panel.name).value.T)
+    x, y = LENGTH(found.clearance), _stiffness(found)
     known = np.ma.masked_invalid(np.where(values > 0.0, values, np.nan))
     low, high = float(known.min()), float(known.max())
     wide = high > 3.0 * low
@@ -157,14 +170,14 @@ def _draw_panel(found: BumperMap, panel: Panel, ax: Axes) -> None:
             ax.contour(x, y, outside, levels=[0.5], colors="black", linewidths=1.4)
     if (best := found.best) is not None:
         ax.plot(
-            MM * best.clearance, y[best.column], "*", markersize=13, markeredgecolor="black",
+            LENGTH(best.clearance), y[best.column], "*", markersize=13, markeredgecolor="black",
             color=CLEARANCES["three_sigma"],
         )  # fmt: skip
     ax.set_yscale("log")
     plain_ticks(ax)
     limit = found.limits.get(panel.name)
-    most = "" if limit is None else f", at most {panel.factor * limit:.4g}"
-    ax.set_title(f"{panel.words} ({panel.unit}{most})", fontsize="medium")
+    most = "" if limit is None else f", at most {panel.quantity(limit):.4g}"
+    ax.set_title(panel.quantity.heading(panel.words, panel.more + most), fontsize="medium")
     bar = ax.figure.colorbar(mesh, ax=ax)
     bar.ax.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)) if wide else MaxNLocator(6))
     bar.ax.yaxis.set_major_formatter("{x:g}")

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from stochvi.mathematics.shown_units import RATE
 from stochvi.views.axes import add_grid, axes_or_new, length_unit
 from stochvi.views.colours import COLOURS, owner_colours
 
@@ -29,19 +30,23 @@ def plot_clearance_curve(
     ):
         rice, closure, simulated = colours
         sigma = lines["clearance_in_sigma"]
-        ax.plot(sigma, lines["rice"], color=rice, linestyle="--", label=None if several else RICE)
+        ax.plot(
+            sigma, RATE(lines["rice"]), color=rice, linestyle="--", label=None if several else RICE
+        )
         if lines["closure"].notna().any():
             ax.plot(
-                sigma, lines["closure"], color=closure, linewidth=1.0 if several else None,
+                sigma, RATE(lines["closure"]), color=closure, linewidth=1.0 if several else None,
                 label=None if several else "moment closure",
             )  # fmt: skip
-        _error_bars(ax, rows, rows["simulated"], 1.0, simulated, name or "Monte Carlo, 95 %")
+        _error_bars(
+            ax, rows, RATE(rows["simulated"]), RATE.shown.si, simulated, name or MONTE_CARLO
+        )
     if several:
         ax.plot([], [], color="0.4", linestyle="--", label=RICE)
         ax.plot([], [], color="0.4", linewidth=1.0, label="moment closure")
     ax.set_yscale("log")
     ax.set_xlabel(_sigma_label(curve))
-    ax.set_ylabel(f"impacts on the stops{' of a pair' if several else ''} (1/s)")
+    ax.set_ylabel(f"impacts on the stops{' of a pair' if several else ''} ({RATE})")
     add_grid(ax)
     ax.legend(frameon=False)
     if not several:
@@ -49,7 +54,7 @@ def plot_clearance_curve(
     return ax
 
 
-RICE = "Rice, no impacts"
+RICE, MONTE_CARLO = "Rice, no impacts", "Monte Carlo, 95 %"
 
 
 def _add_lengths(ax: Axes, curve: pd.DataFrame) -> None:

@@ -9,7 +9,14 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from stochvi.isolators.sizing.answer import spoken_mission
-from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.mathematics.shown_units import (
+    ACCELERATION,
+    DENSITY,
+    ENERGY,
+    HOURLY,
+    NUMBER,
+    ShownQuantity,
+)
 from stochvi.results.estimates import Estimate
 from stochvi.views.axes import add_grid, axes_or_new
 from stochvi.views.colours import BAND_ALPHA, COLOURS
@@ -22,7 +29,6 @@ from stochvi.views.tables import (
 )
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from rich.console import Console
 
     from stochvi.statistics.damage import Damage, SpectrumValues
@@ -33,13 +39,10 @@ ROWS = 12
 WITH, WITHOUT, SHOCK = COLOURS["simulate"], COLOURS["exact"], COLOURS["stop"]
 """Colours of the scene as it is, without its stops, and of its impacts."""
 
-UNITS = {"g": STANDARD_GRAVITY, "g2/Hz": STANDARD_GRAVITY**2}
-"""Units of the pictures and tables, in SI units."""
-
 
 def print_damage(console: Console, found: Damage) -> None:
     """Print the spectra at some frequencies, and the impacts."""
-    headings = ["Hz", "rms (g)", "largest (g)", "damage"]
+    headings = ["Hz", f"rms ({ACCELERATION})", f"largest ({ACCELERATION})", "damage"]
     without = found.without_stops
     compared = (
         without is not None
@@ -48,9 +51,9 @@ def print_damage(console: Console, found: Damage) -> None:
     )
     if compared:
         headings += ["rms, no stops", "largest, no stops", "times the damage"]
-    headings.append("equivalent (g²/Hz)")
+    headings.append(f"equivalent ({DENSITY})")
     if found.shocks is not None:
-        headings += ["typical impact (g)", "worst of 100"]
+        headings += [f"typical impact ({ACCELERATION})", "worst of 100"]
     title = (
         f"equipment at {found.at}, Q = {found.quality:g}, b = {found.exponent:g}, in a mission of "
         f"{spoken_mission(found.mission)}"
@@ -60,18 +63,18 @@ def print_damage(console: Console, found: Damage) -> None:
     for k in np.unique(np.linspace(0, count - 1, min(count, ROWS)).round().astype(int)):
         spectra = found.with_stops
         row = [
-            f"{found.equipment_frequency_hz[k]:.4g}", _one(spectra.response_rms, k, "g"),
-            _one(spectra.extreme_response, k, "g"), _one(spectra.fatigue_damage, k),
+            f"{found.equipment_frequency_hz[k]:.4g}", _one(spectra.response_rms, k, ACCELERATION),
+            _one(spectra.extreme_response, k, ACCELERATION), _one(spectra.fatigue_damage, k),
         ]  # fmt: skip
         if compared and without is not None and found.damage_ratio is not None:
             row += [
-                _one(without.response_rms, k, "g"), _one(without.extreme_response, k, "g"),
-                _one(found.damage_ratio, k),
+                _one(without.response_rms, k, ACCELERATION),
+                _one(without.extreme_response, k, ACCELERATION), _one(found.damage_ratio, k),
             ]  # fmt: skip
-        row.append(_one(found.equivalent_density, k, "g2/Hz"))
+        row.append(_one(found.equivalent_density, k, DENSITY))
         if found.shocks is not None:
             shocks = (found.shocks.typical, found.shocks.worst)
-            row += [f"{shock[k] / UNITS['g']:.3g}" for shock in shocks]
+            row += [f"{ACCELERATION(shock[k]):.3g}" for shock in shocks]
         table.add_row(*row)
     print_table(console, table)
     for line in hits_in_words(found):
@@ -84,37 +87,38 @@ def print_damage(console: Console, found: Damage) -> None:
 
 def hits_in_words(found: Damage) -> list[str]:
     """Sentences on the impacts, their energy and accelerations."""
-    energy = "J/kg" if found.scene_without_mass else "J"
-    lines = []
-    for words, estimate, unit in (
-        ("impacts", found.impacts_per_hour, ""),
-        ("impacts bring", found.impact_work_per_hour, f" {energy}"),
-        ("and lose", found.impact_loss_per_hour, f" {energy}"),
-    ):
-        if estimate is not None:
-            lines.append(f"{words} {_spoken(estimate)}{unit} per hour")
+    energy = f" {ENERGY}/kg" if found.scene_without_mass else f" {ENERGY}"
+    lines = [
+        f"{words} {_hourly(quantity(estimate))}{unit} per {HOURLY.time}"
+        for words, estimate, quantity, unit in (
+            ("impacts", found.impacts_per_hour, NUMBER, ""),
+            ("impacts bring", found.impact_work_per_hour, ENERGY, energy),
+            ("and lose", found.impact_loss_per_hour, ENERGY, energy),
+        )
+        if estimate is not None
+    ]
     lines += [
-        f"contacts above {float(level) / UNITS['g']:.4g} g: {_spoken(estimate)} per hour"
+        f"contacts above {ACCELERATION.text(float(level))}: {_hourly(estimate)} per {HOURLY.time}"
         for level, estimate in found.contacts_above.items()
     ]
     return lines
 
 
-def _spoken(estimate: Estimate) -> str:
+def _hourly(per_hour: Estimate) -> str:
+    """A rate, per hour, in the unit of rates that is shown."""
+    estimate = HOURLY(per_hour / 3600.0)
     if estimate.upper_95 is not None:
         return f"at most {estimate.upper_95:.3g}"
     return value_with_error(estimate)
 
 
-def _one(values: SpectrumValues, k: int, unit: str | None = None) -> str:
-    """A value with its errors, in a unit."""
-    size = 1.0 if unit is None else UNITS[unit]
-    return value_with_error(
-        Estimate(
-            value=float(values.value[k]), standard_error=float(values.standard_error[k]),
-            bias=float(values.bias[k]),
-        ) / size
+def _one(values: SpectrumValues, k: int, quantity: ShownQuantity = NUMBER) -> str:
+    """A value with its errors, in the unit that is shown."""
+    estimate = Estimate(
+        value=float(values.value[k]), standard_error=float(values.standard_error[k]),
+        bias=float(values.bias[k]),
     )  # fmt: skip
+    return value_with_error(quantity(estimate))
 
 
 def draw_damage(found: Damage, title: str = "") -> Axes:
@@ -122,8 +126,8 @@ def draw_damage(found: Damage, title: str = "") -> Axes:
     figure, axes = plt.subplots(3, 1, figsize=(7.2, 8.4), sharex=True, layout="constrained")
     plot_extremes(found, axes[0])
     plot_fatigue(found, axes[1])
-    _curve(axes[2], found, found.equivalent_density, WITH, "same damage without stops", "g2/Hz")
-    axes[2].set_ylabel("equivalent density\n(g²/Hz, one-sided)")
+    _curve(axes[2], found, found.equivalent_density, WITH, "same damage without stops", DENSITY)
+    axes[2].set_ylabel(f"equivalent density\n({DENSITY}, one-sided)")
     axes[2].set_yscale("log")
     add_grid(axes[2])
     axes[2].set_xlabel("natural frequency of the equipment (Hz)")
@@ -149,22 +153,22 @@ def plot_extremes(found: Damage, ax: Axes | None = None) -> Axes:
     """Expected largest acceleration of the equipment with the range of 95 % of missions, rms, and
     shock spectra of impacts."""
     ax = axes_or_new(ax)
-    f, g = found.equipment_frequency_hz, UNITS["g"]
+    f, shown = found.equipment_frequency_hz, ACCELERATION
     spectra, without = found.with_stops, found.without_stops
     ax.fill_between(
-        f, spectra.extreme_lower / g, spectra.extreme_upper / g, color=WITH, alpha=BAND_ALPHA,
+        f, shown(spectra.extreme_lower), shown(spectra.extreme_upper), color=WITH, alpha=BAND_ALPHA,
         linewidth=0, label="largest of 95 % of missions",
     )  # fmt: skip
-    ax.plot(f, spectra.extreme_response.value / g, color=WITH, label="expected largest")
+    ax.plot(f, shown(spectra.extreme_response.value), color=WITH, label="expected largest")
     if without is not None and without is not spectra:
-        ax.plot(f, without.extreme_response.value / g, color=WITHOUT, label="without stops")
+        ax.plot(f, shown(without.extreme_response.value), color=WITHOUT, label="without stops")
     if found.shocks is not None:
-        ax.plot(f, found.shocks.worst / g, "--", color=SHOCK, label="worst of 100 impacts")
-        ax.plot(f, found.shocks.typical / g, ":", color=SHOCK, label="typical impact")
-    ax.plot(f, spectra.response_rms.value / g, color=WITH, linewidth=0.8, label="rms")
+        ax.plot(f, shown(found.shocks.worst), "--", color=SHOCK, label="worst of 100 impacts")
+        ax.plot(f, shown(found.shocks.typical), ":", color=SHOCK, label="typical impact")
+    ax.plot(f, shown(spectra.response_rms.value), color=WITH, linewidth=0.8, label="rms")
     ax.set_xscale("log")
     ax.set_yscale("log")
-    ax.set_ylabel("acceleration of the\nequipment (g)")
+    ax.set_ylabel(f"acceleration of the\nequipment ({ACCELERATION})")
     _show_one(ax, found)
     add_grid(ax)
     ax.legend(frameon=False, fontsize="x-small", ncols=2)
@@ -191,15 +195,13 @@ def _curve(
     values: SpectrumValues,
     colour: str,
     label: str,
-    unit: str | None = None,
+    quantity: ShownQuantity = NUMBER,
 ) -> None:
     """A curve with its 95 % intervals."""
-    f, size = found.equipment_frequency_hz, 1.0 if unit is None else UNITS[unit]
-    half: NDArray[np.float64] = values.half_width_95()
-    low = np.maximum(values.value - half, 1e-3 * values.value) / size
-    high = (values.value + half) / size
-    ax.fill_between(f, low, high, color=colour, alpha=BAND_ALPHA, linewidth=0)
-    ax.plot(f, values.value / size, color=colour, label=label)
+    f, half = found.equipment_frequency_hz, values.half_width_95()
+    low, high = np.maximum(values.value - half, 1e-3 * values.value), values.value + half
+    ax.fill_between(f, quantity(low), quantity(high), color=colour, alpha=BAND_ALPHA, linewidth=0)
+    ax.plot(f, quantity(values.value), color=colour, label=label)
     _show_one(ax, found)
 
 

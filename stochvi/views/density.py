@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.impact_rates import corner_exponent
+from stochvi.mathematics.shown_units import RATE, SPEED
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Restitution
@@ -76,23 +77,23 @@ def plot_plane(scene: Scene, found: Density, ax: Axes | None = None) -> Axes:
     slit: a mass that comes at v > 0 leaves at -R v, nearer to 0."""
     ax = axes_or_new(ax, SIZE)
     (x, v), (unit, name) = _range(scene, found), _unit(scene, found)
-    p = found.density(x[None, :], v[:, None]) * unit
+    p = found.density(x[None, :], v[:, None]) * unit * SPEED.shown.si
     finite = p[np.isfinite(p) & (p > 0.0)]
     top = float(np.quantile(finite, 0.999))
     shown = np.where(np.isfinite(p), np.clip(p, top * 10.0**-DECADES, top), top)
     mesh = ax.pcolormesh(
-        x / unit, v, shown, shading="gouraud", cmap="viridis",
+        x / unit, SPEED(v), shown, shading="gouraud", cmap="viridis",
         norm=LogNorm(top * 10.0**-DECADES, top), rasterized=True,
     )  # fmt: skip
-    ax.figure.colorbar(mesh, ax=ax, label=f"probability density (1/({name} m/s))")
+    ax.figure.colorbar(mesh, ax=ax, label=f"probability density (1/({name} {SPEED}))")
     draw_stops(ax, scene, unit, vertical=True)
     rigid = [stop for side, stop in _stops(scene) if scene.impact_pairs[0].law_of(side).rigid]
     for stop in rigid:
         for low, high in ((0.0, 0.5 - SLIT), (0.5 + SLIT, 1.0)):
             ax.axvline(stop / unit, low, high, color="black", linewidth=2.0)
-    ax.set_ylim(-v[-1], v[-1])
+    ax.set_ylim(-SPEED(v[-1]), SPEED(v[-1]))
     ax.set_xlabel(f"displacement ({name})")
-    ax.set_ylabel("velocity (m/s)")
+    ax.set_ylabel(f"velocity ({SPEED})")
     return ax
 
 
@@ -108,20 +109,22 @@ def plot_impact_speeds(scene: Scene, found: Density, ax: Axes | None = None) -> 
     colours = {"lower": COLOURS["linearise:closure"], "upper": COLOURS["fokker-planck"]}
     largest = 0.0
     for side, _ in _stops(scene):
-        flux = found.impact_flux(side, w)
+        flux = RATE(found.impact_flux(side, w)) * SPEED.shown.si
         largest = max(largest, float(np.nanmax(flux)))
         style = {"color": colours[side], "linestyle": "-" if side == "lower" else "--"}
-        ax.plot(w, np.where(flux > 0.0, flux, np.nan), label=f"{side} stop", **style)  # type: ignore[arg-type]
+        ax.plot(SPEED(w), np.where(flux > 0.0, flux, np.nan), label=f"{side} stop", **style)  # type: ignore[arg-type]
         law = scene.impact_pairs[0].law_of(side)
         if isinstance(law, Restitution):
             beta = corner_exponent(law.slow_restitution)
             start, anchor = w[: CURVE_POINTS // 2], CURVE_POINTS // 4
             line = MARGIN * flux[anchor] * (start / w[anchor]) ** (1.0 - beta)
             text = f"w^(1 - β), β = {beta:.3g} (R = {law.coefficient})"
-            ax.plot(start, line, ":", color=colours[side], label=text)
+            ax.plot(SPEED(start), line, ":", color=colours[side], label=text)
     ax.set(xscale="log", yscale="log", ylim=(1e-6 * largest, 3.0 * largest))
-    ax.set_xlabel("impact speed (m/s)")
-    ax.set_ylabel("impacts per second and unit of speed (1/m)")
+    ax.set_xlabel(f"impact speed ({SPEED})")
+    chosen = RATE.chosen or SPEED.chosen
+    unit = f"{RATE} per {SPEED}" if chosen else "1/m"
+    ax.set_ylabel(f"impacts per {RATE.time} and unit of speed ({unit})")
     ax.legend(frameon=False)
     return ax
 
@@ -138,7 +141,8 @@ def plot_marginals(
     curves = (
         (axes[0], x / unit, found.displacement_density(x) * unit,
          _normal((x - mean) / unit, _value(found, "displacement_std") / unit)),
-        (axes[1], v, found.velocity_density(v), _normal(v, _value(found, "velocity_std"))),
+        (axes[1], SPEED(v), found.velocity_density(v) * SPEED.shown.si,
+         _normal(SPEED(v), SPEED(_value(found, "velocity_std")))),
     )  # fmt: skip
     for ax, place, density, normal in curves:
         ax.plot(place, density, color=COLOURS["exact"], label="density")
@@ -147,7 +151,7 @@ def plot_marginals(
         ax.set_ylabel("probability density")
     draw_stops(axes[0], scene, unit, vertical=True)
     axes[0].set_xlabel(f"displacement ({name})")
-    axes[1].set_xlabel("velocity (m/s)")
+    axes[1].set_xlabel(f"velocity ({SPEED})")
     axes[1].legend(frameon=False)
     return axes
 

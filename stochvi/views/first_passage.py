@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from matplotlib.axes import Axes
 
+from stochvi.mathematics.shown_units import TIME
 from stochvi.views.axes import add_grid, axes_or_new
 from stochvi.views.colours import COLOURS
 
@@ -44,11 +45,11 @@ def plot_first_passage(found: FirstPassage, ax: Axes | None = None) -> Axes:
         rates.append(("Rice, no memory", found.rice_rate, "--"))
     for label, rate, style in rates:
         ax.plot(
-            grid, -np.expm1(-rate.value * grid), color=COLOURS["stop"], linestyle=style,
+            TIME(grid), -np.expm1(-rate.value * grid), color=COLOURS["stop"], linestyle=style,
             linewidth=1.3, label=label,
         )  # fmt: skip
     ax.plot(
-        times[shown], chances[shown], "o-", color=COLOURS["fokker-planck"], linewidth=1.8,
+        TIME(times[shown]), chances[shown], "o-", color=COLOURS["fokker-planck"], linewidth=1.8,
         markersize=3.0 if len(shown) > MANY_TIMES else 5.5, label=f"start: {found.start}",
     )  # fmt: skip
     ax.set_xscale("log")
@@ -56,7 +57,7 @@ def plot_first_passage(found: FirstPassage, ax: Axes | None = None) -> Axes:
     low = min(chances[shown].min(), -np.expm1(-found.decay_rate.value * grid[0]))
     # a probability is never above 1
     ax.set_ylim(max(low / 2.0, FAINTEST * chances[shown].max()), 2.0)
-    ax.set_xlabel("time (s)")
+    ax.set_xlabel(f"time ({TIME})")
     ax.set_ylabel("P(first passage before t)")
     add_grid(ax)
     ax.legend(frameon=False, loc="lower right")

@@ -15,8 +15,8 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.units import STANDARD_GRAVITY
-from stochvi.results.response import ROTATIONS
+from stochvi.mathematics.shown_units import ACCELERATION, SI_ACCELERATION, TIME, shown_as
+from stochvi.results.response import ROTATIONS, in_angles
 from stochvi.views.axes import add_grid, as_written, draw_stop_bands, length_unit, thinned
 from stochvi.views.colours import COLOURS, OWNERS, owner_colours
 from stochvi.views.files import write_bytes
@@ -53,35 +53,33 @@ ANIMATION_DPI = 80
 """Resolution of an animation, dots per inch: a few megabytes at most."""
 
 SHOWN = {
-    "displacement_mean": "mean displacement (m)",
-    "displacement_std": "standard deviation of displacement (m)",
-    "displacement_min": "smallest displacement (m)",
-    "displacement_max": "largest displacement (m)",
-    "velocity_std": "standard deviation of velocity (m/s)",
-    "acceleration_std": "standard deviation of acceleration (m/s^2)",
-    "acceleration_max": "largest size of the acceleration (m/s^2)",
-    "hits": "impacts",
-    "hits_lower": "impacts on the lower stop",
-    "hits_upper": "impacts on the upper stop",
-    "impact_speed_max": "largest impact speed (m/s)",
+    "displacement_mean": ("mean displacement", "m"),
+    "displacement_std": ("standard deviation of displacement", "m"),
+    "displacement_min": ("smallest displacement", "m"),
+    "displacement_max": ("largest displacement", "m"),
+    "velocity_std": ("standard deviation of velocity", "m/s"),
+    "acceleration_std": ("standard deviation of acceleration", "m/s^2"),
+    "acceleration_max": ("largest size of the acceleration", "m/s^2"),
+    "hits": ("impacts", ""),
+    "hits_lower": ("impacts on the lower stop", ""),
+    "hits_upper": ("impacts on the upper stop", ""),
+    "impact_speed_max": ("largest impact speed", "m/s"),
 }
-"""Quantities that a terminal shows, in words."""
+"""Quantities that a terminal shows, in words, and their SI units."""
 
 
 def print_history(console: Console, found: History) -> None:
     """Print the quantities of the history, and the meanings of the columns of its table."""
     import pandas as pd
 
-    rows = [
-        {
-            "of": owner,
-            "quantity": SHOWN[name].replace("(m", "(rad") if owner in ROTATIONS else SHOWN[name],
-            "value": f"{value:.5g}",
-        }
-        for group in (found.coordinates, found.impact_pairs)
-        for owner, numbers in group.items()
-        for name, value in numbers.items()
-    ]
+    rows = []
+    for group in (found.coordinates, found.impact_pairs):
+        for owner, numbers in group.items():
+            for name, value in numbers.items():
+                words, unit = SHOWN[name]
+                quantity = shown_as(in_angles(owner, unit))
+                cell = f"{quantity(value):.5g}"
+                rows.append({"of": owner, "quantity": quantity.heading(words), "value": cell})
     print_frame(console, pd.DataFrame(rows), "one realisation, which has no standard error")
     for name, meaning in found.meanings.items():
         console.print(f"{name}: {meaning}", style="dim", highlight=False, markup=False)
@@ -114,7 +112,7 @@ def draw_history(found: History, scene: Scene, title: str = "") -> Axes:
     )
     for panel, ax in zip(panels, grid[:, 0], strict=True):
         _plot_panel(found, panel, ax)
-    grid[-1, 0].set_xlabel("time (s)")
+    grid[-1, 0].set_xlabel(f"time ({TIME})")
     grid[0, 0].margins(x=0.0)
     figure.suptitle(title or "one realisation", fontsize="medium")
     first: Axes = grid[0, 0]
@@ -205,12 +203,12 @@ def _plot_panel(found: History, panel: _Panel, ax: Axes) -> None:
     unit, unit_name = _unit(found, panel, max(float(np.abs(y).max()) for y in curves.values()))
     for (label, y), colour in zip(curves.items(), owner_colours(len(curves)), strict=True):
         name = label if len(curves) > 1 else None
-        ax.plot(*thinned(time, y / unit), color=colour, linewidth=0.8, label=name)
+        ax.plot(*thinned(TIME(time), y / unit), color=colour, linewidth=0.8, label=name)
     for pair in panel.pairs:
         hits = _fastest(found.impacts[found.impacts["pair"] == pair.name], found.duration)
         place = np.where(hits["side"] == "upper", pair.upper or 0.0, pair.lower or 0.0)
         ax.scatter(
-            hits["time_s"], place / unit,
+            TIME(hits["time_s"]), place / unit,
             s=SMALLEST_MARK + MARK_GROWTH * hits["speed_m_s"] / found.impacts["speed_m_s"].max(),
             color=COLOURS["linearise:closure"], edgecolor="white", linewidth=0.5, zorder=3,
             label="impacts, larger = faster" if len(hits) else None,
@@ -228,14 +226,15 @@ def _plot_panel(found: History, panel: _Panel, ax: Axes) -> None:
 
 
 def _unit(found: History, panel: _Panel, largest: float) -> tuple[float, str]:
-    """Unit of a panel, in SI, and its name: accelerations are in g where a base is shaken, and in
-    m/s^2 where forces act."""
+    """Unit of a panel, in SI, and its name: unless one is chosen, accelerations are in g where a
+    base is shaken, and in m/s^2 where forces act."""
     if not _ends(next(iter(panel.columns.values())), "acceleration_m_s2"):
         return (1e-3, "mrad") if panel.turns else length_unit(largest)
     if panel.turns:
         return 1.0, "rad/s²"
     shaken = any(_ends(str(name), "base_acceleration_m_s2") for name in found.samples)
-    return (STANDARD_GRAVITY, "g") if shaken else (1.0, "m/s²")
+    name, size = (ACCELERATION if shaken else SI_ACCELERATION).shown
+    return size, name
 
 
 def _fastest(hits: pd.DataFrame, duration: float) -> pd.DataFrame:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from matplotlib.axes import Axes
 
+from stochvi.mathematics.shown_units import FORCE, LENGTH, MILLISECONDS, SPEED, shown_as
 from stochvi.views.axes import add_grid
 from stochvi.views.colours import COLOURS, OWNERS
 from stochvi.views.tables import print_frame, value_with_error
@@ -17,11 +18,11 @@ if TYPE_CHECKING:
     from stochvi.identification import Identification
 
 PLACES = {
-    "restitution": (1.0, "speed of approach (m/s)"),
-    "force": (1e-3, "deflection (mm)"),
-    "acceleration": (1e-3, "time (ms)"),
+    "restitution": ("speed of approach", SPEED),
+    "force": ("deflection", LENGTH),
+    "acceleration": ("time", MILLISECONDS),
 }
-"""Unit of the abscissa, and its label, by what was observed."""
+"""The abscissa by what was observed."""
 
 STYLES = ("-", "--", "-.", ":")
 """Styles of the lines of laws, in their order."""
@@ -89,19 +90,18 @@ def plot_identification(found: Identification, ax: Axes | None = None) -> Axes:
 
 
 def _draw_laws(found: Identification, ax: Axes) -> Axes:
-    unit, label = PLACES[found.test.word]
+    (words_of_place, place), quantity = PLACES[found.test.word], shown_as(found.test.unit)
     table = found.curve.sort_values("place")
-    ax.plot(table["place"] / unit, table["observed"], "o", markersize=3, color=COLOURS["exact"],
-            label="measured")  # fmt: skip
+    ax.plot(place(table["place"]), quantity(table["observed"]), "o", markersize=3,
+            color=COLOURS["exact"], label="measured")  # fmt: skip
     names = sorted(found.fits, key=lambda name: found.fits[name].criterion)[:MOST_LINES]
     if found.chosen not in names:
         names[-1] = found.chosen
     for name, colour, style in zip(names, OWNERS, STYLES, strict=False):
         words = f"{name} (to take)" if name == found.chosen else name
-        ax.plot(table["place"] / unit, table[name], style, color=colour, label=words)
-    quantity = f"{found.test.word} ({found.test.unit})" if found.test.unit else found.test.word
-    ax.set_ylabel(quantity)
-    ax.set_xlabel(label)
+        ax.plot(place(table["place"]), quantity(table[name]), style, color=colour, label=words)
+    ax.set_ylabel(quantity.heading(found.test.word))
+    ax.set_xlabel(place.heading(words_of_place))
     if found.test.word == "restitution":
         ax.set_xscale("log")
     ax.legend(fontsize="small")
@@ -110,13 +110,13 @@ def _draw_laws(found: Identification, ax: Axes) -> Axes:
 
 
 def _draw_residuals(found: Identification, ax: Axes) -> None:
-    unit, label = PLACES[found.test.word]
+    words, place = PLACES[found.test.word]
     table = found.curve
-    left = table["observed"] - table[found.chosen]
-    ax.plot(table["place"] / unit, left, "o", markersize=3, color=COLOURS["simulate"])
+    left = shown_as(found.test.unit)(table["observed"] - table[found.chosen])
+    ax.plot(place(table["place"]), left, "o", markersize=3, color=COLOURS["simulate"])
     ax.axhline(0.0, color="black", linewidth=0.8)
     ax.set_ylabel("measured - law")
-    ax.set_xlabel(label)
+    ax.set_xlabel(place.heading(words))
     if found.test.word == "restitution":
         ax.set_xscale("log")
     add_grid(ax)
@@ -125,11 +125,11 @@ def _draw_residuals(found: Identification, ax: Axes) -> None:
 def _draw_loop(found: Identification, ax: Axes) -> None:
     loop = found.loop
     assert loop is not None
-    ax.plot(1e3 * loop["deflection"], loop["force"], "o", markersize=3, color=COLOURS["exact"],
-            label="record, integrated")  # fmt: skip
-    ax.plot(1e3 * loop["deflection"], loop["law"], color=COLOURS["simulate"],
+    ax.plot(LENGTH(loop["deflection"]), FORCE(loop["force"]), "o", markersize=3,
+            color=COLOURS["exact"], label="record, integrated")  # fmt: skip
+    ax.plot(LENGTH(loop["deflection"]), FORCE(loop["law"]), color=COLOURS["simulate"],
             label="law on that motion")  # fmt: skip
-    ax.set_xlabel("deflection (mm)")
-    ax.set_ylabel("force (N)")
+    ax.set_xlabel(f"deflection ({LENGTH})")
+    ax.set_ylabel(f"force ({FORCE})")
     ax.legend(fontsize="small")
     add_grid(ax)

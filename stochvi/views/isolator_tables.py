@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
+from stochvi.mathematics.shown_units import LENGTH, RATE, SPEED
 from stochvi.views.pairs import (
     PLACES,
     TOLERANCES,
@@ -21,11 +22,13 @@ from stochvi.views.pairs import (
 from stochvi.views.production import print_production
 from stochvi.views.tables import (
     LAST_DIGITS,
+    Heading,
     new_table,
     print_frame,
     print_line,
     print_table,
     value_with_error,
+    with_headings,
 )
 from stochvi.views.words import clearances_of_changes, places_of_stops, way_in_words
 
@@ -67,15 +70,15 @@ def print_record(console: Console, record: RecordVerdict | None, where: str = ""
     console.print(f"{where}{record.sentence()}", style=style, highlight=False)
 
 
-CLEARANCE_COLUMNS = {
+CLEARANCE_COLUMNS: dict[str, Heading] = {
     "pair": "pair",
     "clearance_in_sigma": "gap/sigma",
-    "gap": "gap (mm)",
-    "rice": "Rice (1/s)",
-    "closure": "closure",
-    "simulated": "Monte Carlo",
+    "clearance": ("gap ()", LENGTH),
+    "rice": ("Rice ()", RATE),
+    "closure": ("closure", RATE),
+    "simulated": ("Monte Carlo", RATE),
     "interval": "95 % interval",
-    "impact_speed_mean": "speed (m/s)",
+    "impact_speed_mean": ("speed ()", SPEED),
 }
 
 
@@ -83,15 +86,11 @@ def print_clearance(console: Console, curve: pd.DataFrame, notes: Sequence[str] 
     """Print the impact rate against clearance, as `clearance_curve` returns it, and the notes on
     it."""
     limits = zip(curve["simulated_low"], curve["simulated_high"], strict=True)
-    shown = curve.assign(
-        gap=1e3 * curve["clearance"], interval=[f"{a:.3g} to {b:.3g}" for a, b in limits]
-    )
+    shown = curve.assign(interval=[f"{RATE(a):.3g} to {RATE(b):.3g}" for a, b in limits])
     print_frame(
         console,
-        shown[[name for name in CLEARANCE_COLUMNS if name in shown]].rename(
-            columns=CLEARANCE_COLUMNS
-        ),
-        "impacts per second on both stops, and mean impact speed",
+        with_headings(shown, CLEARANCE_COLUMNS),
+        f"impacts per {RATE.time} on both stops, and mean impact speed",
         {"gap/sigma": ".2f"},
     )
     for note in notes:
@@ -129,7 +128,7 @@ def _print_one(console: Console, sizing: Sizing) -> None:
         _print_changes(console, sizing.worst_case, "within the tolerances, each row sized anew")
     three, mission = sizing.three_sigma, spoken_mission(sizing.mission)
     table = new_table(
-        f"at 3 sigma = {1e3 * three.clearance:.4g} mm, in {mission}", ["quantity", "value"]
+        f"at 3 sigma = {LENGTH.text(three.clearance)}, in {mission}", ["quantity", "value"]
     )
     table.add_row("probability of any impact", spoken_percent(three.probability.value))
     table.add_row("impacts by Rice", f"{three.rice_hits:.4g}")
@@ -137,17 +136,21 @@ def _print_one(console: Console, sizing: Sizing) -> None:
     if three.hits is not None:
         table.add_row("impacts, simulated", value_with_error(three.hits))
     if three.impact_speed_mean is not None:
-        table.add_row("mean impact speed (m/s)", value_with_error(three.impact_speed_mean))
+        table.add_row(
+            f"mean impact speed ({SPEED})", value_with_error(SPEED(three.impact_speed_mean))
+        )
     print_table(console, table)
     print_line(console, LAST_DIGITS)
     limits = zip(sizing.required["clearance_low"], sizing.required["clearance_high"], strict=True)
     print_frame(
         console,
-        sizing.required.assign(
-            probability=[spoken_percent(chance) for chance in sizing.required["probability"]],
-            clearance=1e3 * sizing.required["clearance"],
-            interval=[f"{1e3 * low:.4g} to {1e3 * high:.4g}" for low, high in limits],
-        )[list(REQUIRED_COLUMNS)].rename(columns=REQUIRED_COLUMNS),
+        with_headings(
+            sizing.required.assign(
+                probability=[spoken_percent(chance) for chance in sizing.required["probability"]],
+                interval=[f"{LENGTH(low):.4g} to {LENGTH(high):.4g}" for low, high in limits],
+            ),
+            REQUIRED_COLUMNS,
+        ),
         f"probability of any impact in {mission}",
     )
     _print_hits(console, sizing)
@@ -155,10 +158,12 @@ def _print_one(console: Console, sizing: Sizing) -> None:
 
 def _print_changes(console: Console, table: pd.DataFrame, title: str) -> None:
     """Print changed scenes with the clearance that each needs for the same target."""
-    places = clearances_of_changes(table)
-    columns = {"change": "change", **places, **CHANGE_COLUMNS}
+    columns: dict[str, Heading] = {
+        "change": "change",
+        **clearances_of_changes(table),
+        **CHANGE_COLUMNS,
+    }
     shown = table.assign(
-        **{name: 1e3 * table[name] for name in places},
         clearance_change=[
             "not found" if math.isnan(c) else f"{100.0 * c:+.1f} %"
             for c in table["clearance_change"]
@@ -169,7 +174,7 @@ def _print_changes(console: Console, table: pd.DataFrame, title: str) -> None:
     )
     print_frame(
         console,
-        shown[list(columns)].rename(columns=columns),
+        with_headings(shown, columns),
         f"{title}: clearance for the same target; probability with the clearance as stated",
     )
     for change, note in zip(table["change"], table["note"], strict=True):
@@ -214,33 +219,31 @@ def _print_hits(console: Console, sizing: Sizing) -> None:
         table = sizing.simulated[sizing.simulated["clearance"].isin(places)]
         print_frame(
             console,
-            table.assign(clearance=1e3 * table["clearance"], by=table["by"].map(way_in_words))[
-                list(HIT_COLUMNS)
-            ].rename(columns=HIT_COLUMNS),
+            with_headings(table.assign(by=table["by"].map(way_in_words)), HIT_COLUMNS),
             "impacts on all stops, with the stop law",
         )
         print_line(console, HITS_PER_FIRST_HIT)
 
 
-REQUIRED_COLUMNS = {
+REQUIRED_COLUMNS: dict[str, Heading] = {
     "probability": "probability",
-    "clearance": "clearance (mm)",
+    "clearance": ("clearance ()", LENGTH),
     "interval": "95 % interval",
     "clearance_in_sigma": "in sigma",
 }
 
 
-CHANGE_COLUMNS = {
+CHANGE_COLUMNS: dict[str, Heading] = {
     "clearance_change": "by",
     "probability": "probability of any impact",
 }
 
 
-HIT_COLUMNS = {
-    "clearance": "clearance (mm)",
+HIT_COLUMNS: dict[str, Heading] = {
+    "clearance": ("clearance ()", LENGTH),
     "clearance_in_sigma": "in sigma",
-    "hit_rate": "impacts (1/s)",
+    "hit_rate": ("impacts ()", RATE),
     "hits_per_first_hit": "impacts per cluster",
-    "impact_speed_mean": "mean speed (m/s)",
+    "impact_speed_mean": ("mean speed ()", SPEED),
     "by": "by",
 }

@@ -8,6 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from stochvi.mathematics.shown_units import SPEED, TIME
 from stochvi.mathematics.truncated_normal import normal_density
 from stochvi.views.axes import axes_or_new, draw_stops, length_unit
 from stochvi.views.colours import COLOURS
@@ -56,22 +57,22 @@ def plot_velocity_density(found: Overview, ax: Axes | None = None) -> Axes:
     """The histogram and a normal distribution: the exact one or, where none is known, that of its
     rms."""
     ax = axes_or_new(ax)
-    edges = found.velocity.edges
+    edges, unit = found.velocity.edges, SPEED.shown.si
     ax.stairs(
-        found.velocity.density, edges, fill=True, color=COLOURS["simulate"], alpha=0.45,
-        label="Monte Carlo",
+        found.velocity.density * unit, edges / unit, fill=True, color=COLOURS["simulate"],
+        alpha=0.45, label="Monte Carlo",
     )  # fmt: skip
     v = np.linspace(edges[0], edges[-1], CURVE_POINTS)
     if found.exact_velocity_std is None:
         ax.plot(
-            v, normal_density(v, 0.0, found.velocity_rms), color=COLOURS["stop"], linestyle="--",
-            linewidth=1.4, label="normal distribution, same rms",
+            v / unit, normal_density(v, 0.0, found.velocity_rms) * unit, color=COLOURS["stop"],
+            linestyle="--", linewidth=1.4, label="normal distribution, same rms",
         )  # fmt: skip
     else:
         density = normal_density(v, 0.0, found.exact_velocity_std)
-        ax.plot(v, density, color=COLOURS["exact"], linewidth=1.8, label="exact")
-    ax.set_xlabel("velocity (m/s)")
-    ax.set_ylabel("probability density (s/m)")
+        ax.plot(v / unit, density * unit, color=COLOURS["exact"], linewidth=1.8, label="exact")
+    ax.set_xlabel(f"velocity ({SPEED})")
+    ax.set_ylabel(f"probability density ({SPEED.inverse})")
     _legend_above(ax)
     return ax
 
@@ -80,20 +81,22 @@ def plot_record(scene: Scene, path: pd.DataFrame, ax: Axes | None = None) -> Axe
     """A short record with its impacts marked on the stops, sized by impact speed."""
     ax = axes_or_new(ax)
     unit, name = length_unit(float(path["displacement"].abs().max()))
-    ax.plot(path["time"], path["displacement"] / unit, color=COLOURS["simulate"], linewidth=1.1)
+    ax.plot(
+        TIME(path["time"]), path["displacement"] / unit, color=COLOURS["simulate"], linewidth=1.1
+    )
     hits = path[path["impact_speed"] != 0.0]
     if len(hits):
         pair = scene.impact_pairs[0]
         place = np.where(hits["impact_speed"] > 0.0, pair.upper or 0.0, pair.lower or 0.0)
         size = hits["impact_speed"].abs() / hits["impact_speed"].abs().max()
         ax.scatter(
-            hits["time"], place / unit, s=12.0 + 60.0 * size, color=COLOURS["linearise:closure"],
-            edgecolor="white", linewidth=0.6, zorder=3,
+            TIME(hits["time"]), place / unit, s=12.0 + 60.0 * size,
+            color=COLOURS["linearise:closure"], edgecolor="white", linewidth=0.6, zorder=3,
             label=f"{len(hits)} impact{'s' if len(hits) > 1 else ''}, larger = faster",
         )  # fmt: skip
     draw_stops(ax, scene, unit, vertical=False)
-    ax.set_xlim(path["time"].iloc[0], path["time"].iloc[-1])
-    ax.set_xlabel("time (s)")
+    ax.set_xlim(TIME(path["time"].iloc[0]), TIME(path["time"].iloc[-1]))
+    ax.set_xlabel(f"time ({TIME})")
     ax.set_ylabel(f"displacement ({name})")
     if len(hits):
         _legend_above(ax)

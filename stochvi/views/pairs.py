@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.mathematics.shown_units import LENGTH, SPEED
 from stochvi.views.axes import add_grid, add_title, axes_or_new, legend_above, length_unit
 from stochvi.views.colours import COLOURS, owner_colours
-from stochvi.views.words import MM, four_digits
+from stochvi.views.words import four_digits
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,16 +38,18 @@ def pairs_in_words(sizing: PairsSizing) -> pd.DataFrame:
         rows.append(
             {
                 "pair": each["pair"],
-                "clearance (mm)": " and ".join(f"{MM * d:.4g}" for d in dict.fromkeys(stops)),
+                f"clearance ({LENGTH})": " and ".join(
+                    f"{LENGTH(d):.4g}" for d in dict.fromkeys(stops)
+                ),
                 "95 % interval": "fixed"
                 if found is None
-                else f"{MM * found.lower:.4g} to {MM * found.upper:.4g}",
+                else f"{LENGTH(found.lower):.4g} to {LENGTH(found.upper):.4g}",
                 "in sigma": f"{each['clearance_in_sigma']:.3g}",
-                "3 sigma (mm)": f"{3.0 * MM * each['sigma']:.4g}",
+                f"3 sigma ({LENGTH})": f"{3.0 * LENGTH(each['sigma']):.4g}",
                 "hit, if it alone had stops": spoken_percent(each["probability_alone"]),
                 "of first impacts": f"{100.0 * each['share_of_first_hits']:.3g} %",
                 "expected impacts": _known(each["expected_hits"]),
-                "mean speed (m/s)": _known(each["impact_speed_mean"]),
+                f"mean speed ({SPEED})": _known(SPEED(each["impact_speed_mean"])),
             }
         )
     table = pd.DataFrame(rows)
@@ -67,8 +70,8 @@ def places_in_rows(sizing: PairsSizing) -> pd.DataFrame:
         {
             "pair": table["pair"],
             "clearance to make": [str(made[name]) for name in table["pair"]],
-            "equilibrium (mm)": [
-                f"{round(MM * mean, MM_DIGITS) + 0.0:.4g}" for mean in table["mean_gap"]
+            f"equilibrium ({LENGTH})": [
+                f"{LENGTH(round(mean, NANOMETRES)) + 0.0:.4g}" for mean in table["mean_gap"]
             ],
             "in the scene file (m)": stops["lower"],
             "": stops["upper"],
@@ -76,8 +79,8 @@ def places_in_rows(sizing: PairsSizing) -> pd.DataFrame:
     )
 
 
-MM_DIGITS = 6
-"""Number of digits behind the point of a mean gap in mm; smaller digits are rounding error."""
+NANOMETRES = 9
+"""Number of digits behind the point of a mean gap in m; smaller digits are rounding error."""
 
 PLACES = (
     "where the stops go: clearances count from the static equilibrium, rounded up; lower and "
@@ -105,7 +108,7 @@ def tolerances_in_rows(sizing: PairsSizing) -> pd.DataFrame:
         {
             "change": table["change"],
             **{
-                f"{name} (mm)": [four_digits(MM * needed) for needed in table[name]]
+                f"{name} ({LENGTH})": [four_digits(LENGTH(needed)) for needed in table[name]]
                 for name in sizing.clearances
             },
             "probability of any impact": [
@@ -135,14 +138,14 @@ def required_in_rows(sizing: PairsSizing) -> pd.DataFrame:
     import pandas as pd
 
     asked = {
-        f"{spoken_percent(row['probability'])} (mm)": row
+        f"{spoken_percent(row['probability'])} ({LENGTH})": row
         for row in sizing.required.to_dict("records")
     }
     names = list(sizing.clearances)
     return pd.DataFrame(
         {"pair": names}
         | {
-            head: [four_digits(MM * row[n]) if row[n] == row[n] else "none" for n in names]
+            head: [four_digits(LENGTH(row[n])) if row[n] == row[n] else "none" for n in names]
             for head, row in asked.items()
         }
     )

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from matplotlib.axes import Axes
 
+from stochvi.mathematics.shown_units import LENGTH, SPEED, TIME
 from stochvi.results.response import ROTATIONS
 from stochvi.views.absorber_sine import plot_absorber_sine
 from stochvi.views.absorbers import draw_design, draw_levels
@@ -100,15 +101,15 @@ def plot_response(found: Response, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, (8.0, 1.6 + 0.6 * max(len(rows), 1)))
     size = max((abs(float(mean or 0.0)) + float(std) for _, mean, std in rows), default=1.0)
     turns = any(name in ROTATIONS for name, _, _ in rows)
-    unit, length = (1e-3, "mm") if turns else length_unit(size)
+    unit, length = (LENGTH.shown.si, str(LENGTH)) if turns else length_unit(size)
     for row, (name, mean, std) in enumerate(rows):
-        centre, spread = float(mean or 0.0) / unit, float(std) / unit
+        own_unit, own_name = (1e-3, "mrad") if name in ROTATIONS else (unit, length)
+        centre, spread = float(mean or 0.0) / own_unit, float(std) / own_unit
         ax.barh(row, 2.0 * spread, left=centre - spread, height=0.3, color=COLOURS["simulate"],
                 alpha=0.35)  # fmt: skip
         ax.plot(centre, row, "o", color=COLOURS["simulate"])
-        angle = "mrad" if name in ROTATIONS else length
         ax.annotate(
-            f"{value_with_error(std / unit)} {angle}", (centre, row - 0.2), ha="center",
+            f"{value_with_error(std / own_unit)} {own_name}", (centre, row - 0.2), ha="center",
             va="bottom", fontsize="small",
         )  # fmt: skip
         for pair in pairs:
@@ -220,15 +221,15 @@ def plot_transient(found: Transient, ax: Axes | None = None) -> Axes:
     mean, std = found.values.mean, np.sqrt(found.values.variance)
     unit, name = length_unit(float(np.max(np.abs(mean) + std)))
     ax.fill_between(
-        found.times,
+        TIME(found.times),
         (mean - std) / unit,
         (mean + std) / unit,
         alpha=0.3,
         color=COLOURS["fokker-planck"],
         label="one standard deviation",
     )
-    ax.plot(found.times, mean / unit, "o-", color=COLOURS["fokker-planck"], label="mean")
-    ax.set_xlabel("time (s)")
+    ax.plot(TIME(found.times), mean / unit, "o-", color=COLOURS["fokker-planck"], label="mean")
+    ax.set_xlabel(f"time ({TIME})")
     ax.set_ylabel(f"displacement ({name})")
     add_grid(ax)
     ax.legend(frameon=False)
@@ -252,7 +253,7 @@ def plot_motion(found: History, ax: Axes | None = None) -> Axes:
     }
     unit, length = length_unit(max(float(np.abs(each).max()) for each in shown.values()))
     for colour, (name, each) in zip(OWNERS, shown.items(), strict=False):
-        t, x = thinned(time[part], each / unit)
+        t, x = thinned(TIME(time[part]), each / unit)
         ax.plot(t, x, color=colour, linewidth=1.1, label=name)
         for place in _stops(found.provenance, name, len(names)):
             ax.axhline(place / unit, color=COLOURS["stop"], linewidth=2.0)
@@ -280,9 +281,9 @@ def plot_impacts(found: ImpactStatistics, ax: Axes | None = None) -> Axes:
         return draw_impacts(found)
     for colour, (name, pair) in zip(OWNERS, found.pairs.items(), strict=False):
         if pair.speeds is not None:
-            plot_histogram(pair.speeds, ax, colour=colour, label=name)
-    ax.set_xlabel("impact speed (m/s)")
-    ax.set_ylabel("density (s/m)")
+            plot_histogram(pair.speeds, ax, SPEED, colour=colour, label=name)
+    ax.set_xlabel(f"impact speed ({SPEED})")
+    ax.set_ylabel(f"density ({SPEED.inverse})")
     return ax
 
 
@@ -313,9 +314,11 @@ def plot_jolts(found: Jolts, ax: Axes | None = None) -> Axes:
     rows = found.to_frame()
     share = rows["captured"]
     bars = [share - rows["captured_low"], rows["captured_high"] - share]
-    ax.errorbar(rows["jolt"], share, yerr=bars, fmt="o-", capsize=3, color=COLOURS["simulate"])
+    ax.errorbar(
+        SPEED(rows["jolt"]), share, yerr=bars, fmt="o-", capsize=3, color=COLOURS["simulate"]
+    )
     ax.set_ylim(0.0, 1.05)
-    ax.set_xlabel("jolt (m/s)")
+    ax.set_xlabel(f"jolt ({SPEED})")
     ax.set_ylabel("share captured by clatter")
     add_grid(ax)
     return ax

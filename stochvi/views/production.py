@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.mathematics.shown_units import LENGTH
 from stochvi.results.estimates import Estimate
 from stochvi.views.axes import PAGE, axes_or_new, length_unit
 from stochvi.views.colours import CLEARANCES, COLOURS
 from stochvi.views.tables import print_frame, print_line, value_with_error
-from stochvi.views.words import MM, four_digits
+from stochvi.views.words import four_digits, spoken_length
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,9 +57,9 @@ def risk_in_words(found: Production) -> list[str]:
         )
     if found.target is not None:
         places = [
-            f"{four_digits(MM * place.value)} mm ({four_digits(MM * place.lower)} to "
-            f"{four_digits(MM * place.upper)} mm, 95 %) instead of "
-            f"{four_digits(MM * found.stated[name])} mm"
+            f"{spoken_length(place.value)} ({four_digits(LENGTH(place.lower))} to "
+            f"{spoken_length(place.upper)}, 95 %) instead of "
+            f"{spoken_length(found.stated[name])}"
             + (f" for {name}" if len(found.clearances) > 1 else "")
             for name, place in found.clearances.items()
         ]
@@ -77,7 +78,7 @@ def tolerances_in_rows(found: Production) -> pd.DataFrame:
     table = found.tolerances
     columns: dict[str, list[str]] = {
         "tolerance": list(table["tolerance"]),
-        "costs (mm)": [f"{MM * each:.3g}" for each in table["clearance_cost"]],
+        f"costs ({LENGTH})": [f"{LENGTH(each):.3g}" for each in table["clearance_cost"]],
     }
     for name, heading in (("first_order", "alone (%)"), ("total", "with others (%)")):
         pairs = zip(table[name], table[f"{name}_error"], strict=True)
@@ -102,7 +103,7 @@ def units_in_rows(found: Production) -> pd.DataFrame:
         {
             "share of units": [f"{100.0 * each:.3g} %" for each in table["share_of_units"]],
             "at most": [spoken_percent(each) for each in table["probability"]],
-            "would need (mm)": [four_digits(MM * each) for each in table["clearance"]],
+            f"would need ({LENGTH})": [four_digits(LENGTH(each)) for each in table["clearance"]],
         }
     )
 

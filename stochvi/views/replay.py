@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stochvi.mathematics.shown_units import ACCELERATION, FORCE, LENGTH, NUMBER, SPEED, TIME
 from stochvi.views.axes import (
     add_grid,
     around_shock,
@@ -16,7 +17,7 @@ from stochvi.views.axes import (
 )
 from stochvi.views.colours import COLOURS, OWNERS
 from stochvi.views.tables import new_table, print_frame, print_line, print_table
-from stochvi.views.words import MM, UNKNOWN, G, four_digits
+from stochvi.views.words import UNKNOWN, four_digits, spoken_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,18 +36,18 @@ MOST_SPEEDS, MOST_MOTIONS = 6, 3
 """Largest number of impact speeds in a picture, and of clearances whose x(t) is drawn."""
 
 ROWS = {
-    "displacement_max": ("largest displacement (mm)", MM),
-    "displacement_min": ("smallest displacement (mm)", MM),
-    "displacement_std": ("standard deviation of displacement (mm)", MM),
-    "displacement_kurtosis": ("kurtosis of the displacement", 1.0),
-    "acceleration_max": ("largest absolute acceleration (g)", G),
-    "hits": ("impacts", 1.0),
-    "impact_speed_max": ("largest impact speed (m/s)", 1.0),
-    "peak_force": ("largest force of a stop (N)", 1.0),
-    "contact_time": ("time in contact (s)", 1.0),
-    "rests": ("times at rest on a stop", 1.0),
+    "displacement_max": ("largest displacement", LENGTH),
+    "displacement_min": ("smallest displacement", LENGTH),
+    "displacement_std": ("standard deviation of displacement", LENGTH),
+    "displacement_kurtosis": ("kurtosis of the displacement", NUMBER),
+    "acceleration_max": ("largest absolute acceleration", ACCELERATION),
+    "hits": ("impacts", NUMBER),
+    "impact_speed_max": ("largest impact speed", SPEED),
+    "peak_force": ("largest force of a stop", FORCE),
+    "contact_time": ("time in contact", TIME),
+    "rests": ("times at rest on a stop", NUMBER),
 }
-"""Quantities that a terminal shows, with their names and factors to the units there."""
+"""Quantities that a terminal shows, in words."""
 
 
 def headline(found: Replay, record: RecordVerdict | None) -> str:
@@ -76,8 +77,8 @@ def _print_one(console: Console, each: ReplayAt) -> None:
         for owner, quantities in group.items():
             for name, value in quantities.items():
                 if name in ROWS and value is not None:
-                    words, factor = ROWS[name]
-                    table.add_row(owner, words, f"{factor * float(value):.5g}")
+                    words, quantity = ROWS[name]
+                    table.add_row(owner, quantity.heading(words), f"{quantity(float(value)):.5g}")
     print_table(console, table)
 
 
@@ -90,15 +91,16 @@ def _print_many(console: Console, found: Replay) -> None:
         (pair,) = each.impact_pairs.values()
         motion = next(iter(each.coordinates.values()))
         speed, force = pair.impact_speed_max, pair.peak_force
+        peak = float(motion.acceleration_max)
         rows.append(
             {
-                "clearance (mm)": four_digits(MM * each.clearance),
+                f"clearance ({LENGTH})": four_digits(LENGTH(each.clearance)),
                 "impacts": f"{float(pair.hits):.0f}",
-                "max speed (m/s)": UNKNOWN if speed is None else f"{float(speed):.4g}",
-                "max force (N)": UNKNOWN if force is None else f"{float(force):.4g}",
-                "peak acc. (g)": f"{G * float(motion.acceleration_max):.4g}",
-                "from (mm)": four_digits(MM * float(motion.displacement_min)),
-                "to (mm)": four_digits(MM * float(motion.displacement_max)),
+                f"max speed ({SPEED})": UNKNOWN if speed is None else f"{SPEED(float(speed)):.4g}",
+                f"max force ({FORCE})": UNKNOWN if force is None else f"{FORCE(float(force)):.4g}",
+                f"peak acc. ({ACCELERATION})": f"{ACCELERATION(peak):.4g}",
+                f"from ({LENGTH})": four_digits(LENGTH(float(motion.displacement_min))),
+                f"to ({LENGTH})": four_digits(LENGTH(float(motion.displacement_max))),
             }
         )
     frame = pd.DataFrame(rows).replace(UNKNOWN, "-")
@@ -120,7 +122,7 @@ def _plot_shock(each: ReplayAt, ax: Axes, *, whole: bool = False, legend: bool =
     size = max(float(np.max(np.abs(x[part]))) for x in kept.displacement.values())
     unit, name = length_unit(size)
     for colour, (owner, x) in zip(OWNERS, kept.displacement.items(), strict=False):
-        t, y = thinned(kept.time[part], x[part])
+        t, y = thinned(TIME(kept.time[part]), x[part])
         ax.plot(t, y / unit, color=colour, linewidth=0.5 if whole else 1.1, label=owner)
     if len(kept.displacement) == 1:
         begin, end = kept.time[part][0], kept.time[part][-1]
@@ -134,7 +136,7 @@ def _plot_shock(each: ReplayAt, ax: Axes, *, whole: bool = False, legend: bool =
             if not len(hit):
                 continue  # markers that are not clipped take the whole figure where there are none
             named = "impacts" in ax.get_legend_handles_labels()[1]
-            ax.plot(hit["time"], np.full(len(hit), place / unit), "v", markersize=4.5,
+            ax.plot(TIME(hit["time"]), np.full(len(hit), place / unit), "v", markersize=4.5,
                     color=COLOURS["linearise:closure"], clip_on=False, zorder=3,
                     label=None if named else "impacts")  # fmt: skip
     ax.margins(x=0.0)
@@ -174,8 +176,8 @@ def plot_clearances(found: Replay, ax: Axes | None = None) -> Axes:
     for number in order[:: -(-len(order) // MOST_SPEEDS)]:
         if (speed := pairs[number].impact_speed_max) is not None:
             ax.annotate(
-                f"{float(speed):.2g} m/s", (places[number] / unit, hits[number]), xytext=(5, 5),
-                textcoords="offset points", fontsize="small",
+                SPEED.text(float(speed), ".2g"), (places[number] / unit, hits[number]),
+                xytext=(5, 5), textcoords="offset points", fontsize="small",
             )  # fmt: skip
     ax.margins(x=0.12)
     ax.set_xlabel(f"clearance ({name})")
@@ -207,7 +209,7 @@ def draw_replay(found: Replay, title: str = "") -> Axes:
     )[1][:, 0]  # fmt: skip
     for each, ax in zip(shown, axes, strict=False):
         _plot_shock(each, ax, legend=False)
-        ax.set_title(f"stops {four_digits(MM * (each.clearance or 0.0))} mm away", fontsize="small")
+        ax.set_title(f"stops {spoken_length(each.clearance or 0.0)} away", fontsize="small")
     plot_clearances(found, axes[-1])
     return _titled(axes[0], title)
 

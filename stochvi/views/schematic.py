@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from stochvi.mathematics.shown_units import LENGTH
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.scenes.structures.rigid_body import RigidBody
 from stochvi.views.axes import axes_or_new
 from stochvi.views.colours import COLOURS, DRAWING
-from stochvi.views.words import MM, four_digits
+from stochvi.views.words import four_digits
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,10 +50,10 @@ class Words(NamedTuple):
 
 
 NUMBERS = Words(
-    length=lambda name, metres: f"{name}\n{_mm(metres)}",
-    place=lambda key, metres: f"{key} = {_mm(metres)}",
+    length=lambda name, metres: f"{name}\n{_length(metres)}",
+    place=lambda key, metres: f"{key} = {_length(metres)}",
 )
-"""Lengths with the numbers of the scene, in mm."""
+"""Lengths with the numbers of the scene."""
 
 SYMBOLS = Words(length=lambda name, metres: name, place=lambda key, metres: key)
 """Lengths by their names alone."""
@@ -332,14 +333,14 @@ def _arrow(ax: Axes, x: float, start: float, end: float, colour: str) -> None:
     )  # fmt: skip
 
 
-def _mm(metres: float) -> str:
-    """A length in millimetres, without zeros at its end.
+def _length(metres: float) -> str:
+    """A length, without zeros at its end.
 
-    >>> _mm(0.004), _mm(-0.0017249)
+    >>> _length(0.004), _length(-0.0017249)
     ('4 mm', '-1.725 mm')
     """
-    digits = four_digits(MM * metres)
-    return f"{digits.rstrip('0').rstrip('.') if '.' in digits else digits} mm"
+    digits = four_digits(LENGTH(metres))
+    return f"{digits.rstrip('0').rstrip('.') if '.' in digits else digits} {LENGTH}"
 
 
 # Gaps of several coordinates --------------------------------------------------------------
@@ -381,10 +382,10 @@ def _draw_gap(ax: Axes, pair: ImpactPair, rest: float, row: float) -> None:
             continue
         x = place(position)
         ax.fill_between([x, x + 0.04 * sign], row - 0.22, row + 0.22, color=COLOURS["stop"])
-        ax.text(x + 0.05 * sign, row, f"{side} {_mm(position)}", va="center", fontsize="x-small",
-                ha="right" if sign < 0.0 else "left", color=DRAWING["ink"],
+        ax.text(x + 0.05 * sign, row, f"{side} {_length(position)}", va="center",
+                fontsize="x-small", ha="right" if sign < 0.0 else "left", color=DRAWING["ink"],
                 bbox={"color": "white", "pad": 0.5})  # fmt: skip
-        ax.text(0.5 * (x + place(rest)), row + 0.1, _mm(abs(position - rest)), ha="center",
+        ax.text(0.5 * (x + place(rest)), row + 0.1, _length(abs(position - rest)), ha="center",
                 va="bottom", fontsize="x-small", color=DRAWING["length"])  # fmt: skip
     ax.plot(place(0.0), row, "o", mfc="white", mec=DRAWING["ink"], markersize=7)
     ax.plot(place(rest), row, "o", color=DRAWING["ink"], markersize=3.5)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stochvi.mathematics.shown_units import RATE
 from stochvi.views.axes import add_grid, axes_or_new, legend_above, length_unit
 from stochvi.views.colours import COLOURS
 
@@ -33,20 +34,20 @@ def _plot_rice(found: Screening, ax: Axes | None) -> Axes:
     places = SIGMAS * sigma
     ax.semilogy(
         places / unit,
-        [found.rice_rate(place) for place in places],
+        [RATE(found.rice_rate(place)) for place in places],
         color=COLOURS["exact"],
         linestyle="--",
         label="Rice, impacts change nothing",
     )
     ax.plot(
         3.0 * sigma / unit,
-        found.rice_rate(3.0 * sigma),
+        RATE(found.rice_rate(3.0 * sigma)),
         "o",
         color=COLOURS["linearise:closure"],
         label="3 sigma",
     )
     ax.set_xlabel(f"clearance per side ({name})")
-    ax.set_ylabel("impacts per second")
+    ax.set_ylabel(f"impacts per {RATE.time}")
     add_grid(ax)
     ax.legend(frameon=False)
     return ax

@@ -11,10 +11,10 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from stochvi.mathematics.shown_units import LENGTH, SI_ACCELERATION, SPEED
 from stochvi.views.axes import add_grid, length_unit
 from stochvi.views.colours import COLOURS
 from stochvi.views.tables import print_frame
-from stochvi.views.words import MM
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -33,11 +33,11 @@ MOST_COLOURS = 6
 the size of their stable range, are grey."""
 
 PANELS = {
-    "displacement_max": "largest displacement",
-    "impact_speed_max": "impact speed (m/s)",
-    "acceleration_max": "peak acceleration (m/s²)",
+    "displacement_max": ("largest displacement", LENGTH),
+    "impact_speed_max": ("impact speed", SPEED),
+    "acceleration_max": ("peak acceleration", SI_ACCELERATION),
 }
-"""Columns of the table of an answer that are drawn, and their labels."""
+"""Columns of the table of an answer that are drawn, in words."""
 
 
 def print_sine(console: Console, found: HarmonicResponse) -> None:
@@ -50,10 +50,10 @@ def print_sine(console: Console, found: HarmonicResponse) -> None:
         {
             "sweep": "up" if jump.upwards else "down",
             _name(found): jump.value,
-            "displacement before (mm)": MM * jump.displacement_max[0],
-            "after (mm)": MM * jump.displacement_max[1],
-            "impact speed before (m/s)": jump.impact_speed[0],
-            "after (m/s)": jump.impact_speed[1],
+            f"displacement before ({LENGTH})": LENGTH(jump.displacement_max[0]),
+            f"after ({LENGTH})": LENGTH(jump.displacement_max[1]),
+            f"impact speed before ({SPEED})": SPEED(jump.impact_speed[0]),
+            f"after ({SPEED})": SPEED(jump.impact_speed[1]),
         }
         for jump in found.jumps
     ]
@@ -90,9 +90,11 @@ def _row(number: int, branch: Branch) -> dict[str, object]:
         "from": float(branch.value[shown].min()),
         "to": float(branch.value[shown].max()),
         "stable": _range(branch.value[stable]),
-        "displacement (mm)": MM * float(branch.displacement_max[shown].max()),
-        "impact speed (m/s)": float(branch.impact_speed[shown].max(initial=0.0)),
-        "acceleration (m/s²)": float(branch.acceleration_max[shown].max()),
+        f"displacement ({LENGTH})": LENGTH(float(branch.displacement_max[shown].max())),
+        f"impact speed ({SPEED})": SPEED(float(branch.impact_speed[shown].max(initial=0.0))),
+        f"acceleration ({SI_ACCELERATION})": SI_ACCELERATION(
+            float(branch.acceleration_max[shown].max())
+        ),
     }
 
 
@@ -137,7 +139,8 @@ def plot_sine(found: HarmonicResponse, ax: Axes | None = None) -> Axes:
 
 def plot_branches(found: HarmonicResponse, ax: Axes, column: str) -> Axes:
     """One quantity of all branches over the varied number."""
-    unit, name = 1.0, ""
+    words, quantity = PANELS[column]
+    name, unit = quantity.shown
     tables = [(branch, _columns(branch)) for branch in found.branches]
     if column == "displacement_max" and tables:
         largest = max(float(np.nanmax(table[column])) for _, table in tables)
@@ -175,7 +178,7 @@ def plot_branches(found: HarmonicResponse, ax: Axes, column: str) -> Axes:
     for jump in found.jumps:
         ax.axvline(jump.value, color=COLOURS["stop"], linestyle=":", linewidth=1.0)
     ax.set_xlabel(_name(found))
-    ax.set_ylabel(PANELS[column] + (f" ({name})" if name else ""))
+    ax.set_ylabel(f"{words} ({name})")
     ax.set_ylim(bottom=0.0)
     # impact speeds begin with 0
     if column != "impact_speed_max" and _wide(

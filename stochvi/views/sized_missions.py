@@ -8,13 +8,20 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.mathematics.shown_units import LENGTH
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.views.axes import add_grid, axes_or_new, plain_ticks
 from stochvi.views.colours import BAND_ALPHA, CLEARANCES, COLOURS
 from stochvi.views.damage import print_damage
 from stochvi.views.isolator_tables import CONTRADICTED
-from stochvi.views.tables import print_assumptions, print_frame, print_line
-from stochvi.views.words import MM, chance_in_words, line_to_copy
+from stochvi.views.tables import (
+    Heading,
+    print_assumptions,
+    print_frame,
+    print_line,
+    with_headings,
+)
+from stochvi.views.words import chance_in_words, line_to_copy
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,19 +42,24 @@ def _print_clearance(console: Console, found: ClearanceAnswer) -> None:
 
 
 def phases_table(found: MissionSizing) -> pd.DataFrame:
-    """The phases in words, lengths in mm."""
+    """The phases in words."""
     table = found.phases.assign(
         duration=[spoken_mission(each) for each in found.phases["duration"]],
-        displacement_std=MM * found.phases["displacement_std"],
         probability=[chance_in_words(each) for each in found.phases["probability"]],
         share=[chance_in_words(each) for each in found.phases["share"]],
-        clearance=MM * found.phases["clearance"],
-    ).drop(columns="shift")
-    names = {
-        "displacement_std": "rms (mm)", "probability": "probability there",
-        "share": "part of the risk", "clearance": "clearance alone (mm)",
-    }  # fmt: skip
-    return table.rename(columns=names)
+    )
+    return with_headings(table, PHASE_COLUMNS)
+
+
+PHASE_COLUMNS: dict[str, Heading] = {
+    "phase": "phase", "duration": "duration", "displacement_std": ("rms ()", LENGTH),
+    "probability": "probability there", "share": "part of the risk",
+    "clearance": ("clearance alone ()", LENGTH),
+}  # fmt: skip
+TRIED_COLUMNS: dict[str, Heading] = {
+    "clearance": ("clearance ()", LENGTH), "damage_ratio": "times the damage",
+    "standard_error": "standard error", "frequency_hz": "at (Hz)", "by": "by",
+}  # fmt: skip
 
 
 def print_mission_sizing(console: Console, found: MissionSizing) -> None:
@@ -66,7 +78,7 @@ def plot_mission_sizing(found: MissionSizing, ax: Axes | None = None) -> Axes:
     """Probability of any impact in the mission against the clearance."""
     ax = axes_or_new(ax)
     curve = found.curve
-    x = MM * curve["clearance"]
+    x = LENGTH(curve["clearance"])
     ax.fill_between(
         x, curve["probability_low"], curve["probability_high"], color=COLOURS["simulate"],
         alpha=BAND_ALPHA, linewidth=0,
@@ -78,12 +90,12 @@ def plot_mission_sizing(found: MissionSizing, ax: Axes | None = None) -> Axes:
         label="all phases" if len(found.phases) > 1 else None,
     )
     ax.axvline(
-        MM * found.clearance.value, color=CLEARANCES["recommended"],
-        label=f"{MM * found.clearance.value:.4g} mm keep {spoken_percent(found.target.value)}",
+        LENGTH(found.clearance.value), color=CLEARANCES["recommended"],
+        label=f"{LENGTH.text(found.clearance.value)} keep {spoken_percent(found.target.value)}",
     )  # fmt: skip
     ax.set_yscale("log")
     ax.set_ylim(top=1.5)
-    ax.set_xlabel("clearance per side (mm)")
+    ax.set_xlabel(f"clearance per side ({LENGTH})")
     ax.set_ylabel(f"probability of an impact in {spoken_mission(found.mission)}")
     add_grid(ax)
     ax.legend(frameon=False)
@@ -91,13 +103,8 @@ def plot_mission_sizing(found: MissionSizing, ax: Axes | None = None) -> Axes:
 
 
 def damage_table(found: DamageSizing) -> pd.DataFrame:
-    """The clearances that were tried, in mm."""
-    table = found.tried.assign(clearance=MM * found.tried["clearance"])
-    names = {
-        "clearance": "clearance (mm)", "damage_ratio": "times the damage",
-        "standard_error": "standard error", "frequency_hz": "at (Hz)",
-    }  # fmt: skip
-    return table.rename(columns=names)
+    """The clearances that were tried."""
+    return with_headings(found.tried, TRIED_COLUMNS)
 
 
 def print_damage_sizing(console: Console, found: DamageSizing) -> None:
@@ -114,17 +121,17 @@ def plot_damage_sizing(found: DamageSizing, ax: Axes | None = None) -> Axes:
     added, half = tried["damage_ratio"] - 1.0, GAUSSIAN_95 * tried["standard_error"]
     low = np.minimum(half, 0.99 * added)
     ax.errorbar(
-        MM * tried["clearance"], added, yerr=[low, half], fmt="o", capsize=3,
+        LENGTH(tried["clearance"]), added, yerr=[low, half], fmt="o", capsize=3,
         color=COLOURS["simulate"], label="damage that stops add, 95 %",
     )  # fmt: skip
     ax.axhline(found.ratio - 1.0, color=COLOURS["stop"], linestyle="--", label="accepted")
     ax.axvline(
-        MM * found.clearance.value, color=CLEARANCES["recommended"],
-        label=f"{MM * found.clearance.value:.4g} mm",
+        LENGTH(found.clearance.value), color=CLEARANCES["recommended"],
+        label=LENGTH.text(found.clearance.value),
     )  # fmt: skip
     ax.set_yscale("log")
     plain_ticks(ax)
-    ax.set_xlabel("clearance per side (mm)")
+    ax.set_xlabel(f"clearance per side ({LENGTH})")
     ax.set_ylabel("largest damage with stops over that without, less 1")
     add_grid(ax)
     ax.legend(frameon=False, fontsize="small")

@@ -11,8 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.mathematics.shown_units import (
+    ACCELERATION,
+    DENSITY,
+    LENGTH,
+    RATE,
+    SPEED,
+    ShownQuantity,
+)
 from stochvi.mathematics.truncated_normal import normal_density
-from stochvi.mathematics.units import STANDARD_GRAVITY, power_ratio
+from stochvi.mathematics.units import power_ratio
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.views.axes import (
     PAGE,
@@ -47,8 +55,6 @@ TOLERANCE_DB = 3.0
 
 LABEL_WIDTH = 30
 """Largest number of letters in a line of a label."""
-
-GRAVITY_SQUARED = STANDARD_GRAVITY**2
 
 
 def _marks(sizing: Sizing) -> list[tuple[str, str, float]]:
@@ -99,7 +105,7 @@ def plot_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
             place,
             color=CLEARANCES["record"],
             linewidth=1.6,
-            label=f"the record itself: {sizing.doubtful.needed:.6g} mm",
+            label=f"the record itself: {sizing.doubtful.needed}",
         )
     ax.set_xlim(min(float(curve["clearance"].iloc[0]), 0.8 * sizing.clearance.value) / unit, end)
     ax.set_ylim(lowest, 1.3)
@@ -187,16 +193,16 @@ def plot_input(review: Review, ax: Axes | None = None) -> Axes:
     """Input density with its breakpoints and a band of +-3 dB."""
     ax = axes_or_new(ax, PAGE)
     spectra, breakpoints = _spectra(review.environment), review.environment.breakpoints
-    f, g2 = spectra["frequency_hz"], spectra["base_density"] / GRAVITY_SQUARED
+    f, density = spectra["frequency_hz"], DENSITY(spectra["base_density"])
     ratio = power_ratio(TOLERANCE_DB)
-    ax.fill_between(f, g2 / ratio, g2 * ratio, color=COLOURS["simulate"], alpha=0.18,
+    ax.fill_between(f, density / ratio, density * ratio, color=COLOURS["simulate"], alpha=0.18,
                     linewidth=0, label="±3 dB")  # fmt: skip
-    ax.loglog(f, g2, color=COLOURS["simulate"], linewidth=1.8, label="base acceleration")
+    ax.loglog(f, density, color=COLOURS["simulate"], linewidth=1.8, label="base acceleration")
     if breakpoints is not None and len(breakpoints) <= FEW_BREAKPOINTS:
-        ax.plot(breakpoints["frequency_hz"], breakpoints["base_density"] / GRAVITY_SQUARED, "o",
+        ax.plot(breakpoints["frequency_hz"], DENSITY(breakpoints["base_density"]), "o",
                 markersize=5, color=COLOURS["simulate"], label="breakpoints")  # fmt: skip
     _mark_natural(ax, review)
-    label_for_page(ax, "frequency (Hz)", "one-sided density (g²/Hz)")
+    label_for_page(ax, "frequency (Hz)", f"one-sided density ({DENSITY})")
     return ax
 
 
@@ -204,12 +210,12 @@ def plot_response(review: Review, ax: Axes | None = None) -> Axes:
     """Density of the absolute acceleration without stops, over that of the base."""
     ax = axes_or_new(ax, PAGE)
     spectra = _spectra(review.environment)
-    f, g2 = spectra["frequency_hz"], spectra["base_density"] / GRAVITY_SQUARED
-    ax.loglog(f, g2, color=COLOURS["stop"], linewidth=1.4, label="base")
-    ax.loglog(f, g2 * spectra["transmissibility"] ** 2, color=COLOURS["simulate"], linewidth=1.8,
-              label="mass, no stops")  # fmt: skip
+    f, density = spectra["frequency_hz"], DENSITY(spectra["base_density"])
+    ax.loglog(f, density, color=COLOURS["stop"], linewidth=1.4, label="base")
+    ax.loglog(f, density * spectra["transmissibility"] ** 2, color=COLOURS["simulate"],
+              linewidth=1.8, label="mass, no stops")  # fmt: skip
     _mark_natural(ax, review)
-    label_for_page(ax, "frequency (Hz)", "one-sided density (g²/Hz)")
+    label_for_page(ax, "frequency (Hz)", f"one-sided density ({DENSITY})")
     return ax
 
 
@@ -276,29 +282,31 @@ def plot_hit_rate(review: Review, ax: Axes | None = None) -> Axes:
     """Impacts per second against clearance: Rice, first impacts, closure, Monte Carlo with 95 %."""
     ax = axes_or_new(ax, PAGE)
     sizing, closure = review.sizing, review.closure
-    curve, mm = sizing.curve, 1e3
-    ax.plot(mm * curve["clearance"], curve["rice_rate"], color=COLOURS["exact"], linestyle="--",
-            linewidth=1.3, label="Rice, no impacts")  # fmt: skip
+    curve = sizing.curve
+    ax.plot(LENGTH(curve["clearance"]), RATE(curve["rice_rate"]), color=COLOURS["exact"],
+            linestyle="--", linewidth=1.3, label="Rice, no impacts")  # fmt: skip
     known = curve[curve["first_hit_rate_low"] > 0.0]
-    ax.plot(mm * known["clearance"], known["first_hit_rate"], color=COLOURS["fokker-planck"],
-            linewidth=1.6, label="first impacts")  # fmt: skip
-    ax.fill_between(mm * known["clearance"], known["first_hit_rate_low"],
-                    known["first_hit_rate_high"], color=COLOURS["fokker-planck"], alpha=0.25,
+    ax.plot(LENGTH(known["clearance"]), RATE(known["first_hit_rate"]),
+            color=COLOURS["fokker-planck"], linewidth=1.6, label="first impacts")  # fmt: skip
+    ax.fill_between(LENGTH(known["clearance"]), RATE(known["first_hit_rate_low"]),
+                    RATE(known["first_hit_rate_high"]), color=COLOURS["fokker-planck"], alpha=0.25,
                     linewidth=0)  # fmt: skip
     if closure is not None and closure["closure"].notna().any():
-        ax.plot(mm * closure["clearance"], closure["closure"], color=COLOURS["linearise:closure"],
-                linewidth=1.3, label="moment closure")  # fmt: skip
+        ax.plot(
+            LENGTH(closure["clearance"]), RATE(closure["closure"]), linewidth=1.3,
+            color=COLOURS["linearise:closure"], label="moment closure",
+        )  # fmt: skip
     seen = sizing.simulated
     if len(seen):
-        centre = seen["hit_rate"]
+        low, centre, high = (RATE(seen[f"hit_rate{end}"]) for end in ("_low", "", "_high"))
         ax.errorbar(
-            mm * seen["clearance"], centre, color=COLOURS["simulate"], fmt="o", markersize=5,
-            yerr=[centre - seen["hit_rate_low"], seen["hit_rate_high"] - centre], capsize=3,
+            LENGTH(seen["clearance"]), centre, color=COLOURS["simulate"], fmt="o", markersize=5,
+            yerr=[centre - low, high - centre], capsize=3,
             label="with stops, 95 %",
         )  # fmt: skip
     ax.set_yscale("log")
     _mark_clearances(ax, sizing)
-    label_for_page(ax, "clearance per side (mm)", "impacts per second")
+    label_for_page(ax, f"clearance per side ({LENGTH})", f"impacts per {RATE.time}")
     return ax
 
 
@@ -311,13 +319,13 @@ def plot_impact_speeds(review: Review, ax: Axes | None = None) -> Axes:
     deviation = sizing.screening.velocity_std
     rice = sizing.three_sigma.rice_hits / sizing.mission
     w = np.linspace(0.0, 1.15 * max(speeds.max(), 2.5 * deviation), 301)
-    ax.semilogy(w, rice * np.exp(-0.5 * (w / deviation) ** 2), color=COLOURS["exact"],
+    ax.semilogy(SPEED(w), RATE(rice) * np.exp(-0.5 * (w / deviation) ** 2), color=COLOURS["exact"],
                 linestyle="--", linewidth=1.3, label="Rice, no impacts")  # fmt: skip
-    ax.semilogy(speeds, faster, color=CLEARANCES["three_sigma"], linewidth=1.6,
+    ax.semilogy(SPEED(speeds), RATE(faster), color=CLEARANCES["three_sigma"], linewidth=1.6,
                 drawstyle="steps-post",
                 label=f"{count_of(motion.hits)} impacts at 3 sigma")  # fmt: skip
-    ax.set_ylim(0.5 / motion.duration, 3.0 * max(faster.max(), rice))
-    label_for_page(ax, "impact speed w (m/s)", "impacts faster than w, per second")
+    ax.set_ylim(RATE(0.5 / motion.duration), RATE(3.0 * max(faster.max(), rice)))
+    label_for_page(ax, f"impact speed w ({SPEED})", f"impacts faster than w, per {RATE.time}")
     return ax
 
 
@@ -325,48 +333,46 @@ def plot_exceedances(review: Review, ax: Axes | None = None) -> Axes:
     """Probability that the hardest impact of the mission exceeds a limit against the limit, for the
     smallest, the recommended and the largest clearance; each line bears its clearance."""
     ax = axes_or_new(ax, PAGE)
-    table, factor, words = _hard_hits(review)
+    table, words, quantity = _hard_hits(review)
     known = sorted(set(table["clearance"]))
     nominal = min(known, key=lambda c: abs(c - review.sizing.clearance.value))
     for colour, clearance in zip(OWNERS, sorted({known[0], nominal, known[-1]}), strict=False):
         rows = table[table["clearance"] == clearance].sort_values("limit")
-        x = factor * rows["limit"].to_numpy()
-        _chance_line(ax, x, rows, colour, f"{1e3 * clearance:.3g} mm")
+        x = quantity(rows["limit"].to_numpy())
+        _chance_line(ax, x, rows, colour, LENGTH.text(clearance, ".3g"))
     _limit_mark(ax, review)
     ax.set_ylim(*_chance_limits(table))
     ax.set_yscale("log")
-    label_for_page(ax, words, _chance_label(review), legend=False)
+    label_for_page(ax, quantity.heading(words), _chance_label(review), legend=False)
     return ax
 
 
 def plot_exceedances_over_clearance(review: Review, ax: Axes | None = None) -> Axes:
     """The probability of exceeding a limit against clearance; each line bears its limit."""
     ax = axes_or_new(ax, PAGE)
-    table, factor, words = _hard_hits(review)
-    unit = words[words.index("(") + 1 : -1]
+    table, _, quantity = _hard_hits(review)
     marked = table[table["mark"]]
     for colour, limit in zip(OWNERS, sorted(set(marked["limit"])), strict=False):
         rows = marked[marked["limit"] == limit].sort_values("clearance")
-        x = 1e3 * rows["clearance"].to_numpy()
-        _chance_line(ax, x, rows, colour, f"> {factor * limit:.3g} {unit}", marker="o")
+        x = LENGTH(rows["clearance"].to_numpy())
+        _chance_line(ax, x, rows, colour, f"> {quantity.text(limit, '.3g')}", marker="o")
     ax.set_ylim(*_chance_limits(table))
     ax.set_yscale("log")
     for colour, name, place in _marks(review.sizing):
-        ax.axvline(1e3 * place, color=colour, linewidth=1.0)
-        ax.text(1e3 * place, 1.0, f" {name}", color=colour, fontsize="small",
+        ax.axvline(LENGTH(place), color=colour, linewidth=1.0)
+        ax.text(LENGTH(place), 1.0, f" {name}", color=colour, fontsize="small",
                 va="bottom", ha="left", transform=ax.get_xaxis_transform())  # fmt: skip
-    label_for_page(ax, "clearance per side (mm)", _chance_label(review), legend=False)
+    label_for_page(ax, f"clearance per side ({LENGTH})", _chance_label(review), legend=False)
     return ax
 
 
-def _hard_hits(review: Review) -> tuple[pd.DataFrame, float, str]:
-    """The table of probabilities of hard impacts, the factor from SI to the unit of their axis,
-    and its label."""
+def _hard_hits(review: Review) -> tuple[pd.DataFrame, str, ShownQuantity]:
+    """The table of probabilities of hard impacts, and their limit in words."""
     table = review.exceedances
     assert table is not None
     if table["event"].iloc[0] == "peak_acceleration":
-        return table, 1.0 / STANDARD_GRAVITY, "largest peak acceleration (g)"
-    return table, 1.0, "largest impact speed (m/s)"
+        return table, "largest peak acceleration", ACCELERATION
+    return table, "largest impact speed", SPEED
 
 
 def _chance_label(review: Review) -> str:
@@ -400,7 +406,7 @@ def _limit_mark(ax: Axes, review: Review) -> None:
     if target.exceedance is None:
         return
     peak = target.name == "peak_acceleration"
-    place = target.value / STANDARD_GRAVITY if peak else target.value
+    place = (ACCELERATION if peak else SPEED)(target.value)
     ax.axvline(place, color=COLOURS["stop"], linewidth=1.0)
     ax.axhline(target.exceedance, color=COLOURS["stop"], linewidth=1.0)
     limit = f"limit {target.in_g if peak else target.limit}"
@@ -422,17 +428,21 @@ def plot_peaks(review: Review, ax: Axes | None = None) -> Axes:
         colour = colormaps["viridis"](0.85 - 0.7 * number / max(len(ratios) - 1, 1))
         _error_bars(ax, rows, "o-", colour, f"stops {ratio:g} x the mount")
     _error_bars(ax, table[own], "D", COLOURS["linearise:closure"], "stops of the scene")
-    free = (table["largest_acceleration"] / table["peak_amplification"]).mean() / STANDARD_GRAVITY
+    free = ACCELERATION((table["largest_acceleration"] / table["peak_amplification"]).mean())
     ax.axhline(free, color=COLOURS["exact"], linestyle="--", linewidth=1.2, label="no stops")
     ax.set_yscale("log")
-    label_for_page(ax, "clearance per side (mm)", f"largest in {review.peak_window:g} s, mean (g)")
+    label_for_page(
+        ax,
+        f"clearance per side ({LENGTH})",
+        f"largest in {review.peak_window:g} s, mean ({ACCELERATION})",
+    )
     return ax
 
 
 def _error_bars(ax: Axes, rows: pd.DataFrame, form: str, colour: Any, label: str) -> None:
-    half = GAUSSIAN_95 * rows["largest_acceleration_error"] / STANDARD_GRAVITY
+    half = GAUSSIAN_95 * ACCELERATION(rows["largest_acceleration_error"])
     ax.errorbar(
-        1e3 * rows["clearance"], rows["largest_acceleration"] / STANDARD_GRAVITY, yerr=half,
+        LENGTH(rows["clearance"]), ACCELERATION(rows["largest_acceleration"]), yerr=half,
         fmt=form, color=colour, markersize=4.5, linewidth=1.3, capsize=2, label=label,
     )  # fmt: skip
 
@@ -474,4 +484,9 @@ def _mark_natural(ax: Axes, review: Review) -> None:
 
 def _mark_clearances(ax: Axes, sizing: Sizing) -> None:
     for colour, words, place in _marks(sizing):
-        ax.axvline(1e3 * place, color=colour, linewidth=1.4, label=f"{words}, {1e3 * place:.3g} mm")
+        ax.axvline(
+            LENGTH(place),
+            color=colour,
+            linewidth=1.4,
+            label=f"{words}, {LENGTH.text(place, '.3g')}",
+        )

@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from stochvi.mathematics.shown_units import NUMBER, ShownQuantity, Size
 from stochvi.views.axes import limit_decades
 from stochvi.views.colours import BAND_ALPHA, COLOURS, OWNERS, TRANSFERS
 
@@ -20,10 +21,16 @@ if TYPE_CHECKING:
     from stochvi.statistics.spectra import Curve, ResponseSpectrum
 
 DENSITIES = {
-    "displacement": "displacement\nrelative to the base\n(m²/Hz)",
-    "velocity": "velocity\nrelative to the base\n((m/s)²/Hz)",
-    "acceleration": "acceleration\n{}\n((m/s²)²/Hz)",
-}
+    "displacement": (
+        "displacement\nrelative to the base", ShownQuantity("length", Size("m²/Hz", 1.0), 2, "/Hz")
+    ),
+    "velocity": (
+        "velocity\nrelative to the base", ShownQuantity("speed", Size("(m/s)²/Hz", 1.0), 2, "/Hz")
+    ),
+    "acceleration": (
+        "acceleration\n{}", ShownQuantity("acceleration density", Size("(m/s²)²/Hz", 1.0))
+    ),
+}  # fmt: skip
 """Labels of the panels of densities, by quantity; the label of an acceleration is completed by the
 kind of acceleration."""
 
@@ -36,13 +43,16 @@ TRANSFER_NAMES = {
 TITLE = "spectra, one-sided per hertz, with 95 % bands"
 
 
-def plot_curve(curve: Curve, ax: Axes, *, colour: str = OWNERS[0], label: str = "") -> Axes:
+def plot_curve(
+    curve: Curve, ax: Axes, *, colour: str = OWNERS[0], label: str = "",
+    quantity: ShownQuantity = NUMBER,
+) -> Axes:  # fmt: skip
     """A curve with its 95 % band, both axes logarithmic; values that reach zero leave the view."""
     ax.fill_between(
-        curve.frequency_hz, np.maximum(curve.lower, 1e-300), curve.upper,
+        curve.frequency_hz, np.maximum(quantity(curve.lower), 1e-300), quantity(curve.upper),
         color=colour, alpha=BAND_ALPHA, linewidth=0,
     )  # fmt: skip
-    ax.plot(curve.frequency_hz, curve.value, color=colour, linewidth=0.9, label=label)
+    ax.plot(curve.frequency_hz, quantity(curve.value), color=colour, linewidth=0.9, label=label)
     ax.set_xscale("log")
     ax.set_yscale("log")
     limit_decades(ax)
@@ -70,13 +80,16 @@ def draw_spectrum(
     )
     axes = grid[:, 0]
     for ax, name in zip(axes, present, strict=False):
+        words, quantity = DENSITIES[name]
         for colour, (owner, curves) in zip(OWNERS, shown.items(), strict=False):
             if name in curves:
-                plot_curve(curves[name], ax, colour=colour, label=owner)
+                plot_curve(curves[name], ax, colour=colour, label=owner, quantity=quantity)
         which, _, more = found.meanings.get(name, "").partition(", between impacts")
-        ax.set_ylabel(DENSITIES[name].format("absolute, between impacts" if more else which))
+        label = words.format("absolute, between impacts" if more else which)
+        ax.set_ylabel(f"{label}\n({quantity})")
         ax.grid(alpha=0.25)
     for label, density in references.items():
+        density = DENSITIES["displacement"][1](density)
         axes[0].plot(found.frequency_hz, density, color=COLOURS["exact"], lw=0.9, label=label)
     if len(shown) > 1 or references:
         axes[0].legend(frameon=False, fontsize="small", loc="lower left")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from matplotlib.axes import Axes
 
+from stochvi.mathematics.shown_units import RATE
 from stochvi.views.axes import add_grid, axes_or_new
 from stochvi.views.colours import COLOURS
 from stochvi.views.tables import print_frame
@@ -43,11 +44,11 @@ def plot_stability(found: Stability, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, (6.4, 2.4))
     for row, each in enumerate(found.rates.values()):
         low, high = each.interval()
-        bars = [[each.value - low], [high - each.value]]
-        ax.errorbar(each.value, row, xerr=bars, fmt="o", capsize=3, color=COLOURS["simulate"])
+        bars = [[RATE(each.value - low)], [RATE(high - each.value)]]
+        ax.errorbar(RATE(each.value), row, xerr=bars, fmt="o", capsize=3, color=COLOURS["simulate"])
     ax.axvline(0.0, color="black", linewidth=0.8)
     ax.set_yticks(range(len(found.rates)), [NAMES[name] for name in found.rates])
     ax.set_ylim(len(found.rates) - 0.5, -0.5)
-    ax.set_xlabel("rate of growth (1/s); below 0 it decays")
+    ax.set_xlabel(f"rate of growth ({RATE}); below 0 it decays")
     add_grid(ax)
     return ax

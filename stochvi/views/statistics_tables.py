@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from stochvi.mathematics.shown_units import SPEED
 from stochvi.results.estimates import format_with_error
 from stochvi.views.tables import (
     new_table,
@@ -88,7 +89,7 @@ def _print_pairs(console: Console, found: Reliability) -> None:
             "hit, if it alone had stops",
             "of first impacts",
             "expected impacts",
-            "mean speed (m/s)",
+            f"mean speed ({SPEED})",
         ],
     )
     for name, risk in found.pairs.items():

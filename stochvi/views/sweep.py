@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
+from stochvi.mathematics.shown_units import ShownQuantity, readable, shown_as
 from stochvi.results.estimates import BIAS, BIAS_ERROR, ERROR, LIMIT, Estimate
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import QUANTITY_UNITS
@@ -20,8 +21,14 @@ from stochvi.scenes.key_units import KEY_UNITS
 from stochvi.views.axes import axes_or_new
 from stochvi.views.column_units import with_unit
 from stochvi.views.files import try_picture, write_bytes, write_table
-from stochvi.views.tables import NEGLIGIBLE, NO_VALUE, QUANTITY_NAMES, value_with_error
-from stochvi.views.words import MM, G
+from stochvi.views.tables import (
+    NEGLIGIBLE,
+    NO_VALUE,
+    QUANTITY_NAMES,
+    Heading,
+    value_with_error,
+    with_headings,
+)
 
 SIZE = (7.2, 4.4)
 """Size of a figure, inches."""
@@ -65,9 +72,6 @@ ON_TERMINAL = (
 MOST_PANELS, PANEL = 12, (3.6, 2.9)
 """Largest number of pictures on a contact sheet, and the size of one, inches."""
 
-PAGE_UNITS = {"m": (MM, "mm"), "m/s^2": (G, "g")}
-"""Factor and name of the units of pictures that are not SI units, by the SI unit."""
-
 EVENT_NAMES = {
     "clearance": "clearance per side",
     "three_sigma": "3 sigma",
@@ -98,28 +102,24 @@ def quantities(table: pd.DataFrame) -> list[str]:
 
 
 def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
-    """The table as a terminal shows it: keys, and main quantities with standard errors.
+    """The table as a terminal shows it: keys, and main quantities with standard errors."""
 
-    Lengths are in mm and accelerations in g.
-    """
-
-    def cell(factor: float, value: float, *others: float) -> str:
-        value *= factor
-        error, bias, limit = (None if pd.isna(each) else factor * float(each) for each in others)
+    def cell(*numbers: float) -> str:
+        value = numbers[0]
+        error, bias, limit = (None if pd.isna(each) else float(each) for each in numbers[1:])
         if pd.isna(value):
             return NO_VALUE
         estimate = Estimate(value=value, standard_error=error or 0.0, bias=bias, upper_95=limit)
         return value_with_error(estimate)
 
-    found = table[list(keys)].rename(columns={key: _withunit_of_key(key) for key in keys})
+    found = with_headings(table, {key: _heading_of_key(key) for key in keys})
     for quantity in quantities(table):
         if quantity.rsplit(".", 1)[1] in ON_TERMINAL:
             shown = [quantity, *(f"{quantity}.{end}" for end in (ERROR, BIAS, LIMIT))]
-            columns = table.reindex(columns=shown).itertuples(index=False, name=None)
-            name = quantity.rsplit(".", 1)[1]
-            factor, unit = PAGE_UNITS.get(UNITS.get(name, "1"), (1.0, None))
-            heading = _named(table, quantity, unit)
-            found[heading] = [cell(factor, *numbers) for numbers in columns]
+            columns = _quantity(quantity)(table.reindex(columns=shown))
+            found[_named(table, quantity)] = [
+                cell(*numbers) for numbers in columns.itertuples(index=False, name=None)
+            ]
     return found
 
 
@@ -129,13 +129,17 @@ def unseen(table: pd.DataFrame) -> pd.Series:
     return table[limits].notna().any(axis=1)
 
 
-def _named(table: pd.DataFrame, quantity: str, unit: str | None = None) -> str:
+def _quantity(name: str) -> ShownQuantity:
+    return readable(UNITS.get(name.rsplit(".", 1)[1], "1"))
+
+
+def _named(table: pd.DataFrame, quantity: str) -> str:
     """The name of a quantity with its unit, and with its owner where there are several owners."""
     owner, name = quantity.rsplit(".", 1)
     several = sum(other.endswith(f".{name}") for other in quantities(table)) > 1
     whose = f"{owner}: " if several else ""
     words = EVENT_NAMES.get(name) or QUANTITY_NAMES.get(name) or name.replace("_", " ")
-    unit = unit or UNITS.get(name, "1")
+    unit = str(_quantity(quantity))
     return f"{whose}{words}" if unit == "1" else f"{whose}{words} ({unit})"
 
 
@@ -152,33 +156,31 @@ def draw_sweep(
 ) -> Axes:
     """Draw a quantity against the first key, with one line for each combination of the others.
 
-    Lengths are in mm and accelerations in g. Bars are 95 % intervals of the statistical error
-    alone.
+    Bars are 95 % intervals of the statistical error alone.
     """
     alone, ax = ax is None, axes_or_new(ax, SIZE)
     name = quantity.rsplit(".", 1)[1]
-    factor, unit = PAGE_UNITS.get(UNITS.get(name, "1"), (1.0, None))
-    key_factor, key_label = _key_scale(keys[0])
+    shown, (words_of_key, key) = _quantity(quantity), _key(keys[0])
     groups = table.groupby(list(keys[1:]), sort=True) if keys[1:] else [((), table)]
     colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.88, len(groups)))
     for colour, (values, group) in zip(colours, groups, strict=True):
         pairs = zip(keys[1:], values, strict=True)
         label = ", ".join(f"{_last(key)} {value:.4g}" for key, value in pairs)
         ax.errorbar(
-            key_factor * group[keys[0]], factor * group[quantity],
-            factor * GAUSSIAN_95 * group[f"{quantity}.{ERROR}"],
+            key(group[keys[0]]), shown(group[quantity]),
+            shown(GAUSSIAN_95 * group[f"{quantity}.{ERROR}"]),
             fmt="o-", markersize=4, capsize=2, color=colour, label=label,
         )  # fmt: skip
         if (limit := f"{quantity}.{LIMIT}") in group:
             unseen = group[group[limit].notna()]
             ax.plot(
-                key_factor * unseen[keys[0]], factor * unseen[limit], "v", color=colour,
+                key(unseen[keys[0]]), shown(unseen[limit]), "v", color=colour,
                 label="_never seen",
             )  # fmt: skip
     if 1 < len(groups) <= MOST_IN_A_LEGEND:
         ax.legend(frameon=False, fontsize="small")
-    ax.set_xlabel(key_label)
-    ax.set_ylabel(_named(table, quantity, unit))
+    ax.set_xlabel(key.heading(words_of_key))
+    ax.set_ylabel(_named(table, quantity))
     if _spans_decades(table[quantity]) or (
         UNITS.get(name) == "1" and name in SUMMARY_UNITS and (table[quantity] > 0.0).all()
     ):
@@ -215,17 +217,15 @@ def _title(table: pd.DataFrame, drawn: Sequence[str], title: str) -> str:
     return f"{title}\n{how}" if title else how
 
 
-def _key_scale(key: str) -> tuple[float, str]:
-    """The factor from the unit of a key to that of its axis, and the label of the axis."""
-    unit = unit_of_key(key)
-    factor, name = PAGE_UNITS.get(unit or "", (1.0, unit))
-    return factor, f"{_last(key)} ({name})" if name else _last(key)
+def _key(key: str) -> tuple[str, ShownQuantity]:
+    """The last words of a key, and its quantity."""
+    return _last(key), readable(unit_of_key(key) or "")
 
 
-def _withunit_of_key(key: str) -> str:
+def _heading_of_key(key: str) -> Heading:
     """The key with the unit of its values, unless its name states it."""
     unit = unit_of_key(key)
-    return key if unit is None or key.endswith(UNIT_ENDINGS) else f"{key} ({unit})"
+    return key if unit is None or key.endswith(UNIT_ENDINGS) else (f"{key} ()", shown_as(unit))
 
 
 def unit_of_key(key: str) -> str | None:
@@ -253,7 +253,7 @@ def draw_sheet(table: pd.DataFrame, keys: Sequence[str], title: str = "") -> Axe
         draw_sweep(table, keys, quantity, ax=ax)
         if (legend := ax.get_legend()) is not None and ax is not axes[0, 0]:
             legend.remove()
-        ax.set_xlim(*_span(_key_scale(keys[0])[0] * table[keys[0]]))
+        ax.set_xlim(*_span(_key(keys[0])[1](table[keys[0]])))
     for ax in axes.ravel()[len(chosen) :]:
         ax.set_visible(False)
     figure.suptitle(_title(table, chosen, title), fontsize="medium")

@@ -12,8 +12,9 @@ from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
 
+from stochvi.mathematics.shown_units import METRES, RATE, TIME, ShownQuantity, shown_as
 from stochvi.results.estimates import Estimate, format_with_error
-from stochvi.results.response import Response, unit_of
+from stochvi.results.response import QUANTITY_UNITS, Response, unit_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -94,13 +95,13 @@ def print_response(console: Console, response: Response) -> None:
     )
     deviation = _deviation(response)
     for (owner, name), estimate in response.estimates().items():
+        quantity = shown_as(unit_of(owner, name))
+        scale = quantity(deviation) if name == "displacement_mean" else 0.0
         table.add_row(
             owner,
             QUANTITY_NAMES.get(name, name),
-            value_with_error(
-                estimate, deviation if name == "displacement_mean" else 0.0, with_bias=False
-            ),
-            unit_of(owner, name),
+            value_with_error(quantity(estimate), scale, with_bias=False),
+            str(quantity),
             relative_error(estimate.standard_error, estimate),
             "unknown" if estimate.bias is None else relative_bias(estimate),
             relative_half_width(estimate),
@@ -152,19 +153,19 @@ def _without_bound(response: Response) -> list[str]:
 
 def print_first_passage(console: Console, found: FirstPassage) -> None:
     """P(first passage before t) at each time, then its mean time and rates."""
-    table = new_table("P(first passage before t)", ["t (s)", "probability", "rel. bias"])
+    table = new_table("P(first passage before t)", [f"t ({TIME})", "probability", "rel. bias"])
     for moment, estimate in zip(found.times, found.probability, strict=True):
         value = value_with_error(estimate, with_bias=False)
-        table.add_row(f"{moment:g}", value, relative_bias(estimate))
+        table.add_row(f"{TIME(moment):g}", value, relative_bias(estimate))
     print_table(console, table)
-    ends = [f"{x:g} m" for x in (found.lower, found.upper) if x is not None]
+    ends = [METRES.text(x, "g") for x in (found.lower, found.upper) if x is not None]
     print_line(console, f"barriers at {' and '.join(ends)}; start: {found.start}")
     rates = [
-        f"mean time to the first passage {value_with_error(found.mean_time)} s",
-        f"rate in the end {value_with_error(found.decay_rate)} 1/s",
+        f"mean time to the first passage {value_with_error(TIME(found.mean_time))} {TIME}",
+        f"rate in the end {value_with_error(RATE(found.decay_rate))} {RATE}",
     ]
     if found.rice_rate is not None:
-        rates.append(f"Rice {found.rice_rate.value:.4g} 1/s")
+        rates.append(f"Rice {RATE.text(found.rice_rate.value)}")
     console.print("; ".join(rates), highlight=False)
     print_line(console, f"simulated effects: {effects_in_words(found.effects)}")
     print_assumptions(console, found.assumptions)
@@ -189,6 +190,25 @@ def print_frame(
         cells = (formatted_cell(row[name], (formats or {}).get(name, ".4g")) for name in numeric)
         table.add_row(*cells)
     print_table(console, table)
+
+
+Heading = str | tuple[str, ShownQuantity]
+"""Heading of a column, with the quantity of its SI numbers where they have one: "()" in the words
+gets the unit that is shown."""
+
+
+def with_headings(table: pd.DataFrame, columns: Mapping[str, Heading]) -> pd.DataFrame:
+    """The columns that a table has of these, under their headings, in the units that are shown."""
+    found = table[[name for name in columns if name in table]].copy()
+    headings = {}
+    for name in found:
+        heading = columns[str(name)]
+        if not isinstance(heading, str):
+            words, quantity = heading
+            found[name] = quantity(found[name])
+            heading = words.replace("()", f"({quantity})")
+        headings[name] = heading
+    return found.rename(columns=headings)
 
 
 LAST_DIGITS = (
@@ -223,7 +243,9 @@ def methods_table(responses: Sequence[Response]) -> pd.DataFrame:
         found = {name: estimate for (_, name), estimate in response.estimates().items()}
         row = {"method": response.method.removeprefix("linearise:")}
         for name, heading in METHOD_COLUMNS.items():
-            row[heading] = value_with_error(found[name]) if name in found else ""
+            quantity = shown_as(QUANTITY_UNITS[name])
+            words = quantity.heading(heading) if quantity.chosen else heading
+            row[words] = value_with_error(quantity(found[name])) if name in found else ""
         rows.append(row)
     return pd.DataFrame(rows)
 

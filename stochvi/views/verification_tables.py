@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
+from stochvi.mathematics.shown_units import LENGTH, MILLIRADIANS
 from stochvi.results.estimates import format_with_error
 from stochvi.results.response import ROTATIONS
 from stochvi.verification.check import (
@@ -206,17 +207,19 @@ def _print_modes(console: Console, explanation: Explanation) -> None:
         print_table(console, table)
     if explanation.rest:
         listed = ", ".join(
-            f"{name} {1e3 * value:.3g} {'mrad' if name in ROTATIONS else 'mm'}"
+            f"{name} {(MILLIRADIANS if name in ROTATIONS else LENGTH).text(value, '.3g')}"
             for name, value in explanation.rest.items()
         )
         print_line(console, f"at rest under constant loads: {listed}")
     for name, gap in explanation.rest_of_gaps.items():
         left = [
-            f"{1e3 * distance:.3g} mm from its {side} stop"
+            f"{LENGTH.text(distance, '.3g')} from its {side} stop"
             for side, distance in (("lower", gap.to_lower), ("upper", gap.to_upper))
             if distance is not None
         ]
-        print_line(console, f"{name} rests at {1e3 * gap.position:.3g} mm, {' and '.join(left)}")
+        print_line(
+            console, f"{name} rests at {LENGTH.text(gap.position, '.3g')}, {' and '.join(left)}"
+        )
 
 
 def print_cost(console: Console, found: WorkPrecision) -> None:

@@ -6,20 +6,14 @@ import math
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
-from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.mathematics.shown_units import LENGTH, NUMBER, ShownQuantity
 from stochvi.results.estimates import Estimate
-from stochvi.views.tables import value_with_error
+from stochvi.views.tables import Heading, value_with_error
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.isolators.sizing.answer import Sizing
-
-MM = 1e3
-"""Factor from m to mm."""
-
-G = 1.0 / STANDARD_GRAVITY
-"""Factor from m/s^2 to g."""
 
 UNKNOWN = "not known"
 
@@ -34,13 +28,13 @@ MOST_PLACES = 5
 ten."""
 
 
-def millimetres(metres: float) -> str:
-    """A length in millimetres with four significant digits; zeros at the end are kept.
+def spoken_length(metres: float) -> str:
+    """A length with four significant digits; zeros at the end are kept.
 
-    >>> millimetres(0.0059712), millimetres(0.012), millimetres(1.2345)
+    >>> spoken_length(0.0059712), spoken_length(0.012), spoken_length(1.2345)
     ('5.971 mm', '12.00 mm', '1234 mm')
     """
-    return f"{four_digits(MM * metres)} mm"
+    return f"{four_digits(LENGTH(metres))} {LENGTH}"
 
 
 def with_article(words: str) -> str:
@@ -58,29 +52,29 @@ def four_digits(number: float) -> str:
 
 
 def limits_of(low: float, high: float) -> str:
-    """Two limits, m, in millimetres; where four digits do not tell them apart, half their distance.
+    """Two limits of a length, m; where four digits do not tell them apart, half their distance.
 
     >>> limits_of(0.01097, 0.01108), limits_of(0.0012173527, 0.0012173552)
     ('10.97 to 11.08 mm', '± 0.0001 %')
     """
-    texts = [four_digits(MM * value) for value in (low, high)]
+    texts = [four_digits(LENGTH(value)) for value in (low, high)]
     if texts[0] == texts[1]:
         return f"± {100.0 * (high - low) / (high + low):.1g} %"
-    return f"{texts[0]} to {texts[1]} mm"
+    return f"{texts[0]} to {texts[1]} {LENGTH}"
 
 
-def with_interval(estimate: Estimate | None, factor: float) -> str:
+def with_interval(estimate: Estimate | None, quantity: ShownQuantity = NUMBER) -> str:
     """A value, with its 95 % interval on a second line; an upper limit where nothing was seen.
 
-    >>> with_interval(Estimate(value=0.2498, standard_error=0.0096), 1.0)
+    >>> with_interval(Estimate(value=0.2498, standard_error=0.0096))
     '0.250\\n0.231 to 0.269'
     """
     if estimate is None:
         return UNKNOWN
     if estimate.upper_95 is not None:
-        return f"at most\n{factor * estimate.upper_95:.2g}"
-    half = factor * estimate.half_width_95()
-    value = factor * estimate.value
+        return f"at most\n{quantity(estimate.upper_95):.2g}"
+    half = quantity(estimate.half_width_95())
+    value = quantity(estimate.value)
     if half == 0.0:
         return f"{value:.4g}"
     places = 1 - math.floor(math.log10(half))
@@ -144,12 +138,13 @@ TINY = 1e-12
 """Probability below which its value means nothing: no noise is Gaussian as far as that."""
 
 
-def clearances_of_changes(table: pd.DataFrame) -> dict[str, str]:
+def clearances_of_changes(table: pd.DataFrame) -> dict[str, Heading]:
     """Columns with the clearances of a table of changed scenes, and their headings: one column of
     one mass, one for each sized pair of several."""
     fixed = {"change", "sigma", "clearance_change", "probability", "note"}
     names = [str(name) for name in table if name not in fixed]
-    return {name: f"{'clearance' if names == ['clearance'] else name} (mm)" for name in names}
+    one = names == ["clearance"]
+    return {name: ("clearance ()" if one else f"{name} ()", LENGTH) for name in names}
 
 
 def line_to_copy(stops: str) -> str:
@@ -165,10 +160,10 @@ def places_of_stops(sizing: Sizing) -> str:
         hangs = f"; {equilibrium_in_words(sizing)}" if sizing.gap.mean_position else ""
         texts.append(line_to_copy(copied) + hangs)
     if stops := sizing.gap.distances:
-        distances = " and ".join(f"{1e3 * distance:.4g}" for distance in stops.values())
+        distances = " and ".join(f"{LENGTH(distance):.4g}" for distance in stops.values())
         noise = ", for Gaussian noise" if sizing.doubtful else ""
         texts.append(
-            f"stops of the scene, {distances} mm from the static equilibrium: "
+            f"stops of the scene, {distances} {LENGTH} from the static equilibrium: "
             f"{chance_of_stops(sizing)} in {spoken_mission(sizing.mission)} (any impact{noise})"
         )
     return "\n".join(texts)
@@ -176,4 +171,6 @@ def places_of_stops(sizing: Sizing) -> str:
 
 def equilibrium_in_words(sizing: Sizing) -> str:
     """The static equilibrium, in words."""
-    return f"the static equilibrium is at {1e3 * sizing.gap.mean_position:+.4g} mm from there"
+    return (
+        f"the static equilibrium is at {LENGTH.text(sizing.gap.mean_position, '+.4g')} from there"
+    )

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.mathematics.shown_units import ACCELERATION, LENGTH, STIFFNESS
 from stochvi.results.base import Result
 from stochvi.statistics.damage import SpectrumValues
 
@@ -151,7 +151,7 @@ class BumperMap(Result):
     def stop_in_words(self, column: int) -> str:
         """The stiffness of a column, in words."""
         if self.stiffness is not None:
-            return f"{self.stiffness[column]:.3g} N/m"
+            return STIFFNESS.text(self.stiffness[column], ".3g")
         return f"{self.stiffness_factor[column]:.3g} times the stiffness of the scene's stops"
 
     def summary(self) -> str:
@@ -167,7 +167,8 @@ class BumperMap(Result):
         at = best.row, best.column
         return (
             f"{np.count_nonzero(self.feasible)} of {points} designs keep all limits {chance}; the "
-            f"smallest rattle space is {1e3 * self.rattle_space.value[at]:.3g} mm, at a clearance "
-            f"of {1e3 * best.clearance:.3g} mm with {self.stop_in_words(best.column)}: "
-            f"{self.peak_acceleration.value[at] / STANDARD_GRAVITY:.3g} g"
+            f"smallest rattle space is {LENGTH.text(self.rattle_space.value[at], '.3g')}, at a "
+            f"clearance of {LENGTH.text(best.clearance, '.3g')} with "
+            f"{self.stop_in_words(best.column)}: "
+            f"{ACCELERATION.text(self.peak_acceleration.value[at], '.3g')}"
         )

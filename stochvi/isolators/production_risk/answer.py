@@ -15,6 +15,7 @@ from stochvi.isolators.sizing.answer import (
 )
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.pairs_answer import places_in_words
+from stochvi.mathematics.shown_units import LENGTH
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.scene import Scene
@@ -127,8 +128,9 @@ class Production(Result):
             return ""
         row = self.tolerances.iloc[int(self.tolerances["clearance_cost"].argmax())]
         return (
-            f"{row['tolerance']} costs the most clearance: {1e3 * row['clearance_cost']:.3g} mm, "
-            f"and {100.0 * row['total']:.3g} % of the variance between units"
+            f"{row['tolerance']} costs the most clearance: "
+            f"{LENGTH.text(row['clearance_cost'], '.3g')}, and {100.0 * row['total']:.3g} % of the "
+            "variance between units"
         )
 
     def to_frame(self) -> pd.DataFrame:

@@ -15,7 +15,7 @@ from stochvi.isolators.screening import Screening
 from stochvi.isolators.sizing.chance_at_stops import StopPositions, gap_of
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.mathematics.rounding import ROUNDING
-from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.mathematics.shown_units import ACCELERATION, LENGTH, RATE, shown_as
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
@@ -60,14 +60,15 @@ class Target:
 
     @property
     def limit(self) -> str:
-        """The value with its unit, in words; an acceleration in g as well."""
-        in_g = f" ({self.in_g})" if self.name == "peak_acceleration" else ""
-        return f"{self.value:.4g} {self.unit}{in_g}"
+        """The value with its unit, in words; an acceleration in g as well, unless one is chosen."""
+        quantity = shown_as(self.unit)
+        both = self.name == "peak_acceleration" and quantity.chosen is None
+        return quantity.text(self.value) + (f" ({self.in_g})" if both else "")
 
     @property
     def in_g(self) -> str:
-        """An acceleration in g, in words."""
-        return f"{self.value / STANDARD_GRAVITY:.4g} g"
+        """An acceleration in g, or in a chosen unit, in words."""
+        return ACCELERATION.text(self.value)
 
     def kept(self, mission: float) -> str:
         """The target in a mission (s), in words."""
@@ -75,7 +76,7 @@ class Target:
         if self.name == "probability":
             return f"the probability of any impact in {spoken} at {spoken_percent(self.value)}"
         if self.name == "rate":
-            return f"the impacts at {self.value:.3g} per second"
+            return f"the impacts at {RATE(self.value):.3g} per {RATE.time}"
         assert self.exceedance is not None
         return (
             f"every {self.name.replace('_', ' ')} of {spoken} below {self.limit} but "
@@ -114,21 +115,17 @@ class RoundedClearance:
         return cls(value=round(steps * step, digits), step=step)
 
     def __str__(self) -> str:
-        """The clearance in millimetres, with the digits that its step calls for.
+        """The clearance with the digits that its step calls for; in other units rounded up.
 
         >>> str(RoundedClearance(value=4.5e-3, step=1e-4))
         '4.5 mm'
         """
-        return f"{1e3 * self.value:.{self._digits}f} mm"
+        return LENGTH.rounded_up(self.value, self.step)
 
     @property
     def step_in_words(self) -> str:
-        """The step in millimetres."""
-        return f"{1e3 * self.step:.{self._digits}f} mm"
-
-    @property
-    def _digits(self) -> int:
-        return max(round(-math.log10(1e3 * self.step)), 0)
+        """The step to which the clearance is rounded up."""
+        return LENGTH.step_of(self.step)
 
     def position(self, equilibrium: float, side: str) -> float:
         """Where a stop at this clearance from the static equilibrium (m) lies, in m from the
@@ -157,13 +154,12 @@ class Clearance:
     upper: float
 
     def __str__(self) -> str:
-        """The clearance and its interval in millimetres.
+        """The clearance and its interval.
 
         >>> str(Clearance(value=4.9e-3, lower=4.8e-3, upper=5e-3))
         '4.9 mm (4.8 to 5 mm, 95 %)'
         """
-        value, lower, upper = (f"{1e3 * each:.4g}" for each in (self.value, self.lower, self.upper))
-        return f"{value} mm ({lower} to {upper} mm, 95 %)"
+        return f"{LENGTH.text(self.value)} ({LENGTH.span(self.lower, self.upper)}, 95 %)"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -445,7 +441,7 @@ class Sizing(Result):
         """Evidence for the clearance to make: the calculated one for the scene as stated, the
         impacts to expect there, and what three sigma would do to the same quantity."""
         three, hits = self.three_sigma, self.expected_hits()
-        place = f"3 sigma = {1e3 * three.clearance:.4g} mm"
+        place = f"3 sigma = {LENGTH.text(three.clearance)}"
         mission = spoken_mission(self.mission)
         there = [] if hits is None else [f"{hits.value:.3g} impacts expected there in {mission}"]
         if self.target.name == "probability":
@@ -469,13 +465,13 @@ class Sizing(Result):
 
     def _answer(self) -> str:
         """The calculated clearance with its interval, in words."""
-        mm, c = 1e3, self.clearance
+        c = self.clearance
         varies = self.production is not None or self.allowed != Tolerances()
         stated = " as stated" if varies else ""
-        first = f"calculated{stated}: {mm * c.value:.4g} mm"
+        first = f"calculated{stated}: {LENGTH.text(c.value)}"
         in_sigma = f"{c.value / self.sigma:.3g} sigma"
         if self.kept_with is None:
-            interval = f"{mm * c.lower:.4g} to {mm * c.upper:.4g} mm, 95 %"
+            interval = f"{LENGTH.span(c.lower, c.upper)}, 95 %"
             return f"{first} ({interval}), {in_sigma}"
         shown = f"a probability of {spoken_percent(self.kept_with.value)}"
         if self.kept_with.upper_95 is not None:

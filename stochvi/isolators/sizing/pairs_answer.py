@@ -17,6 +17,7 @@ from stochvi.isolators.sizing.answer import (
 )
 from stochvi.isolators.sizing.box_overview import BoxOverview
 from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.mathematics.shown_units import LENGTH
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
@@ -215,8 +216,8 @@ class PairsSizing(Result):
         low, high = (self.clearances[name] for name in self.extremes())
         varies = self.production is not None or len(self.tolerances) > 1
         stated = " as stated" if varies else ""
-        text = f"calculated{stated}: {1e3 * low.value:.4g} mm"
-        text += f" to {1e3 * high.value:.4g} mm" if high.value > low.value else ""
+        text = f"calculated{stated}: {LENGTH.text(low.value)}"
+        text += f" to {LENGTH.text(high.value)}" if high.value > low.value else ""
         if self.expected_hits is not None and self.target.name != "rate":
             text += f", where {self.expected_in_words()} impacts are expected in {mission}"
         return (

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.shown_units import LENGTH, SPEED
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Quantities
@@ -247,13 +248,12 @@ class Replay(Result):
         if self.single is None:
             hits = [
                 f"{sum(float(pair.hits) for pair in each.impact_pairs.values()):.0f} at "
-                f"{1e3 * (each.clearance or 0.0):.4g} mm"
+                f"{LENGTH.text(each.clearance or 0.0)}"
                 for each in self.clearances
             ]
             return f"replay of {self.duration:.4g} s of record: impacts {', '.join(hits)} per side"
         moved = [
-            f"{name} from {1e3 * float(each.displacement_min):.4g} to "
-            f"{1e3 * float(each.displacement_max):.4g} mm"
+            f"{name} from {LENGTH.span(float(each.displacement_min), float(each.displacement_max))}"
             for name, each in self.coordinates.items()
         ]
         hit = [_impacts_in_words(name, each) for name, each in self.impact_pairs.items()]
@@ -282,5 +282,5 @@ def _impacts_in_words(name: str, pair: PairReplay) -> str:
     hits = round(float(pair.hits))
     number = "no impact" if not hits else "1 impact" if hits == 1 else f"{hits} impacts"
     fastest = pair.impact_speed_max
-    speed = "" if fastest is None else f", {'up to ' * (hits > 1)}{float(fastest):.4g} m/s"
+    speed = "" if fastest is None else f", {'up to ' * (hits > 1)}{SPEED.text(float(fastest))}"
     return f"{number} on {name}{speed}"

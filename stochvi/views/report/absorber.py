@@ -8,6 +8,7 @@ from stochvi.absorbers.design import BestBox, Design
 from stochvi.absorbers.performance import AbsorberReport, Performance
 from stochvi.absorbers.sine import AbsorberSine
 from stochvi.absorbers.tuned_damper import TunedDamper
+from stochvi.mathematics.shown_units import ACCELERATION, FORCE, LENGTH
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.origin import Origin, origin_of
 from stochvi.scenes.scene import Scene
@@ -22,7 +23,7 @@ from stochvi.views.absorbers import (
     verdict,
 )
 from stochvi.views.report.pages import Fact, Grid, Page, Section, sentence, shown, write_page
-from stochvi.views.words import MM, UNKNOWN, G, millimetres, with_error, with_interval
+from stochvi.views.words import UNKNOWN, spoken_length, with_error, with_interval
 
 
 def write_absorber_report(
@@ -119,10 +120,10 @@ def sine_page(found: AbsorberSine, origin: Origin) -> Page:
         verdict=sentence(found.summary()),
         cards=[
             Fact("Mass", f"{100.0 * found.mass_ratio:.3g} %", "absorber over structure"),
-            Fact("Without", millimetres(float(curve.without.max())), "largest displacement"),
+            Fact("Without", spoken_length(float(curve.without.max())), "largest displacement"),
             Fact(
                 "With",
-                millimetres(float((curve.worst * curve.without).max())),
+                spoken_length(float((curve.worst * curve.without).max())),
                 "the largest displacement that may last",
             ),
         ],
@@ -159,24 +160,25 @@ def design_page(found: Design, origin: Origin) -> Page:
     return Page(
         title=found.scene.title or "Design of an impact absorber",
         subtitle=f"The best box for {found.mass:.4g} kg in all",
-        verdict=f"{units}, restitution {found.restitution:g}, total play {millimetres(best.play)}: "
-        f"rms displacement {100.0 * best.ratio.value:.1f} % of that without absorber.",
+        verdict=f"{units}, restitution {found.restitution:g}, total play "
+        f"{spoken_length(best.play)}: rms displacement {100.0 * best.ratio.value:.1f} % of that "
+        "without absorber.",
         cards=[
             Fact(
                 "Total play, stop to stop",
-                millimetres(best.play),
+                spoken_length(best.play),
                 f"{best.play / found.sigma:.2f} times the rms displacement without absorber",
             ),
             Fact(
                 "As good within its error",
-                f"{MM * best.low:.3g} to {MM * best.high:.3g} mm",
+                LENGTH.span(best.low, best.high, ".3g"),
                 "the optimum is broad: the box need not be built more exactly",
             ),
             Fact("rms displacement", f"{100.0 * best.ratio.value:.1f} %", "of that without"),
             _tuned_card(found.tuned_damper),
             Fact(
                 f"For levels of ± {found.level_range_db:g} dB",
-                millimetres(robust.play),
+                spoken_length(robust.play),
                 f"at worst {100.0 * robust.ratio.value:.1f} % of that without",
             ),
         ],
@@ -215,7 +217,7 @@ def _scene(scene: Scene) -> Section:
     ]
     for pair in scene.impact_pairs:
         stops = ", ".join(
-            f"{side} stop at {MM * getattr(pair, side):+.4g} mm, {law.phrase()}"
+            f"{side} stop at {LENGTH.text(getattr(pair, side), '+.4g')}, {law.phrase()}"
             for side, law in pair.stops()
         )
         facts.append(Fact(f"Box {pair.name!r}", stops, "relative displacement in the box"))
@@ -226,7 +228,8 @@ def _scene(scene: Scene) -> Section:
 def _motion(found: AbsorberReport) -> Grid:
     accelerated = any(each.acceleration_std is not None for each in found.performances)
     headings = [
-        "level", "ratio", "rms with (mm)", "rms without (mm)", "peak factor", "peak factor without",
+        "level", "ratio", f"rms with ({LENGTH})", f"rms without ({LENGTH})", "peak factor",
+        "peak factor without",
     ]  # fmt: skip
     rows = []
     for each in found.performances:
@@ -234,19 +237,20 @@ def _motion(found: AbsorberReport) -> Grid:
         row = [
             f"{each.level_db:+g} dB",
             f"{each.ratio.value:.3f}\n{low:.3f} to {high:.3f}",
-            with_interval(each.displacement_std, MM),
-            f"{MM * each.displacement_std_without:.4g}",
-            with_interval(each.peak_factor, 1.0),
-            with_interval(each.peak_factor_without, 1.0),
+            with_interval(each.displacement_std, LENGTH),
+            f"{LENGTH(each.displacement_std_without):.4g}",
+            with_interval(each.peak_factor),
+            with_interval(each.peak_factor_without),
         ]
         if accelerated:
             row += [
-                with_interval(each.acceleration_std, G),
-                f"{G * (each.acceleration_std_without or 0.0):.4g}",
+                with_interval(each.acceleration_std, ACCELERATION),
+                f"{ACCELERATION(each.acceleration_std_without or 0.0):.4g}",
             ]
         rows.append(row)
     if accelerated:
-        headings += ["abs. acceleration (g rms)", "abs. acceleration without (g rms)"]
+        words = ("abs. acceleration", "abs. acceleration without")
+        headings += [ACCELERATION.heading(each, " rms") for each in words]
     return Grid(caption="by level of the excitation", headings=headings, rows=rows)
 
 
@@ -254,15 +258,21 @@ def _impacts(found: AbsorberReport) -> Grid:
     def row(each: Performance) -> list[str]:
         return [
             f"{each.level_db:+g} dB",
-            with_interval(each.impacts_per_period, 1.0),
-            with_interval(each.wall_force, 1.0),
-            with_interval(each.impulse, 1.0),
-            with_interval(each.absorbed_share, 1.0),
+            with_interval(each.impacts_per_period),
+            with_interval(each.wall_force, FORCE),
+            with_interval(each.impulse),
+            with_interval(each.absorbed_share),
         ]
 
     return Grid(
         caption="by level of the excitation",
-        headings=["level", "impacts per period", "stop force (N)", "impulse (N s)", "absorbed"],
+        headings=[
+            "level",
+            "impacts per period",
+            f"stop force ({FORCE})",
+            "impulse (N s)",
+            "absorbed",
+        ],
         rows=[row(each) for each in found.performances],
     )
 
@@ -272,14 +282,19 @@ def _wall_peaks(found: AbsorberReport) -> list[Grid]:
     rows = [
         [
             f"{each.level_db:+g} dB",
-            with_interval(each.wall_force_peak, 1.0),
-            with_interval(each.wall_force_largest, 1.0),
-            with_interval(each.wall_acceleration_largest, G),
+            with_interval(each.wall_force_peak, FORCE),
+            with_interval(each.wall_force_largest, FORCE),
+            with_interval(each.wall_acceleration_largest, ACCELERATION),
         ]
         for each in found.performances
         if each.wall_force_largest is not None
     ]
-    headings = ["level", "peak of a contact (N)", "largest (N)", "largest (g of the structure)"]
+    headings = [
+        "level",
+        f"peak of a contact ({FORCE})",
+        f"largest ({FORCE})",
+        f"largest ({ACCELERATION} of the structure)",
+    ]
     grid = Grid(caption="peaks at the stops", headings=headings, rows=rows)
     return [grid] if rows else []
 
@@ -296,7 +311,7 @@ def _plays(found: AbsorberReport) -> Section:
         )
     rows = [
         [
-            UNKNOWN if each.play is None else f"{MM * each.play:.4g}",
+            UNKNOWN if each.play is None else f"{LENGTH(each.play):.4g}",
             f"{each.play_factor:.3g}",
             f"{each.ratio.value:.3f}\n{each.low:.3f} to {each.high:.3f}",
         ]
@@ -309,7 +324,7 @@ def _plays(found: AbsorberReport) -> Section:
         grids=[
             Grid(
                 caption="at the level of the scene",
-                headings=["play (mm)", "over this box's", "ratio"],
+                headings=[f"play ({LENGTH})", "over this box's", "ratio"],
                 rows=rows,
             )
         ],
@@ -337,7 +352,7 @@ def _tuned(found: TunedDamper | None) -> Section:
             Fact("Mass", f"{found.mass:.4g} kg"),
             Fact("Spring", f"{found.stiffness:.4g} N/m", f"{found.frequency_hz:.4g} Hz"),
             Fact("Dashpot", f"{found.damping:.4g} N s/m", f"damping ratio {found.zeta:.3g}"),
-            Fact("Stroke", f"{millimetres(found.stroke_std)} rms", "relative to the structure"),
+            Fact("Stroke", f"{spoken_length(found.stroke_std)} rms", "relative to the structure"),
         ],
     )
 
@@ -346,14 +361,14 @@ def _boxes(best: BestBox, robust: BestBox, range_db: float) -> Grid:
     def row(name: str, box: BestBox) -> list[str]:
         return [
             name,
-            f"{MM * box.play:.4g}\n{MM * box.play_low:.4g} to {MM * box.play_high:.4g}",
-            with_interval(box.ratio, 1.0),
-            f"{MM * box.low:.4g} to {MM * box.high:.4g}",
+            f"{LENGTH(box.play):.4g}\n{LENGTH(box.play_low):.4g} to {LENGTH(box.play_high):.4g}",
+            with_interval(box.ratio),
+            f"{LENGTH(box.low):.4g} to {LENGTH(box.high):.4g}",
         ]
 
     return Grid(
         caption="Best boxes, with 95 % intervals",
-        headings=["for", "play (mm)", "rms ratio", "as good (mm)"],
+        headings=["for", f"play ({LENGTH})", "rms ratio", f"as good ({LENGTH})"],
         rows=[row("this level", best), row(f"the worst of ± {range_db:g} dB", robust)],
     )
 
@@ -363,14 +378,14 @@ def _candidates(found: Design) -> Grid:
         [
             f"{each['restitution']:g}",
             f"{each['units']:g}",
-            f"{MM * each['play']:.4g}",
+            f"{LENGTH(each['play']):.4g}",
             with_error(Estimate(value=each["rms_ratio"], standard_error=each["rms_ratio_error"])),
         ]
         for each in found.candidates.to_dict("records")
     ]
     return Grid(
         caption=f"{CANDIDATES[0].upper()}{CANDIDATES[1:]}",
-        headings=["restitution", "units", "play (mm)", "rms ratio"],
+        headings=["restitution", "units", f"play ({LENGTH})", "rms ratio"],
         rows=rows,
         words=0,
     )

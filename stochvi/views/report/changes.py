@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from stochvi.isolators.production_risk.spreads import in_words
 from stochvi.isolators.sizing.answer import spoken_percent
+from stochvi.mathematics.shown_units import LENGTH
 from stochvi.views.production import (
     COSTS,
     plot_costs,
@@ -19,7 +20,8 @@ from stochvi.views.production import (
 )
 from stochvi.views.report.pages import Grid, Picture, Section, sentence, shown
 from stochvi.views.sizing import plot_sensitivity
-from stochvi.views.words import MM, UNKNOWN, clearances_of_changes, four_digits
+from stochvi.views.tables import Heading, with_headings
+from stochvi.views.words import UNKNOWN, clearances_of_changes, four_digits
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -84,19 +86,20 @@ def _changes_grid(table: pd.DataFrame, caption: str) -> Grid:
     def number(value: float, text: Callable[[float], str]) -> str:
         return UNKNOWN if math.isnan(value) else text(value)
 
-    lengths = {"sigma": "linear rms (mm)"} if "sigma" in table else {}
+    lengths: dict[str, Heading] = {"sigma": ("linear rms ()", LENGTH)} if "sigma" in table else {}
     lengths |= clearances_of_changes(table)
+    shown = with_headings(table, lengths)
     return Grid(
         caption=caption,
-        headings=["change", *lengths.values(), "by (%)", "any impact, clearance as stated"],
+        headings=["change", *shown, "by (%)", "any impact, clearance as stated"],
         rows=[
             [
                 row["change"],
-                *(number(row[name], lambda x: four_digits(MM * x)) for name in lengths),
+                *(number(each, four_digits) for each in places),
                 number(row["clearance_change"], lambda x: f"{100.0 * x:+.3g}"),
                 number(row["probability"], spoken_percent),
             ]
-            for row in table.to_dict("records")
+            for row, places in zip(table.to_dict("records"), shown.to_numpy(), strict=True)
         ],
     )
 

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from stochvi.isolators.sizing.answer import ClearanceAnswer, spoken_mission, spoken_percent
 from stochvi.isolators.sizing.damage_answer import DamageSizing
 from stochvi.isolators.sizing.missions_answer import MissionSizing
+from stochvi.mathematics.shown_units import ACCELERATION, DENSITY, LENGTH
 from stochvi.mathematics.spectra import Table
 from stochvi.results.origin import Origin, origin_of
 from stochvi.scenes.phases import Phase
@@ -28,7 +29,7 @@ from stochvi.views.sized_missions import (
     plot_damage_sizing,
     plot_mission_sizing,
 )
-from stochvi.views.words import MM, G, line_to_copy, millimetres
+from stochvi.views.words import line_to_copy, spoken_length
 
 
 def write_clearance_report(
@@ -57,8 +58,8 @@ def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
                 f"per side, from the static equilibrium; rounded up to {found.made.step_in_words}",
             ),
             Fact(
-                "Calculated", millimetres(found.clearance.value),
-                f"{MM * found.clearance.lower:.4g} to {MM * found.clearance.upper:.4g} mm, 95 %",
+                "Calculated", spoken_length(found.clearance.value),
+                f"{LENGTH.span(found.clearance.lower, found.clearance.upper)}, 95 %",
             ),
             *_cards(found),
         ],
@@ -141,7 +142,7 @@ def _environment(found: MissionSizing) -> Section:
         facts=[
             Fact(
                 f"{phase.name}, {spoken_mission(phase.duration)}",
-                "; ".join(f"{_g_rms(table):.4g} g rms" for table in densities[phase.name]) or "-",
+                "; ".join(_rms(table, ".4g") for table in densities[phase.name]) or "-",
                 "; ".join([*_sources(phase.of(scene)), *_mounts(phase)]),
             )
             for phase in scene.phases
@@ -155,8 +156,8 @@ def _environment(found: MissionSizing) -> Section:
     )
 
 
-def _g_rms(table: Table) -> float:
-    return G * math.sqrt(table.mean_square())
+def _rms(table: Table, form: str) -> str:
+    return f"{ACCELERATION.text(math.sqrt(table.mean_square()), form)} rms"
 
 
 def _sources(scene: Scene) -> list[str]:
@@ -177,10 +178,9 @@ def plot_densities(densities: Mapping[str, Sequence[Table]], ax: Axes | None = N
     for number, (name, tables) in enumerate(densities.items()):
         colour, style = OWNERS[number % len(OWNERS)], STYLES[number % len(STYLES)]
         for first, table in enumerate(tables):
-            label = f"{name}, {_g_rms(table):.3g} g rms" if first == 0 else None
-            density = G**2 * table.density
-            ax.plot(table.frequency_hz, density, style, color=colour, label=label)
-    ax.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel="density (g²/Hz)")
+            label = f"{name}, {_rms(table, '.3g')}" if first == 0 else None
+            ax.plot(table.frequency_hz, DENSITY(table.density), style, color=colour, label=label)
+    ax.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel=f"density ({DENSITY})")
     plain_ticks(ax)
     add_grid(ax)
     ax.legend(frameon=False, fontsize="small")
@@ -218,7 +218,7 @@ def _stops(found: ClearanceAnswer) -> Section:
         "unloaded spring.",
         facts=[
             Fact(
-                f"{side.capitalize()} stop", millimetres(getattr(pair, side)),
+                f"{side.capitalize()} stop", spoken_length(getattr(pair, side)),
                 f"from the unloaded spring; {law.phrase()}",
             )
             for pair in made.impact_pairs

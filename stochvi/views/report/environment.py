@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission
+from stochvi.mathematics.shown_units import ACCELERATION, SPEED
 from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Isolator, Oscillator
@@ -13,10 +14,9 @@ from stochvi.views.report.pages import Fact, Section, shown
 from stochvi.views.schematic import draw_problem
 from stochvi.views.sizing import plot_input, plot_response
 from stochvi.views.words import (
-    G,
     chance_of_stops,
     equilibrium_in_words,
-    millimetres,
+    spoken_length,
 )
 
 if TYPE_CHECKING:
@@ -44,13 +44,13 @@ def environment_section(review: Review) -> Section:
         facts += [
             Fact(
                 "Base acceleration, recomputed",
-                f"{G * found.base.acceleration_std:.4g} g rms",
+                f"{ACCELERATION.text(found.base.acceleration_std)} rms",
                 "area under the density, log-log straight between breakpoints",
             ),
-            Fact("Base velocity", f"{found.base.velocity_std:.4g} m/s rms"),
+            Fact("Base velocity", f"{SPEED.text(found.base.velocity_std)} rms"),
             Fact(
                 "Base displacement",
-                f"{millimetres(found.base.displacement_std)} rms",
+                f"{spoken_length(found.base.displacement_std)} rms",
                 "set by the lowest frequencies of the table",
             ),
         ]
@@ -112,7 +112,7 @@ def mount_section(review: Review) -> Section:
         facts.append(
             Fact(
                 "Static sag under 1 g",
-                millimetres(found.static_sag),
+                spoken_length(found.static_sag),
                 f"{counted}; g / ω², by the dynamic stiffness",
             )
         )
@@ -144,7 +144,7 @@ def gap_section(review: Review) -> Section:
             facts.append(
                 Fact(
                     f"Clearance of the {side} stop of the scene",
-                    millimetres(found.distances[side]),
+                    spoken_length(found.distances[side]),
                     f"in the scene file {side} = {getattr(pair, side):.6g} (m); {law.phrase()}",
                 )
             )

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.mathematics.shown_units import ACCELERATION, LENGTH, SPEED
 from stochvi.results.base import plain
 from stochvi.results.origin import Origin, origin_of
 from stochvi.views.axes import PAGE, axes_or_new, label_for_page
@@ -18,7 +19,7 @@ from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown
 from stochvi.views.schematic import draw_problem
 from stochvi.views.statistics_tables import NEAR_ONE, SURELY
 from stochvi.views.tables import effects_in_words
-from stochvi.views.words import MM, UNKNOWN, G, count_of, four_digits, way_in_words
+from stochvi.views.words import UNKNOWN, count_of, four_digits, spoken_length, way_in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -138,8 +139,8 @@ def _event(chance: Chance) -> str:
     if chance.limit is None:
         return words
     if chance.event == "peak_acceleration":
-        return f"{words} {G * chance.limit:.4g} g"
-    return f"{words} {chance.limit:.4g} m/s"
+        return f"{words} {ACCELERATION.text(chance.limit)}"
+    return f"{words} {SPEED.text(chance.limit)}"
 
 
 def _value(chance: Chance) -> str:
@@ -221,7 +222,7 @@ def _pairs_grid(found: Reliability) -> Grid:
             "probability alone",
             "of first impacts",
             "expected impacts",
-            "mean speed (m/s)",
+            f"mean speed ({SPEED})",
         ],
         rows=[
             [
@@ -229,7 +230,7 @@ def _pairs_grid(found: Reliability) -> Grid:
                 spoken_percent(risk.probability.value),
                 spoken_percent(risk.share_of_first_hits),
                 _known(risk.expected_hits),
-                _known(risk.impact_speed_mean),
+                _known(SPEED(risk.impact_speed_mean)),
             ]
             for name, risk in found.pairs.items()
         ],
@@ -249,7 +250,8 @@ def _known(estimate: Estimate | None) -> str:
 def _outputs_grid(found: Reliability) -> Grid:
     limit = found.chances["peak_acceleration"].limit or 0.0
     return Grid(
-        caption=f"Where an acceleration above {G * limit:.4g} g occurs while a stop is touched",
+        caption=f"Where an acceleration above {ACCELERATION.text(limit)} occurs while a stop is "
+        "touched",
         headings=["coordinate or point", "chance"],
         rows=[
             [
@@ -311,7 +313,7 @@ def _scene_section(scene: Scene, hung: SceneAtRest) -> Section:
             facts.append(
                 Fact(
                     f"Clearance of {pair.name!r}, {side}",
-                    f"{four_digits(MM * distance)} mm",
+                    spoken_length(distance),
                     f"from the static equilibrium; {side} = {place:.6g} (m) from the unloaded "
                     f"spring; {law.phrase()}",
                 )
@@ -404,8 +406,8 @@ def _replay_cards(found: Replay) -> list[Fact]:
     cards = [
         Fact(
             f"Motion of {name}",
-            f"{four_digits(MM * float(each.displacement_min))} to "
-            f"{four_digits(MM * float(each.displacement_max))} mm",
+            f"{four_digits(LENGTH(float(each.displacement_min)))} to "
+            f"{spoken_length(float(each.displacement_max))}",
             "from the unloaded spring",
         )
         for name, each in found.coordinates.items()
@@ -425,7 +427,7 @@ def _needs_card(record: RecordVerdict | None) -> list[Fact]:
     return [
         Fact(
             "The record itself needs",
-            f"{record.needed:.3f} mm",
+            record.needed,
             f"{sides}; from the static equilibrium",
         )
     ]
@@ -440,14 +442,14 @@ def _replay_grid(found: Replay) -> Grid:
             for name, _ in quantities.items():
                 if name not in ROWS:
                     continue
-                words, factor = ROWS[name]
+                words, quantity = ROWS[name]
                 values = [getattr(each, group)[owner][name] for each in found.clearances]
                 if all(value is None for value in values):
                     continue  # the speed of no impact, the force of a rigid stop
-                texts = ["none" if v is None else f"{factor * float(v):.4g}" for v in values]
-                rows.append([f"{owner}: {words}", *texts])
+                texts = ["none" if v is None else f"{quantity(float(v)):.4g}" for v in values]
+                rows.append([f"{owner}: {quantity.heading(words)}", *texts])
     headings = [
-        "as in the scene" if each.clearance is None else f"at {four_digits(MM * each.clearance)} mm"
+        "as in the scene" if each.clearance is None else f"at {spoken_length(each.clearance)}"
         for each in found.clearances
     ]
     return Grid(caption="The record itself", headings=["", *headings], rows=rows)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.isolators.sizing.pairs_answer import MOST_NAMED
+from stochvi.mathematics.shown_units import LENGTH
 from stochvi.results.base import plain
 from stochvi.results.origin import Origin, origin_of
 from stochvi.views.box import modes_in_rows, one_axis_in_rows, plot_box
@@ -29,7 +30,7 @@ from stochvi.views.pairs import (
 from stochvi.views.report.changes import production_section, sensitivity_section
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
 from stochvi.views.schematic import draw_gaps
-from stochvi.views.words import MM, NO_TOLERANCES
+from stochvi.views.words import NO_TOLERANCES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -189,8 +190,8 @@ def _clearance_cards(sizing: PairsSizing) -> list[Fact]:
             Fact(
                 f"Clearance of {name} to make",
                 str(made[name]),
-                f"per side, from the static equilibrium; calculated {MM * each.value:.4g} mm, "
-                f"{MM * each.lower:.4g} to {MM * each.upper:.4g} mm, 95 %",
+                f"per side, from the static equilibrium; calculated {LENGTH.text(each.value)}, "
+                f"{LENGTH.span(each.lower, each.upper)}, 95 %",
             )
         )
     return cards

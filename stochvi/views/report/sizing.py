@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.isolators.sizing.chance_at_stops import two_sided
 from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.mathematics.shown_units import ACCELERATION, LENGTH, RATE, SPEED
 from stochvi.results.origin import Origin, origin_of
 from stochvi.results.response import Response
 from stochvi.views.axes import PAGE, axes_or_new
@@ -35,16 +36,14 @@ from stochvi.views.sizing import (
     plot_risk,
 )
 from stochvi.views.words import (
-    MM,
     NO_TOLERANCES,
     UNKNOWN,
-    G,
     count_of,
     four_digits,
     limits_of,
-    millimetres,
     names_of_places,
     places_of_stops,
+    spoken_length,
     with_interval,
 )
 
@@ -157,7 +156,7 @@ def _record_card(sizing: Sizing) -> list[Fact]:
     return [
         Fact(
             "The record itself needs",
-            f"{record.needed:.3f} mm",
+            record.needed,
             f"it moves {record.peak_in_sigma:.3g} sigma and {judged} Gaussian noise, which would "
             f"move {record.expected_peak_in_sigma:.3g} in its time; response kurtosis "
             f"{record.kurtosis:.3g}, 3 ± {record.kurtosis_error:.2g} for Gaussian noise",
@@ -201,14 +200,9 @@ def _hits_statement(review: Review) -> str:
         )
     at_three_sigma = ""
     if there is not None and there.expected is not None:
-        at_three_sigma = (
-            f"; {count_of(there.expected)} at 3 sigma = {_at(sizing.three_sigma.clearance)}"
-        )
-    return f"In {mission} at {_at(sizing.clearance.value)}: {text}{at_three_sigma}."
-
-
-def _at(clearance: float) -> str:
-    return millimetres(clearance)
+        place = spoken_length(sizing.three_sigma.clearance)
+        at_three_sigma = f"; {count_of(there.expected)} at 3 sigma = {place}"
+    return f"In {mission} at {spoken_length(sizing.clearance.value)}: {text}{at_three_sigma}."
 
 
 def _risk_statement(review: Review) -> str:
@@ -216,7 +210,10 @@ def _risk_statement(review: Review) -> str:
     sizing = review.sizing
     target, three = sizing.target, sizing.three_sigma
     mission = spoken_mission(sizing.mission)
-    places = f"at {_at(sizing.clearance.value)}", f"at 3 sigma = {_at(three.clearance)}"
+    places = (
+        f"at {spoken_length(sizing.clearance.value)}",
+        f"at 3 sigma = {spoken_length(three.clearance)}",
+    )
     if target.name == "rate":
         return ""
     if target.exceedance is None:
@@ -239,8 +236,9 @@ def _worst_statement(review: Review) -> str:
         return ""
     row = review.worst_case.iloc[-1]
     return (
-        f"{row['change'][0].upper()}{row['change'][1:]} needs {_at(row['clearance'])}; the "
-        f"calculated {_at(review.sizing.clearance.value)} is then hit with a probability of "
+        f"{row['change'][0].upper()}{row['change'][1:]} needs "
+        f"{spoken_length(row['clearance'])}; the calculated "
+        f"{spoken_length(review.sizing.clearance.value)} is then hit with a probability of "
         f"{spoken_percent(row['probability'])} in {spoken_mission(review.sizing.mission)}."
     )
 
@@ -273,7 +271,7 @@ def _cards(review: Review) -> list[Fact]:
         _risk_card(review),
         Fact(
             "3 sigma",
-            millimetres(three.clearance),
+            spoken_length(three.clearance),
             f"three times the linear rms; {count_of(count)} impacts expected in "
             f"{spoken_mission(sizing.mission)}, {hits}",
         ),
@@ -308,7 +306,7 @@ def _calculated_card(sizing: Sizing) -> Fact:
     stated = "without tolerances; " if sizing.worst_case is not None else ""
     return Fact(
         "Calculated as stated",
-        millimetres(c.value),
+        spoken_length(c.value),
         f"{stated}{interval}, {c.value / sizing.sigma:.2f} sigma",
     )
 
@@ -344,14 +342,16 @@ def _screening(review: Review) -> Section:
     facts = [
         Fact(
             "Relative displacement, s_x",
-            f"{millimetres(linear.displacement_std)} rms",
+            f"{spoken_length(linear.displacement_std)} rms",
             "without stops",
         ),
-        Fact("Relative velocity, s_v", f"{linear.velocity_std:.4g} m/s rms"),
+        Fact("Relative velocity, s_v", f"{SPEED.text(linear.velocity_std)} rms"),
         *(
             []
             if linear.acceleration_std is None
-            else [Fact("Absolute acceleration", f"{G * linear.acceleration_std:.4g} g rms")]
+            else [
+                Fact("Absolute acceleration", f"{ACCELERATION.text(linear.acceleration_std)} rms")
+            ]
         ),
         Fact(
             "Zero up-crossings",
@@ -360,16 +360,16 @@ def _screening(review: Review) -> Section:
             "impact starts a cluster",
         ),
         *_miles(linear, more),
-        Fact("3 sigma", millimetres(three.clearance), "per side, three times s_x"),
+        Fact("3 sigma", spoken_length(three.clearance), "per side, three times s_x"),
         Fact(
             "Impacts at 3 sigma by Rice",
             f"{count_of(three.rice_hits)}",
             f"in {spoken_mission(sizing.mission)}, {sides}, as if impacts changed nothing; "
-            f"{more.rice_rate_at_three_sigma:.4g} per second",
+            f"{RATE(more.rice_rate_at_three_sigma):.4g} per {RATE.time}",
         ),
         Fact(
             "Expected largest displacement",
-            millimetres(more.largest_displacement),
+            spoken_length(more.largest_displacement),
             f"in {spoken_mission(sizing.mission)}, either side, {more.largest_in_sigma:.3g} sigma "
             "(Davenport)",
         ),
@@ -404,7 +404,7 @@ def _miles(linear: Screening, more: LinearMotion) -> list[Fact]:
         if abs(more.miles_error) > NOTABLE_MILES_ERROR
         else "agrees with the integral"
     )
-    return [Fact(name, f"{G * linear.miles:.4g} g rms", agreement)]
+    return [Fact(name, f"{ACCELERATION.text(linear.miles)} rms", agreement)]
 
 
 def _risk(review: Review) -> Section:
@@ -412,7 +412,7 @@ def _risk(review: Review) -> Section:
     rows = [
         [
             spoken_percent(row["probability"]),
-            four_digits(MM * row["clearance"]),
+            four_digits(LENGTH(row["clearance"])),
             limits_of(row["clearance_low"], row["clearance_high"]),
             f"{row['clearance_in_sigma']:.3f}",
         ]
@@ -423,7 +423,7 @@ def _risk(review: Review) -> Section:
         f"{spoken_mission(sizing.mission)}",
         headings=[
             "probability of any impact",
-            "clearance (mm)",
+            f"clearance ({LENGTH})",
             "95 % of the calculation",
             "sigma",
         ],
@@ -478,7 +478,7 @@ def _verification(review: Review) -> Section:
             Fact(
                 f"Balance of {balance.name}, {names.get(balance.place, balance.place)}",
                 "passed" if balance.passed else "FAILED",
-                f"residual {with_interval(residual, 1.0).replace(chr(10), ' (95 %: ')})"
+                f"residual {with_interval(residual).replace(chr(10), ' (95 %: ')})"
                 f"{bias}; it passes within {balance.errors:g} standard errors and its bias",
             )
         )

@@ -7,6 +7,17 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
 from stochvi.isolators.sizing.chance_at_stops import two_sided
+from stochvi.mathematics.shown_units import (
+    ACCELERATION,
+    FORCE,
+    LENGTH,
+    MILLISECONDS,
+    PERCENT,
+    RATE,
+    SPEED,
+    ShownQuantity,
+    Size,
+)
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.views.report.pages import Grid, Picture, Section, shown
 from stochvi.views.sizing import (
@@ -18,9 +29,7 @@ from stochvi.views.sizing import (
     plot_transmissibility,
 )
 from stochvi.views.words import (
-    MM,
     UNKNOWN,
-    G,
     count_of,
     four_digits,
     names_of_places,
@@ -47,20 +56,23 @@ NO_HIT = "no impact seen"
 
 
 class _Row(NamedTuple):
-    """A quantity in words with its unit, and the factor from SI units to that unit."""
+    """A quantity in words, and what stands behind its unit."""
 
     words: str
-    factor: float
+    quantity: ShownQuantity
+    more: str = ""
 
 
 ROWS = {
-    "displacement_std": _Row("relative displacement (mm rms about its mean)", MM),
-    "velocity_std": _Row("relative velocity (m/s rms)", 1.0),
-    "acceleration_std": _Row("absolute acceleration (g rms)", G),
-    "peak_force": _Row("mean of the peak forces (N)", 1.0),
-    "stop_acceleration": _Row("mean of the peaks by the stop (g)", G),
-    "contact_probability": _Row("share of time in contact (%)", 100.0),
-    "lost_power": _Row("energy lost to stops (mW per kg)", 1e3),
+    "displacement_std": _Row("relative displacement", LENGTH, " rms about its mean"),
+    "velocity_std": _Row("relative velocity", SPEED, " rms"),
+    "acceleration_std": _Row("absolute acceleration", ACCELERATION, " rms"),
+    "peak_force": _Row("mean of the peak forces", FORCE),
+    "stop_acceleration": _Row("mean of the peaks by the stop", ACCELERATION),
+    "contact_probability": _Row("share of time in contact", PERCENT),
+    "lost_power": _Row(
+        "energy lost to stops", ShownQuantity("power per mass", Size("mW per kg", 1e-3))
+    ),
 }
 """The quantities of `Review.comparisons`."""
 
@@ -133,13 +145,16 @@ def _hit_rows(review: Review) -> list[list[str]]:
 
     found = review.hits.values()
     return [
-        row("impacts per second", lambda hits: _count(hits.rate, hits.rate_low, hits.rate_high)),
+        row(
+            f"impacts per {RATE.time}",
+            lambda hits: _count(*map(RATE, (hits.rate, hits.rate_low, hits.rate_high))),
+        ),
         row(
             "impacts in the mission",
             lambda hits: _count(hits.expected, hits.expected_low, hits.expected_high),
         ),
         row("impacts per cluster", lambda hits: _seen(hits.hits_per_first_hit)),
-        row("mean impact speed (m/s)", lambda hits: _seen(hits.impact_speed_mean)),
+        row(f"mean impact speed ({SPEED})", lambda hits: _seen(SPEED(hits.impact_speed_mean))),
         row("impacts found by", lambda hits: way_in_words(hits.by)),
     ]
 
@@ -156,16 +171,20 @@ def _comparison_grid(review: Review) -> Grid:
     sizing = review.sizing
     places = {"three_sigma": sizing.three_sigma.clearance, "recommended": sizing.clearance.value}
     rows = [
-        ["clearance per side (mm)", "none", *(f"{MM * place:.4g}" for place in places.values())],
+        [
+            f"clearance per side ({LENGTH})",
+            "none",
+            *(f"{LENGTH(place):.4g}" for place in places.values()),
+        ],
         ["no impact in the mission", "", *(_no_hit(review.chances[name]) for name in places)],
         *_hit_rows(review),
     ]
     for found in review.comparisons:
-        words, factor = ROWS[found.quantity]
+        words, quantity, more = ROWS[found.quantity]
         linear = found.without_stops
-        first = "" if linear is None else f"{factor * linear:.4g}"
-        estimates = (found.three_sigma, found.recommended)
-        rows.append([words, first, *(with_interval(each, factor) for each in estimates)])
+        first = "" if linear is None else f"{quantity(linear):.4g}"
+        cells = [with_interval(each, quantity) for each in (found.three_sigma, found.recommended)]
+        rows.append([quantity.heading(words, more), first, *cells])
     sides = "both sides together" if two_sided(sizing.scene) else "one stop"
     return Grid(
         caption=f"Without and with stops, a column for each clearance; impacts on {sides}",
@@ -184,26 +203,26 @@ def _no_hit(chance: Chance) -> str:
 
 def _impacts_grid(motion: MotionBetweenStops, impacts: pd.DataFrame) -> Grid:
     """Percentiles of impact speed and, for compliant stops, the peaks that they cause."""
-    headings = ["share of impacts slower than it", "impact speed (m/s)"]
+    headings = ["share of impacts slower than it", f"impact speed ({SPEED})"]
     caption = f"Impacts with stops at 3 sigma, {count_of(motion.hits)} of them"
     columns = [
         [f"{percentile:g} %" for percentile in impacts["percentile"]],
-        [f"{speed:.3g}" for speed in impacts["impact_speed"]],
+        [f"{speed:.3g}" for speed in SPEED(impacts["impact_speed"])],
     ]
     if "peak_acceleration" in impacts:
         caption += "; peaks by mount and stop together, the base at rest meanwhile, harder side"
-        for heading, name, factor in (
-            ("peak acceleration (g)", "peak_acceleration", G),
-            ("deflection (mm)", "deflection", MM),
-            ("contact (ms)", "contact_time", 1e3),
+        for words, name, quantity in (
+            ("peak acceleration", "peak_acceleration", ACCELERATION),
+            ("deflection", "deflection", LENGTH),
+            ("contact", "contact_time", MILLISECONDS),
         ):
-            headings.append(heading)
-            columns.append([f"{factor * value:.3g}" for value in impacts[name]])
+            headings.append(quantity.heading(words))
+            columns.append([f"{quantity(value):.3g}" for value in impacts[name]])
     return Grid(caption=caption, headings=headings, rows=list(zip(*columns, strict=True)))
 
 
 def limit_in_words(target: Target) -> str:
-    """The limit of a target: an acceleration in g, a speed in m/s."""
+    """The limit of a target: an acceleration in g, a speed in m/s, unless units are chosen."""
     return target.in_g if target.name == "peak_acceleration" else target.limit
 
 
@@ -221,7 +240,7 @@ def hard_hits_section(review: Review) -> Section:
     if table is None or not len(table):
         return Section(title=title)
     peak = table["event"].iloc[0] == "peak_acceleration"
-    what, unit, factor = ("peak acceleration", "g", G) if peak else ("impact speed", "m/s", 1.0)
+    what, quantity = ("peak acceleration", ACCELERATION) if peak else ("impact speed", SPEED)
     marks = sorted(set(table.loc[table["mark"], "limit"]))
     rows = []
     for clearance in sorted(set(table["clearance"])):
@@ -231,7 +250,9 @@ def hard_hits_section(review: Review) -> Section:
             f"{spoken_percent(row['probability_low'])} to {spoken_percent(row['probability_high'])}"
             for row in found[found["mark"]].to_dict("records")
         }
-        rows.append([four_digits(MM * clearance), *(chances.get(mark, UNKNOWN) for mark in marks)])
+        rows.append(
+            [four_digits(LENGTH(clearance)), *(chances.get(mark, UNKNOWN) for mark in marks)]
+        )
     mission = spoken_mission(review.sizing.mission)
     return Section(
         title=title,
@@ -243,8 +264,8 @@ def hard_hits_section(review: Review) -> Section:
             Grid(
                 caption=f"Probability in {mission} that the largest {what} exceeds a limit",
                 headings=[
-                    "clearance (mm)",
-                    *(f"above {factor * mark:.3g} {unit}" for mark in marks),
+                    f"clearance ({LENGTH})",
+                    *(f"above {quantity.text(mark, '.3g')}" for mark in marks),
                 ],
                 rows=rows,
             )
@@ -273,11 +294,12 @@ def peaks_section(review: Review) -> Section:
     rows = [
         [
             name,
-            four_digits(MM * row["clearance"]),
-            f"{G * row['acceleration_rms']:.4g}\n± {_half(row['acceleration_rms_error']):.1g}",
+            four_digits(LENGTH(row["clearance"])),
+            f"{ACCELERATION(row['acceleration_rms']):.4g}\n"
+            f"± {_half(row['acceleration_rms_error'])}",
             f"{row['rms_amplification']:.3f}",
-            f"{G * row['largest_acceleration']:.3g}\n"
-            f"± {_half(row['largest_acceleration_error']):.1g}",
+            f"{ACCELERATION(row['largest_acceleration']):.3g}\n"
+            f"± {_half(row['largest_acceleration_error'])}",
             f"{row['peak_amplification']:.3g}",
         ]
         for name, row in zip(names, own.to_dict("records"), strict=True)
@@ -287,10 +309,10 @@ def peaks_section(review: Review) -> Section:
         f"of {review.peak_window:g} s; probabilities of the largest of the mission stand above",
         headings=[
             "stops at",
-            "clearance (mm)",
-            "g rms",
+            f"clearance ({LENGTH})",
+            f"{ACCELERATION} rms",
             "ratio to no stops",
-            f"largest in {review.peak_window:g} s, mean (g)",
+            f"largest in {review.peak_window:g} s, mean ({ACCELERATION})",
             "ratio to no stops",
         ],
         rows=rows,
@@ -319,6 +341,6 @@ def peaks_section(review: Review) -> Section:
     )
 
 
-def _half(standard_error: float) -> float:
-    """Half of the 95 % interval of an acceleration, in g."""
-    return GAUSSIAN_95 * G * standard_error
+def _half(standard_error: float) -> str:
+    """Half of the 95 % interval of an acceleration."""
+    return f"{ACCELERATION(GAUSSIAN_95 * standard_error):.1g}"
