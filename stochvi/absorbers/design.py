@@ -15,6 +15,7 @@ from scipy.ndimage import maximum_filter1d
 from stochvi.absorbers.performance import linear_rms, without_absorber
 from stochvi.absorbers.tuned_damper import NO_STOPS, TunedDamper, tuned_damper
 from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.shown_units import METRES
 from stochvi.methods.monte_carlo import simulate
 from stochvi.methods.monte_carlo.simulate import compile_kernels
 from stochvi.model.calculations import calculation
@@ -118,7 +119,7 @@ class Design(Result):
     def summary(self) -> str:
         """The best candidate, in a sentence."""
         return (
-            f"{self.units} box(es) with a play of {self.best.play:.4g} m and restitution "
+            f"{self.units} box(es) with a play of {METRES.text(self.best.play)} and restitution "
             f"{self.restitution:g}: {self.best.ratio.value:.3g} of the rms displacement without"
         )
 

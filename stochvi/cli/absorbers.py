@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     help="Restitutions of the stops that a design may choose from.",
 )  # fmt: skip
 @click.option(
-    "--units", default="1", show_default=True, metavar="LIST",
+    "--masses", default="1", show_default=True, metavar="LIST",
     help="Numbers of equal masses that a design may choose from.",
 )  # fmt: skip
 @click.option(
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 @common("budget", "seed", "threads", "json", "out", "force", "quiet")
 def absorber(
     options: Common, scene: str, *, levels: str, mass_budget: float | None, restitutions: str,
-    units: str, sine: bool, varied: Varied, rel_error: float,
+    masses: str, sine: bool, varied: Varied, rel_error: float,
 ) -> None:  # fmt: skip
     """Judge an impact absorber, or find the best one.
 
@@ -78,7 +78,7 @@ def absorber(
             return design_absorber(
                 loaded, mass_budget=mass_budget, progress=report,
                 restitutions=numbers("--restitutions", restitutions),
-                units=[round(n) for n in numbers("--units", units)], **asked,
+                units=[round(n) for n in numbers("--masses", masses)], **asked,
             )  # fmt: skip
 
     if sine:

@@ -28,7 +28,6 @@ from stochvi.cli.tolerances import tolerances_of
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.console import Console
 
     from stochvi.isolators import Jolts, Sizing
     from stochvi.isolators.record_verdict import RecordVerdict
@@ -305,15 +304,6 @@ busy machine)."""
 FIRST, BEFORE_REPORT = 0.5, 0.7
 """Shares of the budget for the sizing itself if --sensitivity or only a report follows."""
 
-JOLT_COLUMNS = {
-    "jolt": "jolt (m/s)",
-    "captured_low": "95 % from",
-    "captured_high": "to",
-    "on_both_stops": "on both stops",
-    "left_later": "left later",
-}
-"""Headings of the columns of jolts as the terminal shows them."""
-
 
 @main.command()
 @click.argument("scene")
@@ -332,6 +322,7 @@ def jolt(options: Common, scene: str, speeds: str, **asked: Any) -> None:
     """Find whether a jolt leads to clatter under a sine."""
     from stochvi.isolators.jolt_response import jolts
     from stochvi.scenes.scene import load_scene
+    from stochvi.views.isolator_tables import print_jolts
 
     loaded, wanted = load_scene(scene), numbers("--speeds", speeds, "m/s")
 
@@ -341,12 +332,4 @@ def jolt(options: Common, scene: str, speeds: str, **asked: Any) -> None:
                 loaded, wanted, seed=options.seed, budget=options.rest, progress=report, **asked
             )
 
-    shown(solve, lambda found: options.show(found, _print_jolts, "jolts"))
-
-
-def _print_jolts(console: Console, found: Jolts) -> None:
-    from stochvi.views.tables import print_frame
-
-    console.print(found.summary(), style="bold", highlight=False)
-    title = f"shares of {found.paths} paths, watched for {found.duration:.3g} s"
-    print_frame(console, found.to_frame().rename(columns=JOLT_COLUMNS), title)
+    shown(solve, lambda found: options.show(found, print_jolts, "jolts"))

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from stochvi.isolators.record_verdict import RecordVerdict
+    from stochvi.mathematics.shown_units import Choice
     from stochvi.results.origin import Origin
     from stochvi.results.progress import Progress
     from stochvi.scenes.scene import Scene
@@ -94,6 +95,7 @@ class Common:
     quiet: bool = False
     force: bool | None = None
     formats: frozenset[str] = frozenset()
+    units: Choice = field(default_factory=dict)
     question: str = ""
     begun: Deadline = field(default_factory=lambda: Deadline.after(0.0))
     judged: list[RecordVerdict] = field(default_factory=list)
@@ -216,6 +218,20 @@ class Folder(click.Path):
         return super().convert(value, param, ctx)
 
 
+class Units(click.ParamType):  # type: ignore[type-arg]
+    """Units in which answers are shown, separated by commas: "mm, g"."""
+
+    name = "units"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        from stochvi.mathematics.shown_units import units_of
+
+        try:
+            return units_of(value) if isinstance(value, str) else value
+        except ValueError as error:
+            raise ValueError(f"{param.opts[0]} {error}") from None
+
+
 class Quantity(click.ParamType):  # type: ignore[type-arg]
     """A number with a unit of one quantity ("10h", "30 min", "0.5 m/s"); a plain one is in SI."""
 
@@ -306,6 +322,10 @@ OPTIONS = {
         "--formats", type=Formats(), default="", metavar="LIST",
         help="With --out, also as: mat, uff (tables), pdf (a report).",
     ),
+    "units": click.option(
+        "--units", type=Units(), default="", metavar="LIST",
+        help="Units of tables, pictures, pages and CSV, as mm,g or in,lbf; JSON is in SI units.",
+    ),
     "seed": click.option(
         "--seed", type=int, default=0,
         help="Seed of the random numbers: the same seed gives the same digits.",
@@ -364,8 +384,7 @@ def fail_unless_gaussian(record: RecordVerdict | None) -> None:
 
 def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Give a command these options, whose values it gets as `Common`, its first argument."""
-    if "out" in names:
-        names = (*names, "formats")
+    names = (*names, "units", *(["formats"] if "out" in names else []))
     fields = [FIELDS.get(name, name) for name in names]
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
@@ -375,6 +394,8 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
             bounded = any(given.get(name) for name in WITHOUT_BUDGET)
             if OPEN_BUDGETS.intersection(names) and given["budget"] is None and not bounded:
                 given["budget"] = BUDGET
+            from stochvi.mathematics.shown_units import shown_in  # with numpy: not for --help
+
             begun, budget = Deadline.after(0.0), given.get("budget", BUDGET)
             if budget is not None and not 0.0 < budget < math.inf:
                 raise ValueError(f"budget must be a positive number of seconds, got {budget}")
@@ -383,7 +404,11 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
                 question=_question(given), begun=begun,
             )  # fmt: skip
             quiet = options.quiet
-            with checked_targets(options, given), showing(None if quiet else _say_only):
+            with (
+                checked_targets(options, given),
+                showing(None if quiet else _say_only),
+                shown_in(options.units),
+            ):
                 if has_budget:
                     with graceful_interrupt(), options.within(budget):
                         command(options, **given)

@@ -21,6 +21,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from stochvi.mathematics.units import STANDARD_GRAVITY, unit
 
 
@@ -92,8 +94,8 @@ def _chosen_by(word: str) -> tuple[str, Size]:
                 # 1/s and Hz are of one dimension: a rate of impacts is not a frequency
                 if unit(name).same(wanted) and ("Hz" in name) == ("hz" in word.lower()):
                     return quantity, Size(name, unit(name).factor)
-    known = "; ".join(f"{quantity} {', '.join(names)}" for quantity, names in CHOICES.items())
-    raise ValueError(f"must be of these units: {known}; got {word!r}")
+    known = ", ".join(name for names in CHOICES.values() for name in names)
+    raise ValueError(f"must be of {known}, got {word!r}")
 
 
 def _power(size: Size, power: int, per: str = "") -> Size:
@@ -158,6 +160,8 @@ class ShownQuantity:
     def __call__(self, value: Any) -> Any:
         """A number, an array, a column or an estimate in SI units in the unit that is shown; what
         is not known (None) stays so."""
+        if isinstance(value, list | tuple):
+            value = np.asarray(value)
         return None if value is None else value * (1.0 / self.shown.si)
 
     def __str__(self) -> str:

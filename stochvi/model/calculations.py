@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any, ParamSpec, TypeVar
 
 from stochvi.mathematics.arguments import CHECKS, argument_checker, shown
+from stochvi.mathematics.shown_units import USUAL, shown_in
 from stochvi.results.base import Result
 from stochvi.results.deadline import asked_for, ended_by, watched
 from stochvi.results.errors import Interrupted, NotConverged, SceneError
@@ -49,6 +50,8 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
         bound = check(*args, **kwargs)
         given = bound.arguments
         with ExitStack() as around:
+            # what an answer says of its calculation does not depend on who reads it
+            around.enter_context(shown_in(USUAL))
             if "progress" in parameters:
                 wanted = shown_in_notebooks(function.__name__, given.get("progress"))
                 given["progress"] = around.enter_context(showing(around.enter_context(wanted)))

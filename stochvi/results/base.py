@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from stochvi.mathematics.shown_units import USUAL, shown_in, units_of
 from stochvi.results.estimates import Cost
 from stochvi.results.plots import drawn
 
@@ -72,7 +73,30 @@ class Result:
         """The answer as a tidy table."""
         raise NotImplementedError(f"{type(self).__name__} has no table")
 
-    def plot(self, ax: Axes | None = None) -> Axes:
+    def in_units(self, units: str) -> pd.DataFrame:
+        """The table of the answer in units of one's choice.
+
+        Parameters
+        ----------
+        units
+            Units with commas between them, as "mm, g": one of each quantity at most. Numbers of
+            other quantities stay in SI units.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The table, with the chosen units in the names of its columns.
+
+        See Also
+        --------
+        Result.to_frame : The table in SI units.
+        """
+        from stochvi.results.column_units import in_chosen_units
+
+        with shown_in(units_of(units)):
+            return in_chosen_units(self.to_frame())
+
+    def plot(self, ax: Axes | None = None, *, units: str = "") -> Axes:
         """Draw the answer.
 
         Parameters
@@ -80,17 +104,25 @@ class Result:
         ax
             Axes to draw in; by default those of a new figure. They take the first panel of a
             picture of several.
+        units
+            Units of the picture with commas between them, as "in, g"; by default mm and g, or what
+            reads well.
 
         Returns
         -------
         matplotlib.axes.Axes
             The Axes that were drawn in, the first of several.
         """
-        return drawn(self, ax)
+        if not units:
+            return drawn(self, ax)
+        with shown_in(units_of(units)):
+            return drawn(self, ax)
 
     def to_dict(self) -> dict[str, Any]:
-        """The JSON document: only plain types, never NaN or infinity."""
-        return {name: plain(value) for name, value in self._document().items()}
+        """The JSON document: only plain types, never NaN or infinity. Its numbers are in SI units,
+        its sentences in the usual units, whatever is shown elsewhere."""
+        with shown_in(USUAL):
+            return {name: plain(value) for name, value in self._document().items()}
 
     def _document(self) -> dict[str, Any]:
         """The fields by name, with those that are common to all answers last.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 from stochvi.results.base import Result
 from stochvi.results.estimates import Cost, Estimate, format_with_error
+from stochvi.results.quantity_units import unit_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -119,48 +120,6 @@ class PairResponse(Quantities[Estimate | float | None]):
             for name in super()._names()
             if not (name.startswith("relative_") and getattr(self, name) is None)
         ]
-
-
-QUANTITY_UNITS = {
-    "displacement_mean": "m",
-    "displacement_std": "m",
-    "displacement_mean_square": "m^2",
-    "velocity_std": "m/s",
-    "velocity_mean_square": "m^2/s^2",
-    "acceleration_std": "m/s^2",
-    "upcrossing_rate": "1/s",
-    "collision_rate": "1/s",
-    "collision_rate_lower": "1/s",
-    "collision_rate_upper": "1/s",
-    "impact_speed_mean": "m/s",
-    "impact_speed_rate": "m/s^2",
-    "impact_speed_square_rate": "m^2/s^3",
-    "peak_force": "N",
-    "contact_probability": "1",
-    "contact_force_lower": "N",
-    "contact_force_upper": "N",
-    "relative_displacement_mean": "m",
-    "relative_displacement_std": "m",
-    "relative_velocity_std": "m/s",
-}
-"""Units of all quantities of a coordinate, then of an impact pair."""
-
-ROTATIONS = ("rx", "ry", "rz")
-"""Coordinates of a rigid body that are angles, rad."""
-
-
-def in_angles(owner: str, unit: str) -> str:
-    """The unit of a quantity of a coordinate: radians stand for metres where it is an angle.
-
-    >>> in_angles("z", "m/s"), in_angles("ry", "m^2/s^2")
-    ('m/s', 'rad^2/s^2')
-    """
-    return unit.replace("m", "rad", 1) if owner in ROTATIONS else unit
-
-
-def unit_of(owner: str, name: str) -> str:
-    """The unit of a quantity; none of a statistic, whose function has a unit of its own."""
-    return in_angles(owner, QUANTITY_UNITS[name]) if name in QUANTITY_UNITS else ""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

@@ -30,7 +30,8 @@ from stochvi.model.model import Model
 from stochvi.results.base import Result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
-from stochvi.results.response import ROTATIONS, Quantities
+from stochvi.results.quantity_units import ROTATIONS
+from stochvi.results.response import Quantities
 from stochvi.results.sizes import MOST_NUMBERS
 from stochvi.sampling.options import check_options
 from stochvi.scenes.impact_laws import CompliantLaw

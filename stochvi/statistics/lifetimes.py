@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Matrix, Whole
+from stochvi.mathematics.shown_units import TIME
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import Aloft, ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
@@ -210,11 +211,13 @@ def _or_nan(value: float | None) -> float:
 def _sentence(each: LifeTime) -> str:
     if each.life_time is None:
         left = "no path" if each.left == 0 else f"{each.left} of {each.paths} paths"
-        return f"{each.regime}: longer than {each.life_time_low:.3g} s (95 %), {left} left it"
+        least = TIME.text(each.life_time_low, ".3g")
+        return f"{each.regime}: longer than {least} (95 %), {left} left it"
     most = max(each.destinations, key=lambda there: there.paths)
     high = math.inf if each.life_time_high is None else each.life_time_high
     return (
-        f"{each.regime}: {each.life_time:.3g} s ({each.life_time_low:.3g} to {high:.3g} s), "
+        f"{each.regime}: {TIME.text(each.life_time, '.3g')} "
+        f"({TIME.span(each.life_time_low, high, '.3g')}), "
         f"{100.0 * most.share:.3g} % to {most.regime}"
     )
 

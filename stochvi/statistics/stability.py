@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.mathematics.shown_units import RATE
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import Aloft, ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
@@ -76,13 +77,15 @@ class Stability(Result):
         found = self.lyapunov_exponent
         low, high = found.interval()
         if low > 0.0:
-            return f"unstable: almost every motion grows, at {found.value:.4g} 1/s"
+            return f"unstable: almost every motion grows, at {RATE.text(found.value)}"
         if high >= 0.0:
             return "on the boundary of stability, within the error"
         squares = self.mean_square_growth
         if squares is not None and squares.value >= 0.0:
-            return f"stable, but mean squares grow at {squares.value:.4g} 1/s by rare large motions"
-        return f"stable: almost every motion decays, at {-found.value:.4g} 1/s"
+            return (
+                f"stable, but mean squares grow at {RATE.text(squares.value)} by rare large motions"
+            )
+        return f"stable: almost every motion decays, at {RATE.text(-found.value)}"
 
     @property
     def rates(self) -> dict[str, Estimate]:

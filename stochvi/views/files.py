@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, TextIO
 
 from stochvi.results.atomic_files import write_whole
+from stochvi.results.column_units import in_chosen_units
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import TargetError
 from stochvi.scenes.text_cells import as_text
@@ -133,12 +134,13 @@ def folder_in(folder: Path, name: str) -> Path:
 
 
 def write_table(frame: pd.DataFrame, path: Path) -> None:
-    """A CSV table with all the digits of its numbers; no text in it is run as a formula."""
-    texts = frame.select_dtypes(exclude="number").columns
-    harmless = frame.copy()
-    for name in texts:
-        harmless[name] = [as_text(each) if isinstance(each, str) else each for each in frame[name]]
-    harmless.columns = [as_text(str(name)) for name in frame.columns]
+    """A CSV table with all the digits of its numbers, in the units that a reader has chosen; no
+    text in it is run as a formula. Other forms of the table are in SI units."""
+    harmless = in_chosen_units(frame).copy()
+    for name in harmless.select_dtypes(exclude="number").columns:
+        cells = harmless[name]
+        harmless[name] = [as_text(each) if isinstance(each, str) else each for each in cells]
+    harmless.columns = [as_text(str(name)) for name in harmless.columns]
     write_text(harmless.to_csv(index=False, lineterminator="\n"), path)
     if wanted := _formats.get() & set(TABLE_FORMATS):
         from stochvi.views import other_formats

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.shown_units import ACCELERATION, SI_ACCELERATION, TIME, shown_as
-from stochvi.results.response import ROTATIONS, in_angles
+from stochvi.results.quantity_units import ROTATIONS, in_angles
 from stochvi.views.axes import add_grid, as_written, draw_stop_bands, length_unit, thinned
 from stochvi.views.colours import COLOURS, OWNERS, owner_colours
 from stochvi.views.files import write_bytes

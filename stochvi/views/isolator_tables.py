@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.console import Console
 
+    from stochvi.isolators.jolt_response import Jolts
     from stochvi.isolators.record_verdict import RecordVerdict
     from stochvi.isolators.screening import Screening
     from stochvi.isolators.sizing.answer import Sizing
@@ -247,3 +248,20 @@ HIT_COLUMNS: dict[str, Heading] = {
     "impact_speed_mean": ("mean speed ()", SPEED),
     "by": "by",
 }
+
+
+JOLT_COLUMNS: dict[str, Heading] = {
+    "jolt": ("jolt ()", SPEED),
+    "captured": "captured",
+    "captured_low": "95 % from",
+    "captured_high": "to",
+    "on_both_stops": "on both stops",
+    "left_later": "left later",
+}
+
+
+def print_jolts(console: Console, found: Jolts) -> None:
+    """Print whether jolts lead to clatter, and the shares of paths."""
+    console.print(found.summary(), style="bold", highlight=False)
+    title = f"shares of {found.paths} paths, watched for {found.duration:.3g} s"
+    print_frame(console, with_headings(found.to_frame(), JOLT_COLUMNS), title)

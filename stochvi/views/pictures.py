@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from stochvi.mathematics.shown_units import LENGTH, SPEED, TIME
-from stochvi.results.response import ROTATIONS
+from stochvi.results.quantity_units import ROTATIONS
 from stochvi.views.absorber_sine import plot_absorber_sine
 from stochvi.views.absorbers import draw_design, draw_levels
 from stochvi.views.axes import (

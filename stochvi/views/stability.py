@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from matplotlib.axes import Axes
 
 from stochvi.mathematics.shown_units import RATE
+from stochvi.results.column_units import in_chosen_units
 from stochvi.views.axes import add_grid, axes_or_new
 from stochvi.views.colours import COLOURS
 from stochvi.views.tables import print_frame
@@ -33,7 +34,7 @@ COLUMNS = {
 def print_stability(console: Console, found: Stability) -> None:
     """Print how fast what grows."""
     console.print(found.summary(), style="bold", highlight=False)
-    table = found.to_frame().replace({"quantity": NAMES}).rename(columns=COLUMNS)
+    table = in_chosen_units(found.to_frame()).replace({"quantity": NAMES}).rename(columns=COLUMNS)
     print_frame(console, table, "growth without stops; below 0 it decays")
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from stochvi.mathematics.shown_units import SPEED
+from stochvi.mathematics.shown_units import SPEED, shown_as
 from stochvi.results.estimates import format_with_error
 from stochvi.views.tables import (
     new_table,
@@ -98,13 +98,14 @@ def _print_pairs(console: Console, found: Reliability) -> None:
             _chance(risk.probability),
             f"{100.0 * risk.share_of_first_hits:.3g} %",
             _number(risk.expected_hits),
-            _number(risk.impact_speed_mean),
+            _number(SPEED(risk.impact_speed_mean)),
         )
     print_table(console, table)
     if found.outputs:
         limit = found.chances["peak_acceleration"].limit
         table = new_table(
-            f"acceleration above {limit:g} m/s^2", ["coordinate or point", "probability"]
+            f"acceleration above {shown_as('m/s^2').text(limit or 0.0, 'g')}",
+            ["coordinate or point", "probability"],
         )
         for name, chance in found.outputs.items():
             table.add_row(name, _chance(chance))
@@ -166,9 +167,12 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
     table = new_table(title, [*headings, *["crude"] * compared])
     for name, chance in found.chances.items():
         estimate = chance.estimate
-        limit = "" if chance.limit is None else f" > {chance.limit:g} {LIMIT_UNITS[name]}"
-        if name == "peak_acceleration" and limit_in_g:
-            limit = f" > {limit_in_g.removesuffix('g').strip()} g"
+        limit = ""
+        if chance.limit is not None:
+            quantity = shown_as(LIMIT_UNITS[name])
+            limit = f" > {quantity.text(chance.limit, 'g')}"
+            if name == "peak_acceleration" and limit_in_g and quantity.chosen is None:
+                limit = f" > {limit_in_g.removesuffix('g').strip()} g"
         unseen = estimate.value == 0.0
         known = estimate.bias is not None and not unseen
         crude = chance.crude_seconds

@@ -14,12 +14,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from stochvi.mathematics.shown_units import ShownQuantity, readable, shown_as
+from stochvi.results.column_units import with_unit
 from stochvi.results.estimates import BIAS, BIAS_ERROR, ERROR, LIMIT, Estimate
 from stochvi.results.intervals import GAUSSIAN_95
-from stochvi.results.response import QUANTITY_UNITS
+from stochvi.results.quantity_units import QUANTITY_UNITS
 from stochvi.scenes.key_units import KEY_UNITS
 from stochvi.views.axes import axes_or_new
-from stochvi.views.column_units import with_unit
 from stochvi.views.files import try_picture, write_bytes, write_table
 from stochvi.views.tables import (
     NEGLIGIBLE,

@@ -14,7 +14,8 @@ from rich.table import Table
 
 from stochvi.mathematics.shown_units import METRES, RATE, TIME, ShownQuantity, shown_as
 from stochvi.results.estimates import Estimate, format_with_error
-from stochvi.results.response import QUANTITY_UNITS, Response, unit_of
+from stochvi.results.quantity_units import QUANTITY_UNITS, unit_of
+from stochvi.results.response import Response
 
 if TYPE_CHECKING:
     import pandas as pd

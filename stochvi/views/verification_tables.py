@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from stochvi.mathematics.shown_units import LENGTH, MILLIRADIANS
 from stochvi.results.estimates import format_with_error
-from stochvi.results.response import ROTATIONS
+from stochvi.results.quantity_units import ROTATIONS
 from stochvi.verification.check import (
     APPROXIMATE,
     BALANCE,

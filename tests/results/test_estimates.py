@@ -19,12 +19,8 @@ from stochvi.methods.linearisation import linearise
 from stochvi.methods.monte_carlo import simulate
 from stochvi.results.estimates import Estimate, format_with_error
 from stochvi.results.intervals import GAUSSIAN_95
-from stochvi.results.response import (
-    QUANTITY_UNITS,
-    CoordinateResponse,
-    PairResponse,
-    Response,
-)
+from stochvi.results.quantity_units import QUANTITY_UNITS
+from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.excitations import FilteredNoise
 from stochvi.scenes.scene import load_scene

@@ -34,16 +34,17 @@ from stochvi.isolators.sizing.answer import Sizing, Target, spoken_percent
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.review import PeakSettings, Review, ReviewSettings, review
 from stochvi.isolators.sizing.worst_case import worst_case
+from stochvi.mathematics.units import STANDARD_GRAVITY
+from stochvi.results.column_units import named_with_units
 from stochvi.results.estimates import Estimate
 from stochvi.results.origin import Origin, origin_of
 from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.scene import Scene
-from stochvi.views.column_units import named_with_units
 from stochvi.views.report.environment import environment_section, gap_section, mount_section
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown
 from stochvi.views.report.sizing import clearance_page, write_report
 from stochvi.views.sizing import plot_input, plot_risk
-from stochvi.views.words import TINY, G, chance_of_stops
+from stochvi.views.words import TINY, chance_of_stops
 from support.sized import TRUCK, scene_between_stops, sizing_of
 
 QUICK = ReviewSettings(
@@ -470,7 +471,9 @@ def test_a_record_that_does_not_agree_has_the_first_card(
 
 @pytest.mark.usefixtures("blank_pictures")
 def test_cards_tell_the_limit_that_is_kept(reviewed: Review) -> None:
-    target = Target(name="peak_acceleration", value=30.0 / G, unit="m/s^2", exceedance=0.01)
+    target = Target(
+        name="peak_acceleration", value=30.0 * STANDARD_GRAVITY, unit="m/s^2", exceedance=0.01
+    )
     sizing = replace(reviewed.sizing, target=target)
     found = replace(reviewed, sizing=sizing)
     cards = {card.name: card for card in page_of(found).cards}

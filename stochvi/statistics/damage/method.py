@@ -25,7 +25,7 @@ from stochvi.results.intervals import (
     mean_and_error,
     student_factor,
 )
-from stochvi.results.response import ROTATIONS
+from stochvi.results.quantity_units import ROTATIONS
 from stochvi.results.sizes import check_size
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, Taken, sampled

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.results.base import Result
+from stochvi.results.column_units import in_chosen_units
 from stochvi.results.estimates import Estimate, format_with_error
 from stochvi.statistics.impacts.tallies import Histogram, Rate
 
@@ -124,8 +125,11 @@ class ImpactStatistics(Result):
         return pd.DataFrame(rows).reindex(columns=columns)
 
     def to_table(self) -> pd.DataFrame:
-        """The same table for reading: numbers with their errors in words."""
+        """The same table for reading, in the units that are shown: numbers with their errors in
+        words."""
         import pandas as pd
+
+        table = in_chosen_units(self.to_frame())
 
         def spoken(row: Any) -> dict[str, str]:
             given = not math.isnan(row["lower"])
@@ -140,7 +144,7 @@ class ImpactStatistics(Result):
                 "unit": row["unit"],
             }
 
-        return pd.DataFrame([spoken(row) for _, row in self.to_frame().iterrows()])
+        return pd.DataFrame([spoken(row) for _, row in table.iterrows()])
 
     def histograms(self) -> pd.DataFrame:
         """One row per pair, histogram ("speed" in m/s, "interval" in s) and bin."""

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.results.base import Result
-from stochvi.results.response import in_angles
+from stochvi.results.column_units import in_chosen_units
+from stochvi.results.quantity_units import in_angles
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -121,7 +122,7 @@ class ResponseSpectrum(Result):
 
     def peaks(self) -> pd.DataFrame:
         """A short table for reading: the largest value of each density, with its frequency and
-        band."""
+        band, in the units that are shown."""
         import pandas as pd
 
         rows = []
@@ -139,7 +140,7 @@ class ResponseSpectrum(Result):
                         "unit": in_angles(owner, UNITS[name]),
                     }
                 )
-        return pd.DataFrame(rows)
+        return in_chosen_units(pd.DataFrame(rows))
 
     def _shown(self) -> pd.DataFrame:
         return self.peaks()

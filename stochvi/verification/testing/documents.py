@@ -15,7 +15,8 @@ from stochvi.mathematics.arguments import checked
 from stochvi.mathematics.spectra import Table
 from stochvi.model.model import UPPER, Model, Pair, inertia_of
 from stochvi.results.errors import SceneError
-from stochvi.results.response import QUANTITY_UNITS, Response
+from stochvi.results.quantity_units import QUANTITY_UNITS
+from stochvi.results.response import Response
 from stochvi.scenes.excitations import (
     BASE,
     ConstantLoad,

@@ -11,7 +11,8 @@ from stochvi.model.calculations import calculation
 from stochvi.results.base import COMMON, Result
 from stochvi.results.estimates import Cost, Estimate, format_with_error
 from stochvi.results.intervals import normal_score, student_quantile
-from stochvi.results.response import QUANTITY_UNITS, CoordinateResponse, PairResponse, Response
+from stochvi.results.quantity_units import QUANTITY_UNITS
+from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.sampling.options import check_options
 from stochvi.scenes.scene import Scene
 from stochvi.verification.check import (

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 TEMPLATE = "report.html"
 
-BEFORE_UNIT = re.compile(r"(?<=\d) (?=(?:%|mm|m|m/s|g|Hz|kg|N|h|s|min|dB|sigma|rms)\b|%)|(?<=±) ")
+BEFORE_UNIT = re.compile(
+    r"(?<=\d) (?=(?:%|mm|cm|µm|mil|ft|m|m/s|g|Hz|kg|kN|N|lbf|h|s|min|dB|sigma|rms)\b|%)|(?<=±) "
+)
 """Pattern of the blank between a number and its unit."""
 
 

@@ -9,9 +9,9 @@ from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.isolators.sizing.pairs_answer import MOST_NAMED
 from stochvi.mathematics.shown_units import LENGTH
 from stochvi.results.base import plain
+from stochvi.results.column_units import named_with_units
 from stochvi.results.origin import Origin, origin_of
 from stochvi.views.box import modes_in_rows, one_axis_in_rows, plot_box
-from stochvi.views.column_units import named_with_units
 from stochvi.views.files import try_picture, write_table
 from stochvi.views.pairs import (
     PLACES,

@@ -10,10 +10,10 @@ from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.isolators.sizing.chance_at_stops import two_sided
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.mathematics.shown_units import ACCELERATION, LENGTH, RATE, SPEED
+from stochvi.results.column_units import named_with_units
 from stochvi.results.origin import Origin, origin_of
 from stochvi.results.response import Response
 from stochvi.views.axes import PAGE, axes_or_new
-from stochvi.views.column_units import named_with_units
 from stochvi.views.files import try_picture, write_table
 from stochvi.views.report.changes import (
     production_section,
@@ -440,7 +440,7 @@ def _risk(review: Review) -> Section:
         ),
         shown(
             lambda: plot_hit_rate(review),
-            "Impacts per second (of all stops) against clearance: by Rice, the rate of first "
+            f"Impacts per {RATE.time} (of all stops) against clearance: by Rice, the rate of first "
             "impacts, and simulated with the stops.",
         ),
     ]

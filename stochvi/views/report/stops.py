@@ -123,7 +123,7 @@ def _pictures(review: Review, motion: MotionBetweenStops) -> list[Picture]:
         found.append(
             shown(
                 lambda: plot_impact_speeds(review),
-                "Impacts faster than a speed, per second, with stops at 3 sigma.",
+                f"Impacts faster than a speed, per {RATE.time}, with stops at 3 sigma.",
             )
         )
     if (motion.transmissibility_change or 0.0) > NOTABLE_CHANGE:

@@ -44,7 +44,7 @@ from stochvi.methods.monte_carlo.kernels.steps import Sampling
 from stochvi.methods.monte_carlo.path_statistics import PathStatistics
 from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, kernel_stop
 from stochvi.model.model import model_of
-from stochvi.results.response import QUANTITY_UNITS
+from stochvi.results.quantity_units import QUANTITY_UNITS
 from stochvi.scenes.excitations import FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Elastic, Law, Viscoelastic
 from stochvi.testing import assert_agrees
