@@ -1,7 +1,7 @@
 """The units in which quantities are shown: usual ones, or those that a reader has chosen.
 
-All numbers inside the package are in SI units. A table, a sentence or a picture asks one of the
-quantities below for the number that it shows, and for the name of its unit:
+All numbers inside the package are in SI units. A table, a sentence or a picture asks a quantity
+for the number to show, and for the name of its unit:
 
 >>> f"{LENGTH(0.0045):.4g} {LENGTH}", LENGTH.text(0.0045)
 ('4.5 mm', '4.5 mm')
@@ -205,7 +205,7 @@ class ShownQuantity:
 
     @property
     def time(self) -> str:
-        """Of a rate, the time in words: "impacts per hour"."""
+        """The time of a rate in words: "impacts per hour"."""
         return SECONDS[str(self)]
 
 

@@ -4,6 +4,7 @@ in the units that a reader has chosen."""
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from stochvi.mathematics.shown_units import ShownQuantity, shown_as, units_are_chosen
@@ -81,11 +82,13 @@ def _named(column: str) -> str:
     return column if unit is None else with_unit(name, unit) + ending
 
 
-def in_chosen_units(table: pd.DataFrame) -> pd.DataFrame:
+def in_chosen_units(table: pd.DataFrame, units: Mapping[str, str] = {}) -> pd.DataFrame:
     """A table of SI numbers in the units that a reader has chosen; without a choice, as it is.
 
+    `units` are SI units of columns whose name does not tell.
+
     A column is converted if its unit is known, by its name or by its row, and a unit of its
-    quantity is chosen: its name, or the `unit` of the row, then states that unit. All others stay
+    quantity is chosen. Its name, or the `unit` of the row, then states that unit. All others stay
     in SI units.
 
     >>> import pandas as pd
@@ -108,14 +111,14 @@ def in_chosen_units(table: pd.DataFrame) -> pd.DataFrame:
         return found
     names = {}
     for column in map(str, table):
-        name, known, ending = _quantity_of(column)
+        name, known, ending = _quantity_of(column, units)
         if known is not None and known.chosen is not None:
             found[column] = known(found[column])
             names[column] = f"{name}_{_suffix(str(known))}{ending}"
     return found.rename(columns=names)
 
 
-def _quantity_of(column: str) -> tuple[str, ShownQuantity | None, str]:
+def _quantity_of(column: str, units: Mapping[str, str]) -> tuple[str, ShownQuantity | None, str]:
     """The name of a column without its unit, its quantity where that is known, and its ending."""
     name, ending = _parts(column)
     if any(part in ROTATIONS for part in name.split(".")[:-1]):
@@ -123,7 +126,7 @@ def _quantity_of(column: str) -> tuple[str, ShownQuantity | None, str]:
     for known, suffix in sorted(SUFFIXES.items(), key=lambda each: -len(each[1])):
         if name.endswith(f"_{suffix}"):
             return name.removesuffix(f"_{suffix}"), shown_as(known), ending
-    unit = COLUMN_UNITS.get(name)
+    unit = units.get(name) or COLUMN_UNITS.get(name)
     return name, None if unit is None else shown_as(unit), ending
 
 

@@ -133,10 +133,11 @@ def folder_in(folder: Path, name: str) -> Path:
     return found
 
 
-def write_table(frame: pd.DataFrame, path: Path) -> None:
+def write_table(frame: pd.DataFrame, path: Path, units: Mapping[str, str] = {}) -> None:
     """A CSV table with all the digits of its numbers, in the units that a reader has chosen; no
-    text in it is run as a formula. Other forms of the table are in SI units."""
-    harmless = in_chosen_units(frame).copy()
+    text in it is run as a formula. Other forms of the table are in SI units, and `units` are those
+    of columns whose name does not tell."""
+    harmless = in_chosen_units(frame, units).copy()
     for name in harmless.select_dtypes(exclude="number").columns:
         cells = harmless[name]
         harmless[name] = [as_text(each) if isinstance(each, str) else each for each in cells]

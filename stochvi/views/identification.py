@@ -40,8 +40,8 @@ def print_identification(console: Console, found: Identification) -> None:
         "laws; rejected below 0.05: the probability of so bad a fit if the law were true",
     )  # fmt: skip
     for name, each in found.of_test.items():
-        unit = found.test.start[name][1]
-        console.print(f"{name}: {value_with_error(each)} {unit}", highlight=False)
+        quantity = shown_as(found.test.start[name][1])
+        console.print(f"{name}: {value_with_error(quantity(each))} {quantity}", highlight=False)
     for assumption in found.assumptions:
         console.print(f"assumed: {assumption}", highlight=False)
     for warning in found.warnings:

@@ -59,7 +59,8 @@ def write_pairs_report(
     }
     for name, table in tables.items():
         if table is not None:
-            write_table(named_with_units(table), folder / f"{name}.csv")
+            lengths = dict.fromkeys([*sizing.clearances, "lower", "upper"], "m")
+            write_table(named_with_units(table), folder / f"{name}.csv", lengths)
     try_picture(lambda: draw_pairs_risk(sizing, sizing.scene.title), folder / "risk.png")
     return path
 
