@@ -40,6 +40,7 @@ SCENES = {
     "noise of varying level": document(
         excitation=[PROFILE | {"kurtosis": 5.0, "level_time": "2 s"}]
     ),
+    "steady noise that is not Gaussian": document(excitation=[PROFILE | {"kurtosis": 5.0}]),
     "rubber, wire rope or dry friction": document(
         structure=MOUNT | {"damper": {"kind": "coulomb", "force": 0.2}}
     ),

@@ -63,7 +63,7 @@ def residuals(
             part.direction[row] * part.mass * moments[part.name, "impulse"]
             for part in model.functions
         ]
-        terms += [-direction[row] * pulses.mean for pulses, direction in model.shocks]
+        terms += [-direction[row] * each.mean for each, direction in model.drawn]
         terms.append(-model.constant_force[row] + 0.0 * mean[row])
         # all terms may vanish by symmetry, but not the rms force of the coordinate's own spring
         deviation = _mean(moments[coordinate, "variance"]) ** 0.5
@@ -74,7 +74,7 @@ def residuals(
         found.clear()
     if (
         model.tables
-        or model.shocks
+        or model.drawn
         or model.moves_stops
         or any(np.any(signal.direction) for signal in model.signals)
     ):

@@ -5,6 +5,7 @@ They are used in the refusals of methods, in `explain` and in the table of metho
 
 from __future__ import annotations
 
+from stochvi.mathematics.fast_peaks import FastPeaks
 from stochvi.model.model import Model
 from stochvi.scenes.excitations import DENSITY_KINDS
 from stochvi.scenes.impact_laws import CompliantLaw, Restitution, SpeedRestitution, Viscoelastic
@@ -84,18 +85,19 @@ def modulated(model: Model) -> list[str]:
 
 
 def not_gaussian(model: Model) -> list[str]:
-    """The sentences that noise must be Gaussian, if its level varies at random, or shocks come."""
+    """The sentences that noise must be Gaussian, if its level varies at random, or it has fast
+    peaks, or shocks come."""
     found = []
     if model.level is not None:
         found.append(
             f"excitation must be Gaussian noise, got noise of varying level, of kurtosis "
             f"{model.level.kurtosis:g}; simulate, reliability, size and damage follow it"
         )
-    if model.shocks:
-        found.append(
-            "excitation must be Gaussian noise, got pulses of a shape; simulate, impacts and "
-            "damage follow them"
-        )
+    for each, _ in model.drawn:
+        got = "pulses of a shape"
+        if isinstance(each, FastPeaks):
+            got = f"noise with fast peaks, of kurtosis {each.kurtosis:g}"
+        found.append(f"excitation must be Gaussian noise, got {got}; {FOLLOWING_PEAKS} follow it")
     return found
 
 
@@ -225,6 +227,9 @@ def without_free_response(model: Model) -> list[str]:
         if rate == 0.0
     ]
 
+
+FOLLOWING_PEAKS = "simulate, impacts and damage"
+"""Commands that follow shocks of a shape, and noise with fast peaks."""
 
 WHITE = "excitation must be white noise"
 """The condition of methods for white noise alone."""

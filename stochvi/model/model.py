@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.mathematics.fast_peaks import FastPeaks
 from stochvi.mathematics.frequency_response import Force, InputMatrix
 from stochvi.mathematics.random_level import RandomLevel
 from stochvi.mathematics.spectra import Filter, Table
@@ -355,8 +356,9 @@ class Model:
         Springs and dampers that are functions; `stiffness` and `damping` leave them out.
     level
         How the level of all tables varies together; None where it is steady.
-    shocks
-        Pulses of a shape at random times, with the forces per unit of them.
+    drawn
+        Excitations that are not Gaussian and are drawn for a whole record, with the forces per
+        unit of each: shocks at random times, and noise with fast peaks.
 
     Examples
     --------
@@ -392,7 +394,7 @@ class Model:
     drag: PerUnitMass | None = None
     functions: tuple[FunctionOfMotion, ...] = ()
     level: RandomLevel | None = None
-    shocks: tuple[tuple[Pulses, Vector], ...] = ()
+    drawn: tuple[tuple[Pulses | FastPeaks, Vector], ...] = ()
 
     @cached_property
     def modal(self) -> ModalForm:
@@ -502,15 +504,15 @@ class Model:
         )  # fmt: skip
 
     @cached_property
-    def with_tables_of_shocks(self) -> Model:
+    def with_tables_of_drawn(self) -> Model:
         """The model with Gaussian noise of the same density, and a constant load of the same mean,
-        in the place of shocks; the model itself without any."""
-        if not self.shocks:
+        in the place of what is drawn for a whole record; the model itself without any."""
+        if not self.drawn:
             return self
-        tables = [(pulses.table, direction) for pulses, direction in self.shocks]
-        loads = [(pulses.mean, direction) for pulses, direction in self.shocks if pulses.mean]
+        tables = [(each.table, direction) for each, direction in self.drawn]
+        loads = [(each.mean, direction) for each, direction in self.drawn if each.mean]
         return replace(
-            self, tables=(*self.tables, *tables), constants=(*self.constants, *loads), shocks=()
+            self, tables=(*self.tables, *tables), constants=(*self.constants, *loads), drawn=()
         )  # fmt: skip
 
     @property
@@ -524,7 +526,7 @@ class Model:
         return bool(
             self.tables
             or self.drives
-            or self.shocks
+            or self.drawn
             or any(intensity for intensity, _ in self.whites)
             or any(np.any(signal.direction) for signal in self.signals)
         )
@@ -561,7 +563,7 @@ class Model:
             *(direction for _, direction in self.whites),
             *(signal.direction for signal in self.signals if np.any(signal.direction)),
             *(direction for _, direction in self.tables),
-            *(direction for _, direction in self.shocks),
+            *(direction for _, direction in self.drawn),
             *(part.direction for part in self.drives),
         ]
         known = not any(
@@ -594,7 +596,7 @@ class Model:
         return bool(
             self.tables
             or self.drives
-            or self.shocks
+            or self.drawn
             or any(intensity for intensity, _ in self.whites)
             or any(signal.intensity for signal in self.signals)
         )
@@ -611,7 +613,7 @@ class Model:
         is proportional to the damping. With elastic stops the stationary distribution is then the
         Gibbs distribution exp(-H / theta).
         """
-        coloured = self.signals or self.tables or self.shocks
+        coloured = self.signals or self.tables or self.drawn
         if self.functions or coloured or not np.any(self.damping):
             return None
         theta = float(np.trace(self.white) / np.trace(self.damping) / 2.0)
@@ -686,7 +688,7 @@ class Model:
             *(d for _, d in self.whites),
             *(d for _, d in self.tables if not isinstance(d, InputMatrix)),
             *(signal.direction for signal in self.signals),
-            *(direction for _, direction in self.shocks),
+            *(direction for _, direction in self.drawn),
             *(part.direction for part in self.drives),
         ]
         return any(direction[0] > 0.0 or not self.moving_base for direction in directions)
@@ -813,7 +815,7 @@ def _build_model(scene: Scene) -> Model:
         potential=potential,
         drag=drag,
         level=scene.random_level,
-        shocks=tuple((each, d) for each, d in shaken if _is_shock(each)),
+        drawn=tuple(_drawn(scene, shaken)),
     )
     if structure.functions:
         model = _with_functions(model, structure.functions)
@@ -929,6 +931,18 @@ def _is_shock(excitation: Excitation) -> TypeGuard[Pulses]:
     return isinstance(excitation, Pulses) and excitation.shock is not None
 
 
+def _drawn(
+    scene: Scene, shaken: Sequence[tuple[Excitation, Vector]]
+) -> Iterator[tuple[Pulses | FastPeaks, Vector]]:
+    """What is drawn for a whole record, with the forces per unit of each."""
+    for excitation, direction in shaken:
+        if _is_shock(excitation):
+            yield excitation, direction
+        elif isinstance(excitation, DensityNoise) and excitation.has_fast_peaks:
+            assert excitation.kurtosis is not None
+            yield FastPeaks(scene.table_of(excitation), excitation.kurtosis), direction
+
+
 def _lost_motion(model: Model, records: Sequence[RecordedNoise]) -> list[str]:
     """Warnings on the motion of the slowest mode that a spring holds, where the density of a record
     leaves a part of it out."""
@@ -968,7 +982,7 @@ def _at_its_gap(scene: Scene, model: Model) -> Model:
         constants=tuple((strength, force / share) for strength, force in model.constants),
         signals=tuple(replace(each, direction=each.direction / share) for each in model.signals),
         tables=tuple((table, np.asarray(force) / share) for table, force in model.tables),
-        shocks=tuple((pulses, force / share) for pulses, force in model.shocks),
+        drawn=tuple((each, force / share) for each, force in model.drawn),
         pairs=tuple(replace(pair, direction=pair.direction / share) for pair in model.pairs),
         functions=tuple(
             replace(part, direction=part.direction / share) for part in model.functions
@@ -1007,7 +1021,7 @@ def _seen_from(model: Model, references: list[int], motions: Matrix) -> Model:
         constants=tuple((strength, forces @ force) for strength, force in model.constants),
         signals=tuple(replace(each, direction=forces @ each.direction) for each in model.signals),
         tables=tuple((table, forces @ np.asarray(force)) for table, force in model.tables),
-        shocks=tuple((pulses, forces @ force) for pulses, force in model.shocks),
+        drawn=tuple((each, forces @ force) for each, force in model.drawn),
         pairs=tuple(
             replace(
                 pair,
@@ -1075,7 +1089,7 @@ def _tables(
     ]
     names = {id(each): name for name, each in together.items()}
     for excitation, direction in shaken:
-        if isinstance(excitation, DensityNoise):
+        if isinstance(excitation, DensityNoise) and not excitation.has_fast_peaks:
             force: Force = direction
             if id(excitation) in names:
                 places = np.unique(np.concatenate(breaks))

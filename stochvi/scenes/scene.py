@@ -838,6 +838,13 @@ class Scene(Checked):
             return []
         try:
             noises = self.correlated()
+            for name, noise in noises.items():
+                if noise.has_fast_peaks:
+                    sentence = (
+                        f"must be left out where {name!r} has a kurtosis without level_time; give "
+                        "level_time, or independent noises"
+                    )
+                    return [("cross_density", sentence)]
             tables = {name: self.table_of(each) for name, each in noises.items()}
             sentence = impossible(self.cross_densities, tables)
         except SceneError as error:
@@ -961,7 +968,7 @@ class Scene(Checked):
             if isinstance(excitation, DensityNoise):
                 found += excitation.assumptions(*self._resonance())
         noises = [each for each in self.excitations if isinstance(each, DensityNoise)]
-        found += dict.fromkeys(sentence for each in noises for sentence in each.of_varying_level)
+        found += dict.fromkeys(sentence for each in noises for sentence in each.of_its_kurtosis)
         return (*found, *self._reaction(), *self.at_means())
 
     def at_means(self) -> tuple[str, ...]:

@@ -25,7 +25,6 @@ from stochvi.isolators.sizing.nominal import risk_curve
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.isolators.sizing.sensitivity import (
     KURTOSIS,
-    Hermite,
     fast_peaks,
     sensitivity,
     slow_bursts,
@@ -139,15 +138,6 @@ def test_mounts_and_laws_are_varied_however_they_are_given() -> None:
         new = varied[key].structure
         assert new.omega == pytest.approx(frequency * old.omega)
         assert new.damping_rate == pytest.approx(frequency * damping * old.damping_rate)
-
-
-def test_the_cubic_of_a_gaussian_has_its_kurtosis() -> None:
-    nodes, weights = np.polynomial.hermite_e.hermegauss(40)
-    weights = weights / weights.sum()
-    for kurtosis in (3.0, 3.5, 5.0, 9.0):
-        x = Hermite.of(kurtosis)(nodes)
-        assert weights @ x**2 == pytest.approx(1.0, rel=1e-10)
-        assert weights @ x**4 == pytest.approx(kurtosis, rel=1e-10)
 
 
 def test_a_mount_lets_little_of_fast_peaks_through() -> None:

@@ -19,6 +19,7 @@ from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.fast_peaks import Hermite
 from stochvi.mathematics.spectra import Table
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
@@ -329,42 +330,6 @@ def _not_gaussian(
     chance = slow_bursts(curve, old, KURTOSIS, mission)
     rows.append(row_of(change, sizing, {"clearance": float(needed)}, chance, sigma=sigma))
     return rows
-
-
-class Hermite(NamedTuple):
-    """Monotone cubic of a Gaussian variable of unit variance that has a chosen kurtosis,
-
-        x = k (g + h (g^3 - 3 g)),    k = 1 / sqrt(1 + 6 h^2)
-
-    (S. R. Winterstein, J. Eng. Mech. 114 (1988) 1772; h solved exactly for the kurtosis).
-
-    Examples
-    --------
-    >>> law = Hermite.of(5.0)
-    >>> round(law.inverse(law(4.0)), 9), Hermite.of(3.0)(4.0)
-    (4.0, 4.0)
-    """
-
-    h: float
-
-    @classmethod
-    def of(cls, kurtosis: float) -> Hermite:
-        """The cubic for a kurtosis of 3 to 20 or so."""
-
-        def excess(h: float) -> float:
-            # moments of H1 + h H3: E x^2 = 1 + 6 h^2, E x^4 = 3 + 24 h + 252 h^2 + 1296 h^3 + ...
-            fourth = 3.0 + 24.0 * h + 252.0 * h**2 + 1296.0 * h**3 + 3348.0 * h**4
-            return fourth / (1.0 + 6.0 * h**2) ** 2 - kurtosis
-
-        return cls(0.0 if kurtosis <= 3.0 else float(brentq(excess, 0.0, 1.0 / 3.0)))
-
-    def __call__(self, g: Any) -> Any:
-        """x for a Gaussian g."""
-        return (g + self.h * (g**3 - 3.0 * g)) / math.sqrt(1.0 + 6.0 * self.h**2)
-
-    def inverse(self, x: float) -> float:
-        """g for x >= 0."""
-        return float(brentq(lambda g: self(g) - x, 0.0, 3.0 + 2.0 * x))
 
 
 class FastPeaks(NamedTuple):

@@ -96,9 +96,9 @@ def make_plan(
         several = any(stop.law.form() is None for stop in model.stops)
     else:
         several = bool(without_energy(model))
-    if model.single and not (falling or several or model.shocks) and sampled:
+    if model.single and not (falling or several or model.drawn) and sampled:
         return plan_tabulated(model, speed_threshold, duration)
-    if falling or several or model.shocks or beyond_one_oscillator(model):
+    if falling or several or model.drawn or beyond_one_oscillator(model):
         if slow_impacts:
             raise NotApplicable(
                 "slow_impacts", ["steps near stops are refined for one oscillator only"]
@@ -113,7 +113,7 @@ def plan_several(model: Model, speed_threshold: float | None, duration: float | 
     """The plan in modal coordinates, without tables or contacts where the model has none."""
     if model.functions:
         model = with_linear_part(model)
-    if model.tables or model.shocks or model.sampled_modulations:
+    if model.tables or model.drawn or model.sampled_modulations:
         return plan_modal_tables(model, speed_threshold, duration)
     if model.summed:
         return plan_modal_contacts(model, speed_threshold, duration)

@@ -28,6 +28,7 @@ from stochvi.mathematics.frequency_response import (
     covariance,
     eigenvalues,
 )
+from stochvi.methods.monte_carlo.drawn_forces import DrawnForce, force_of
 from stochvi.methods.monte_carlo.kernels.modes import (
     Largest,
     Outputs,
@@ -50,7 +51,6 @@ from stochvi.methods.monte_carlo.modal_contacts import ModalContactsPlan, check_
 from stochvi.methods.monte_carlo.plan import Underway
 from stochvi.methods.monte_carlo.quantities import Key, gap_of
 from stochvi.methods.monte_carlo.random_levels import MOST_BLOCKS, levels_of_block
-from stochvi.methods.monte_carlo.random_shocks import filter_of, shocks_of_block
 from stochvi.methods.monte_carlo.tabulated import (
     BIN_ERROR,
     BLOCK_RELAXATIONS,
@@ -255,9 +255,9 @@ class ModalTablesPlan(ModalContactsPlan):
     def _followed(self) -> list[tuple[str, Vector, Pair | None]]:
         """Owners and rows (n,) of the displacements row . q whose motion without stops is averaged,
         with the pair if it is a gap; none without stops, where nothing is left to simulate, nor
-        where the level varies or shocks come."""
+        where the level varies, or anything is drawn for a whole record."""
         modes, pairs = self.modes, self.model.pairs
-        if not self.model.stops or self.model.level is not None or self.model.shocks:
+        if not self.model.stops or self.model.level is not None or self.model.drawn:
             return []
         found: list[tuple[str, Vector, Pair | None]] = [
             (gap_of(pair), row, pair) for pair, row in zip(pairs, modes.gaps, strict=True)
@@ -478,27 +478,26 @@ class ModalTablesPlan(ModalContactsPlan):
                 samples=self.samples, step=self.step, before=self._burn_in_steps + 1,
             )  # fmt: skip
             moved[:] = self._modulated(moved, gains)
-        if self.model.shocks:
-            moved += self._shaken_by_shocks(seed, first_path, paths, number)
+        if self.model.drawn:
+            moved += self._shaken_by_drawn(seed, first_path, paths, number)
         response: NDArray[np.float64] = free.view(np.float64)
         return response
 
-    def _shaken_by_shocks(self, seed: int, first_path: int, paths: int, number: int) -> Waves:
-        """The response q + i q' / scale (samples, modes, paths) to shocks alone."""
+    def _shaken_by_drawn(self, seed: int, first_path: int, paths: int, number: int) -> Waves:
+        """The response q + i q' / scale (samples, modes, paths) to what is drawn for a whole
+        record."""
         total = np.zeros((self.samples // 2 + 1, self.modes.size, paths), complex)
-        for order, (pulses, direction) in enumerate(self.model.shocks):
-            weights = shocks_of_block(
-                pulses, (seed, order), first_path, paths, number,
-                samples=self.samples, step=self.step,
-            )  # fmt: skip
-            force = self._filters_of_shocks[order][:, None] * weights
-            total += (self.modes.shapes.T @ direction)[:, None] * force[:, None, :]
+        for order, (force, (_, direction)) in enumerate(
+            zip(self._drawn_forces, self.model.drawn, strict=True)
+        ):
+            bins = force.bins((seed, order), first_path, paths, number)
+            total += (self.modes.shapes.T @ direction)[:, None] * bins[:, None, :]
         return self._response_to(total)
 
     @cached_property
-    def _filters_of_shocks(self) -> list[Waves]:
-        """The force of each kind of shock in the bins, over its weights."""
-        return [filter_of(pulses, self.samples, self.step) for pulses, _ in self.model.shocks]
+    def _drawn_forces(self) -> list[DrawnForce]:
+        """What draws the forces of a block."""
+        return [force_of(each, self.samples, self.step) for each, _ in self.model.drawn]
 
     def _modulated(self, free: Waves, gains: Matrix) -> Waves:
         """A response q + i q' / scale (samples, modes, paths) whose excitation is larger by
@@ -655,8 +654,8 @@ def plan_modal_tables(
         Where a mode has no damping of its own, there is no stationary state, or times lie too far
         apart.
     """
-    # Gaussian noise of their density stands for shocks in the choice of steps and lengths
-    planned = model.with_tables_of_shocks
+    # Gaussian noise of their density stands for what is drawn in the choice of steps and lengths
+    planned = model.with_tables_of_drawn
     known = basis(planned, threshold, duration, scales, settling) | {"model": model}
     modes = planned.modal
     warm_up = 2.0 * WARM_UP_RELAXATIONS * known["law"].slowest

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, PrivateAttr, field_validator, model_validator
 
 from stochvi.mathematics.arguments import shown
+from stochvi.mathematics.fast_peaks import MOST_KURTOSIS
 from stochvi.mathematics.random_level import RandomLevel
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import (
@@ -230,10 +231,11 @@ class DensityNoise(BaseExcitation):
         Decibels by which the whole density is raised, -200 to 200: +3 dB doubles it, -20 dB is
         a tenth of the rms value.
     kurtosis
-        Kurtosis of noise of varying level, above 3, with `level_time`: its level in decibels
-        varies slowly, as a normal process; by default it is steady and the noise Gaussian.
+        Kurtosis of the noise, above 3; by default it is Gaussian, with 3. With `level_time` its
+        level in decibels varies slowly, as a normal process. Without, fast peaks of a steady noise
+        make it, up to 20; a narrow mount averages them out.
     level_time
-        Correlation time of that level, s, or a text with a unit, "10 s".
+        Correlation time of the level, s, or a text with a unit, "10 s".
     """
 
     family: ClassVar[str] = "tabulated noise"
@@ -248,15 +250,18 @@ class DensityNoise(BaseExcitation):
     def _level(self) -> Self:
         if abs(self.level_db) > LARGEST_LEVEL:
             raise ValueError(f"has level_db outside -200..200, got {self.level_db:g}")
-        if (self.kurtosis is None) != (self.level_time is None):
-            raise ValueError(
-                "needs kurtosis and level_time together, got "
-                f"{given(self, 'kurtosis', 'level_time')}"
-            )
-        if self.kurtosis is not None and not 3.0 < self.kurtosis <= MOST_KURTOSIS:
-            problem = f"must be above 3 and at most {MOST_KURTOSIS:g}, got {self.kurtosis:g}"
+        if self.kurtosis is None and self.level_time is not None:
+            raise ValueError("needs kurtosis with level_time, got level_time alone")
+        most = MOST_KURTOSIS if self.level_time is None else MOST_KURTOSIS_OF_LEVEL
+        if self.kurtosis is not None and not 3.0 < self.kurtosis <= most:
+            problem = f"must be above 3 and at most {most:g}, got {self.kurtosis:g}"
             raise SceneError([("kurtosis", problem)])
         return self
+
+    @property
+    def has_fast_peaks(self) -> bool:
+        """Whether fast peaks of a steady noise make its kurtosis."""
+        return self.kurtosis is not None and self.level_time is None
 
     @property
     def random_level(self) -> RandomLevel | None:
@@ -319,9 +324,14 @@ class DensityNoise(BaseExcitation):
         return f", raised by {self.level_db:+g} dB" if self.level_db else ""
 
     @property
-    def of_varying_level(self) -> tuple[str, ...]:
-        """A sentence on how its level varies; none where it is steady."""
+    def of_its_kurtosis(self) -> tuple[str, ...]:
+        """A sentence on what makes its kurtosis; none where it is Gaussian."""
         level = self.random_level
+        if self.has_fast_peaks:
+            return (
+                "the noise has fast peaks: it is a monotone cubic of Gaussian noise without memory "
+                f"(Winterstein), filtered to its density; its kurtosis is {self.kurtosis:g}",
+            )
         if level is None:
             return ()
         return (
@@ -331,7 +341,7 @@ class DensityNoise(BaseExcitation):
         )
 
 
-MOST_KURTOSIS = 100.0
+MOST_KURTOSIS_OF_LEVEL = 100.0
 """Largest kurtosis of noise of varying level: its level then varies by 8 dB, and hardly
 anything but the highest levels counts."""
 

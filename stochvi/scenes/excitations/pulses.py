@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, PrivateAttr, model_validator
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.pulse_shapes import SHAPES, PulseShape
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import Unit, power_ratio
@@ -200,6 +201,16 @@ class Pulses(DrawnExcitation):
         if self.sizes == "normal":
             return float(2.0 ** (n / 2.0) * math.gamma((n + 1.0) / 2.0) / math.sqrt(math.pi))
         return 1.0
+
+    def drawn_sizes(self, count: int, random: np.random.Generator) -> Vector:
+        """Sizes of so many pulses over `size`, with their directions."""
+        drawn: Vector = np.ones(count)
+        if self.sizes == "normal":
+            drawn = np.abs(random.standard_normal(count))
+        elif self.sizes == "exponential":
+            drawn = random.standard_exponential(count)
+        directions = random.choice([-1.0, 1.0], count) if self.two_sided else 1.0
+        return np.asarray(drawn * directions)
 
     @property
     def _area(self) -> float:

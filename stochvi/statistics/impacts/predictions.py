@@ -39,7 +39,7 @@ class LinearGap(NamedTuple):
 def linear_gap(model: Model, pair: Pair) -> LinearGap | None:
     """None where noise and structure have no Gaussian stationary distribution, or a spring or a
     damper is a function."""
-    if model.functions or model.level is not None or model.shocks:
+    if model.functions or model.level is not None or model.drawn:
         return None
     if model.sines:
         return _beside_sines(model, pair)
