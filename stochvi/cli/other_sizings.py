@@ -50,8 +50,11 @@ def other_sizing(
         left = {name: each for name, each in _left(given).items() if name != "exceedance"}
         _show_damage(options, scene, loaded, other, left)
         return True
-    if loaded.phases or loaded.random_level is not None:
-        what = "a scene with phases" if loaded.phases else "noise of varying level"
+    if loaded.phases or loaded.random_level is not None or loaded.has_shocks:
+        alone = (
+            "noise of varying level" if loaded.random_level is not None else "a scene with shocks"
+        )
+        what = "a scene with phases" if loaded.phases else alone
         part = "size one phase, as FILE.toml#PHASE" if loaded.phases else "leave it out"
         _refuse(what, given, NEVER_WITH, part)
         _show_phases(options, scene, loaded, given)

@@ -20,7 +20,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.optimize import brentq
 
 from stochvi.mathematics.arrays import Matrix, Vector, Waves
 from stochvi.mathematics.frequency_response import bin_variances
@@ -66,6 +65,8 @@ class Hermite(NamedTuple):
     @classmethod
     def of(cls, kurtosis: float) -> Hermite:
         """The cubic for a kurtosis of 3 to 20 or so."""
+        from scipy.optimize import brentq  # which takes long to import
+
         if kurtosis <= 3.0:
             return cls(0.0)
         return cls(float(brentq(lambda h: cls(h).kurtosis - kurtosis, 0.0, MOST_CUBIC)))
@@ -83,6 +84,8 @@ class Hermite(NamedTuple):
 
     def inverse(self, x: float) -> float:
         """g for x >= 0."""
+        from scipy.optimize import brentq
+
         return float(brentq(lambda g: self(g) - x, 0.0, 3.0 + 2.0 * x))
 
 
@@ -232,6 +235,8 @@ class _Pilot:
 @lru_cache(maxsize=64)
 def _cubic(frequency: bytes, density: bytes, kurtosis: float) -> float:
     """The weight h that gives noise of a density the kurtosis."""
+    from scipy.optimize import brentq
+
     table = Table(frequency_hz=np.frombuffer(frequency), density=np.frombuffer(density))
     pilot = _Pilot(table)
     most = pilot.kurtosis(MOST_CUBIC)

@@ -94,10 +94,11 @@ def not_gaussian(model: Model) -> list[str]:
             f"{model.level.kurtosis:g}; simulate, reliability, size and damage follow it"
         )
     for each, _ in model.drawn:
-        got = "pulses of a shape"
+        got, follow = "pulses of a shape", f"{FOLLOWING_SHOCKS} follow them"
         if isinstance(each, FastPeaks):
             got = f"noise with fast peaks, of kurtosis {each.kurtosis:g}"
-        found.append(f"excitation must be Gaussian noise, got {got}; {FOLLOWING_PEAKS} follow it")
+            follow = f"{FOLLOWING_PEAKS} follow it"
+        found.append(f"excitation must be Gaussian noise, got {got}; {follow}")
     return found
 
 
@@ -229,7 +230,10 @@ def without_free_response(model: Model) -> list[str]:
 
 
 FOLLOWING_PEAKS = "simulate, impacts and damage"
-"""Commands that follow shocks of a shape, and noise with fast peaks."""
+"""Commands that follow noise with fast peaks."""
+
+FOLLOWING_SHOCKS = "simulate, impacts, damage, reliability and size"
+"""Commands that follow shocks of a shape."""
 
 WHITE = "excitation must be white noise"
 """The condition of methods for white noise alone."""

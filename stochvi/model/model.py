@@ -505,8 +505,8 @@ class Model:
 
     @cached_property
     def with_tables_of_drawn(self) -> Model:
-        """The model with Gaussian noise of the same density, and a constant load of the same mean,
-        in the place of what is drawn for a whole record; the model itself without any."""
+        """The model with Gaussian noise and a constant load in the place of what is drawn for a
+        whole record. Density and mean are the same; without any it is the model itself."""
         if not self.drawn:
             return self
         tables = [(each.table, direction) for each, direction in self.drawn]

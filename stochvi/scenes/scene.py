@@ -34,6 +34,7 @@ from stochvi.scenes.excitations import (
     check_unit,
 )
 from stochvi.scenes.excitations.base import Density, StrengthNoise
+from stochvi.scenes.excitations.pulses import Pulses
 from stochvi.scenes.impact_laws import (
     Elastic,
     Law,
@@ -809,6 +810,11 @@ class Scene(Checked):
         """How the level of all noise varies together; None where it is steady."""
         levels = [each.random_level for each in self.excitations if isinstance(each, DensityNoise)]
         return next((each for each in levels if each is not None), None)
+
+    @property
+    def has_shocks(self) -> bool:
+        """Whether shocks of a shape come at random times."""
+        return any(isinstance(each, Pulses) and each.shock for each in self.excitations)
 
     def at_steady_level(self, level_db: float) -> Self:
         """The scene with Gaussian noise, raised by a level in dB, in place of noise of varying

@@ -130,6 +130,11 @@ class CrossingAges:
         exceedance of any stop ended, s, at most `horizon`.
     exposure
         How missions differ by the phases of sines; None without sines.
+    missed
+        Rate of outcrossings that are not looked at, at most, 1/s.
+    uneven
+        (levels,): relative error of `rice_rates` by the net over what is beside the noise; None
+        where that is known to be small.
     """
 
     outside: Vector
@@ -138,6 +143,8 @@ class CrossingAges:
     rice_rates: Vector
     ages: NDArray[np.float32]
     exposure: Exposure | None = None
+    missed: float = 0.0
+    uneven: Vector | None = None
 
     @cached_property
     def rice_rate(self) -> Vector:
@@ -159,14 +166,27 @@ class CrossingAges:
         def chance(sums: Vector) -> Vector:
             return self._probability(sums, mission)
 
+        found = self._with_bias_of_rates(self._estimates(chance, mission), mission)
         limits = self._few(self._path_means(0, mission).mean(axis=-1), mission)
         found = [
             replace(found, bias=max(found.bias or 0.0, 1.0 - found.value)) if limit else found
-            for found, limit in zip(self._estimates(chance, mission), limits, strict=True)
+            for found, limit in zip(found, limits, strict=True)
         ]
         if self.exposure is None or mission <= self.horizon:
             return found
         return [self._exposed(level, each, mission) for level, each in enumerate(found)]
+
+    def _with_bias_of_rates(self, chances: list[Estimate], mission: float) -> list[Estimate]:
+        """Probabilities with the bias that errors of the rates of outcrossings leave."""
+        if self.uneven is None:
+            return chances
+        found = []
+        for chance, uneven in zip(chances, self.uneven, strict=True):
+            alive = max(1.0 - chance.value, 0.0)
+            hazard = -math.log(max(alive, FEWEST_SURVIVORS**4))
+            bias = alive * (float(uneven) * hazard + self.missed * mission)
+            found.append(replace(chance, bias=(chance.bias or 0.0) + bias))
+        return found
 
     def _exposed(self, level: int, found: Estimate, mission: float) -> Estimate:
         """A probability of missions that differ in their exposure to sines.

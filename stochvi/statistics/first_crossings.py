@@ -51,8 +51,8 @@ def first_crossings(
     Parameters
     ----------
     scene
-        One oscillator under Gaussian noise (white, filtered, tabulated, any sum), sines beside it
-        and constant loads; its own stops do not matter.
+        One oscillator under Gaussian noise (white, filtered, tabulated, any sum), sines or shocks
+        of a shape beside it and constant loads; its own stops do not matter.
     clearances
         Distances of two stops from the mean position, m.
     lower, upper
@@ -82,9 +82,8 @@ def first_crossings(
     """
     above, below = _levels(clearances, lower, upper)
     run = Run.of(options)
-    records = GapRecords(
-        PairMotion(one_gap(model_of(scene))), run.seed, below[:, None], above[:, None]
-    )
+    motion = PairMotion.under_shocks(one_gap(model_of(scene)))
+    records = GapRecords(motion, run.seed, below[:, None], above[:, None])
     return until_accurate(run, _OfOneGap(records), mission, run.accuracy)
 
 
@@ -108,14 +107,15 @@ class _OfOneGap:
 def one_gap(model: Model) -> Model:
     """One oscillator whose displacement is a gap, with no stops of its own.
 
-    Raises `NotApplicable` if its motion is not a stationary Gaussian process of one oscillator.
+    Raises `NotApplicable` if its motion is not a stationary Gaussian process of one oscillator,
+    shocks beside it left out.
     """
     free = replace(model, pairs=())
     unmet = (
         beyond_one_oscillator(free, with_filters=True, with_sines=True)
         or without_noise(free)
         or without_free_response(free)
-        or not_gaussian(free)
+        or not_gaussian(replace(free, drawn=()))
     )
     if unmet:
         raise NotApplicable("first_crossings", unmet)

@@ -1,7 +1,7 @@
 """Probability that any of several impact pairs is hit at all: first crossings of a Gaussian vector.
 
-Before the first contact the gaps of a linear structure are a stationary Gaussian process, beside
-sines a Gaussian process about means that move (`mathematics.moving_means`).
+Before the first contact the gaps of a linear structure are a stationary Gaussian process. Beside
+sines or shocks it is one about means that move (`mathematics.moving_means`).
 A first impact of any pair is its first outcrossing of the region in which no gap is beyond a stop.
 Every stop has its own outcrossings, with the rate of Rice; around one of them all gaps are
 Gaussian, with the cross-correlations of the process (`monte_carlo.kernels.crossings`). Before it
@@ -23,16 +23,24 @@ from scipy.special import ndtr, ndtri
 
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.moving_means import Crossings, MovingMean, Sines, even_phases
+from stochvi.mathematics.random_shocks import MOST_IN_WINDOW, Shocks
 from stochvi.methods.monte_carlo.gap_response import GapResponse, plan_gaps
-from stochvi.methods.monte_carlo.kernels.crossings import SinesAtCrossings, outcrossing_ages
+from stochvi.methods.monte_carlo.kernels.crossings import (
+    ShockResponses,
+    StatesAtCrossings,
+    Waves,
+    outcrossing_ages,
+)
 from stochvi.methods.monte_carlo.tabulated import MOST_SAMPLES
 from stochvi.model.calculations import calculation
+from stochvi.model.coverage import not_gaussian
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import ALIKE, Model, model_of, sharing_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
+from stochvi.scenes.excitations.pulses import Pulses
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import (
     STRIDES,
@@ -197,7 +205,8 @@ def pair_crossings(
     >>> abs(rate.value - 0.0018091405) < 4.5 * rate.standard_error + rate.bias
     True
     """
-    return PairMotion(model_of(scene)).crossings(lower, upper, mission, Run.of(options))
+    motion = PairMotion.under_shocks(model_of(scene))
+    return motion.crossings(lower, upper, mission, Run.of(options))
 
 
 class PairMotion:
@@ -207,7 +216,7 @@ class PairMotion:
     Parameters
     ----------
     model
-        A linear structure with impact pairs under Gaussian noise.
+        A linear structure with impact pairs under Gaussian noise, and sines beside it.
     longest_step
         Longest sampling interval of the records, s.
     memories
@@ -220,6 +229,7 @@ class PairMotion:
         self.model, self.longest_step, self.memories = model, longest_step, memories
         self.directions = np.array([pair.direction for pair in model.pairs])
         motion = free_motion(model, with_sines=True)
+        self.shocks: Shocks | None = None
         self.motions, self.sines = motion.moving_means(self.directions), motion.sines
         self.displacement_std, self.velocity_std = np.array(
             [each.deviations for each in self.motions]
@@ -253,6 +263,48 @@ class PairMotion:
         longest = min(self.longest_step, *map(_longest_step, self.motions))
         return plan.with_step(longest) if plan.step > longest else plan
 
+    @classmethod
+    def under_shocks(cls, model: Model) -> PairMotion:
+        """The motion under the noise of a model and its shocks, if there are any."""
+        if not model.drawn:
+            return cls(model)
+        pulses, direction = shocks_apart(model)
+        found = cls(replace(model, drawn=()))
+        shocks = found._shocks(pulses, direction)
+        found.shocks = shocks
+        found.motions = [
+            replace(each, shocks=shocks.of(row[None]))
+            for each, row in zip(found.motions, np.eye(len(found.motions)), strict=True)
+        ]
+        found.displacement_std, found.velocity_std = np.array(
+            [each.deviations for each in found.motions]
+        ).T
+        return found
+
+    def _shocks(self, pulses: Pulses, direction: Vector) -> Shocks:
+        """The shocks that move the gaps of all pairs."""
+        assert pulses.shock is not None
+        plan, remembered = self.response, self.count * self.response.step
+        length, shapes = pulses.shock.duration + remembered, self.model.modal.shapes
+        if length > plan.block_length:
+            raise NotApplicable(
+                "first_crossings",
+                [f"a shock must be shorter than {plan.block_length - remembered:.3g} s for this "
+                 f"mount, got {pulses.shock.duration:.3g} s"],
+            )  # fmt: skip
+        moved = plan.shock_responses(self.directions @ shapes, shapes.T @ direction, pulses)
+        shocks = Shocks(
+            rate=pulses.rate, step=plan.step, responses=moved[:, : math.ceil(length / plan.step)],
+            window=length + remembered, sizes=pulses.sizes, two_sided=pulses.two_sided,
+        )  # fmt: skip
+        if shocks.expected > MOST_IN_WINDOW:
+            raise NotApplicable(
+                "first_crossings",
+                [f"shocks must be apart, got {shocks.expected:.3g} in the {shocks.window:.3g} s "
+                 "for which their motion is remembered; simulate follows them"],
+            )  # fmt: skip
+        return shocks
+
     @cached_property
     def count(self) -> int:
         """Number of samples that records look back: a multiple of every stride."""
@@ -285,6 +337,23 @@ def _longest_step(motion: MovingMean) -> float:
     if not len(fast):
         return math.inf
     return 2.0 * math.pi / float(motion.sines.omega[fast].max()) / SAMPLES_PER_PERIOD
+
+
+def shocks_apart(model: Model) -> tuple[Pulses, Vector]:
+    """The shocks beside the noise of a model, with the forces per unit; `NotApplicable` where they
+    are not of one kind, or something else is there."""
+    unmet = []
+    if model.sines:
+        unmet.append("sines must be left out beside shocks")
+    if len(model.drawn) > 1:
+        unmet.append(f"shocks must be of one kind, got {len(model.drawn)} excitations")
+    pulses, direction = model.drawn[0]
+    if not isinstance(pulses, Pulses):
+        unmet += not_gaussian(model)
+    if unmet:
+        raise NotApplicable("first_crossings", unmet)
+    assert isinstance(pulses, Pulses)
+    return pulses, direction
 
 
 def own_distances(model: Model) -> tuple[Vector, Vector]:
@@ -388,8 +457,9 @@ class GapRecords:
         self.pairs = motion.moving[self.chosen]
         above, below = (np.ascontiguousarray(side[:, self.pairs]) for side in (upper, lower))
         self.above, self.below = above, below
-        # the motion is as likely with the opposite sign: stops that are alike are looked at once
-        self.alike = np.array_equal(above, below)
+        # where the motion is as likely with the opposite sign, stops that are alike are looked at
+        # once
+        self.alike = np.array_equal(above, below) and self.beside.symmetric
         self.sides = [
             (gap, ahead, behind)
             for ahead, behind in [(above, below), (below, above)][: 2 - self.alike]
@@ -421,22 +491,54 @@ class GapRecords:
         return self.motion.sines(self.motion.directions[self.pairs])
 
     @cached_property
+    def beside(self) -> Sines | Shocks:
+        """What moves the means of the chosen gaps."""
+        shocks = self.motion.shocks
+        return (
+            self.sines if shocks is None else shocks.of(np.eye(len(shocks.responses))[self.pairs])
+        )
+
+    @cached_property
     def motions(self) -> list[MovingMean]:
         """The chosen gaps, with the noise of the records."""
         variance, bend = (np.diag(self.correlations[order, 0]) for order in (0, 2))
         return [
-            MovingMean(math.sqrt(square), math.sqrt(-rate), Sines(self.sines.omega, wave[None]))
-            for square, rate, wave in zip(variance, bend, self.sines.waves, strict=True)
+            replace(self.motion.motions[pair], place=math.sqrt(square), speed=math.sqrt(-rate))
+            for square, rate, pair in zip(variance, bend, self.pairs, strict=True)
         ]
+
+    def _turn(self, side: int) -> float:
+        """The sign of the motion towards the stop of a side; 1 where either is as likely."""
+        below = self.sides[side][1] is self.below
+        return -1.0 if below and not self.beside.symmetric else 1.0
+
+    def _ahead(self, side: int) -> MovingMean:
+        """The gap that crosses the stop of a side, positive towards that stop."""
+        gap, near, _ = self.sides[side]
+        return self.motions[gap].towards(-1.0 if near is self.below else 1.0)
 
     @cached_property
     def rice_rates(self) -> Matrix:
         """(sides, levels), see `CrossingAges`."""
         rates = [
-            [self.motions[gap].rate(float(each)) for each in near[:, gap]]
-            for gap, near, _ in self.sides
+            [self._ahead(side).rate(float(each)) for each in near[:, gap]]
+            for side, (gap, near, _) in enumerate(self.sides)
         ]
         return (1.0 + self.alike) * np.array(rates)
+
+    @cached_property
+    def _uneven(self) -> Vector | None:
+        """(levels,): relative error of the sum of `rice_rates` by the net of shocks, from half of
+        its points; None for sines."""
+        if isinstance(self.beside, Sines):
+            return None
+        half = [
+            [self._ahead(side).rate(float(each), coarse=True) for each in near[:, gap]]
+            for side, (gap, near, _) in enumerate(self.sides)
+        ]
+        known = self.rice_rates.sum(axis=0)
+        less = (1.0 + self.alike) * np.array(half).sum(axis=0)
+        return np.asarray(np.abs(less / np.maximum(known, np.finfo(float).tiny) - 1.0))
 
     @cached_property
     def exposure(self) -> Exposure:
@@ -469,7 +571,7 @@ class GapRecords:
         random = np.random.default_rng([self.seed, SLOPES, first_path])
         size = len(self.pairs), paths, len(self.starts)
         units = random.rayleigh(size=size)
-        return Draws(units, random.random(size) if self.sines.number else None)
+        return Draws(units, random.random(size) if self.beside.number else None)
 
     def ages(self, first_path: int) -> NDArray[np.float32]:
         """Ages (strides, sides, levels, paths, starts) of the crossings in one block of paths."""
@@ -498,17 +600,21 @@ class GapRecords:
         """
         gap, near, far = self.sides[side]
         ages = np.empty((len(near), *draws.units.shape))
-        sines = None
-        if self.sines.number:
+        states = sines = shocks = None
+        if self.beside.number:
             found = [self.crossings(side, draws, level) for level in range(len(near))]
-            sines = SinesAtCrossings(
-                self.sines.omega, np.ascontiguousarray(self.sines.waves.real),
-                np.ascontiguousarray(self.sines.waves.imag),
-                *(np.ascontiguousarray(each) for each in map(np.array, zip(*found, strict=True))),
-            )  # fmt: skip
+            known = (np.ascontiguousarray(each) for each in map(np.array, zip(*found, strict=True)))
+            states = StatesAtCrossings(*known)
+            if isinstance(self.beside, Sines):
+                waves = self.beside.waves
+                parts = (np.ascontiguousarray(each) for each in (waves.real, waves.imag))
+                sines = Waves(self.beside.omega, *parts)
+            else:
+                moved = self._turn(side) * self.beside.responses
+                shocks = ShockResponses(np.ascontiguousarray(moved))
         outcrossing_ages(
             records, starts, self.motions[gap].speed * draws.units, self._looking_back[gap], gap,
-            self.plan.step, stride, near, far, sines, ages,
+            self.plan.step, stride, near, far, states, sines, shocks, ages,
         )  # fmt: skip
         return ages
 
@@ -516,10 +622,10 @@ class GapRecords:
         """Crossings of the stop of one side at one level, from the draws of its gap.
 
         Those of a lower stop belong to the process with the opposite sign, whose phases have the
-        same law.
+        same law; shocks in one direction are turned over as well.
         """
         gap, near, _ = self.sides[side]
-        return self.motions[gap].crossings(float(near[level, gap]), draws.units, draws.shares)
+        return self._ahead(side).crossings(float(near[level, gap]), draws.units, draws.shares)
 
     def found(self, ages: NDArray[np.float32]) -> PairCrossings:
         """The answer from the ages of all crossings so far."""
@@ -540,7 +646,22 @@ class GapRecords:
             ages=ages,
             exposure=self.exposure if self.sines.number else None,
             motions=self.motion.motions,
+            missed=0.0 if isinstance(self.beside, Sines) else self.beside.missed_rate,
+            uneven=self._uneven,
         )
+
+    @cached_property
+    def _means(self) -> tuple[Matrix, Vector]:
+        """Means (gaps, states) of what is beside the noise, and the probabilities of the states."""
+        if isinstance(self.beside, Sines):
+            means = self.beside.at(even_phases(self.beside.number, STARTS))[0]
+            shape = len(self.pairs), STARTS
+            return np.broadcast_to(means, shape), np.full(STARTS, 1.0 / STARTS)
+        states, weights = self.beside.net
+        # noise alone, the first state, has as many samples as there are starts
+        states = np.concatenate([np.repeat(states[:1], STARTS, axis=0), states[1:]])
+        weights = np.concatenate([np.full(STARTS, weights[0] / STARTS), weights[1:]])
+        return self.beside.at(states)[0], weights
 
     @cached_property
     def _beyond(self) -> tuple[Vector, Vector]:
@@ -555,9 +676,9 @@ class GapRecords:
         std = np.sqrt(np.diag(covariance))
         random = np.random.default_rng([self.seed, SLOPES])
         root = np.linalg.cholesky(covariance + ADDED_VARIANCE * np.diag(std**2))
-        normal = random.standard_normal((STARTS, len(std))) @ root.T
-        uniform = random.random(STARTS)
-        means = self.sines.at(even_phases(self.sines.number, STARTS))[0]
+        means, weights = self._means
+        normal = random.standard_normal((len(weights), len(std))) @ root.T
+        uniform = random.random(len(weights))
         total, variance = np.zeros((2, len(self.lower)))
         rows = zip(self.lower[:, self.pairs], self.upper[:, self.pairs], strict=True)
         for level, (lower, upper) in enumerate(rows):
@@ -575,6 +696,7 @@ class GapRecords:
                     gaps[:, gap] = place
                     stops = np.sum((gaps >= ahead.T) | (gaps <= -behind.T), axis=1)
                     some = chance / stops
-                    total[level] += np.mean(some)
-                    variance[level] += np.var(some) / STARTS
+                    share = float(weights @ some)
+                    total[level] += share
+                    variance[level] += float(weights**2 @ (some - share) ** 2)
         return total, np.sqrt(variance)

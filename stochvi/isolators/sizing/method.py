@@ -33,7 +33,7 @@ HOUR = 3600.0
 """The mission where none is given, s."""
 
 MISSION = "mission"
-"""Name of the only phase of a mission under noise of varying level."""
+"""Name of the only phase of a mission under noise of varying level, or beside shocks."""
 
 
 @calculation
@@ -60,7 +60,8 @@ def size(
     ----------
     scene
         One oscillator under stationary Gaussian noise, or a linear structure with any number of
-        pairs. For a probability the noise on one oscillator may vary in level. The laws of the
+        pairs. For a probability the noise on one oscillator may vary in level, or shocks of a
+        shape may come at random times beside it. The laws of the
         stops are kept, their places are not: they go to equal distances from the static
         equilibrium, where the mass hangs.
     probability
@@ -131,7 +132,7 @@ def size(
     """
     target = target_of(probability, rate, impact_speed, peak_acceleration, exceedance)
     run = Run.of(options)
-    if scene.random_level is not None and not scene.phases:
+    if not scene.phases and (scene.random_level is not None or scene.has_shocks):
         whole = Phase(name=MISSION, duration=HOUR if mission is None else mission)
         scene, mission = scene.replace(phases=[whole]), None
     if scene.phases:
@@ -215,8 +216,8 @@ def _of_phases(
     for name, value in {"mission": mission, **others}.items():
         if value is not None:
             raise ValueError(
-                f"{name} must be left out where the scene has phases or noise of varying level, "
-                f"got {value}"
+                f"{name} must be left out where the scene has phases, shocks or noise of varying "
+                f"level, got {value}"
             )
     found = size_mission(scene, target, run)
     if found.warnings:

@@ -29,7 +29,6 @@ from stochvi.mathematics.moving_means import MovingMean
 from stochvi.mathematics.random_level import RandomLevel
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator
-from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
@@ -37,6 +36,8 @@ from stochvi.sampling.run import Run
 from stochvi.scenes.between_units import varied
 from stochvi.scenes.phases import bias_of_steps, steps_of_bands
 from stochvi.scenes.scene import Scene
+from stochvi.statistics.first_crossings import one_gap
+from stochvi.statistics.pair_crossings import PairMotion
 from stochvi.statistics.reliability.phases import INDEPENDENT, NEGLIGIBLE, parts_of_phases
 from stochvi.statistics.reliability.random_levels import FOLLOWED, felt_by
 
@@ -62,8 +63,9 @@ def size_mission(scene: Scene, target: Target, run: Run) -> MissionSizing:
     if target.name != "probability":
         raise NotApplicable(
             "size",
-            [f"the target must be a probability where the scene has phases, got {target.name}; "
-             "size one phase, named as FILE.toml#PHASE; reliability then judges the mission"],
+            [f"the target must be a probability where the scene has phases, shocks or noise of "
+             f"varying level, got {target.name}; size one phase, named as FILE.toml#PHASE; "
+             "reliability then judges the mission"],
         )  # fmt: skip
     if differing := [key for key, _ in varied(scene)]:
         raise NotApplicable(
@@ -142,7 +144,7 @@ class _Phase:
         model = model_of(scene)
         if conditions := beyond_one_oscillator(model, with_filters=True, with_sines=True):
             raise NotApplicable("size", [f"{each} (in phases)" for each in conditions])
-        (motion,) = free_motion(replace(model, level=None), with_sines=True).moving_means(np.eye(1))
+        (motion,) = PairMotion.under_shocks(one_gap(replace(model, level=None))).motions
         sides = tuple(float(stop.side) for stop in model.stops) or (-1.0, 1.0)
         shift = model.rest - model_of(as_stated(whole)).rest
         if model.level is not None:
@@ -168,8 +170,10 @@ class _Phase:
         """Rice's number of crossings; where the level varies, the hazard that follows from it."""
 
         def crossings(gain: float) -> float:
-            distances = [max(clearance - side * self.shift, 0.0) for side in self.sides]
-            return sum(self.motion.rate(each / gain) for each in distances)
+            return sum(
+                self.motion.towards(side).rate(max(clearance - side * self.shift, 0.0) / gain)
+                for side in self.sides
+            )
 
         level = model_of(self.scene).level
         if level is None:

@@ -35,7 +35,6 @@ from stochvi.isolators.sizing.risk_curve import RiskCurve, clearances_of_curve
 from stochvi.isolators.sizing.targets import check_laws, limit_of_pairs, widening
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator, modulated
-from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
@@ -45,6 +44,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import FAR, UNFINISHED, bursts, chance_of
 from stochvi.statistics.crossing_ages import largest_error
 from stochvi.statistics.first_crossings import first_crossings, one_gap
+from stochvi.statistics.pair_crossings import PairMotion
 from stochvi.statistics.reliability import reliability
 
 if TYPE_CHECKING:
@@ -199,23 +199,23 @@ def risk_curve(
     """Probability of any impact against clearance, from 1 sigma to a clearance that is more than
     the target needs; the stops lie uneven where the static equilibrium is shifted, m, and the
     clearance is that of the nearer one."""
-    free = free_motion(one_gap(model_of(scene)), with_sines=True)
-    (motion,) = free.moving_means(np.eye(1))
+    (motion,) = PairMotion.under_shocks(one_gap(model_of(scene))).motions
     chances = [*SEARCH.required, target.exceedance or 1.0]
     if target.name == "probability":
         chances.append(target.value)
     # the clearance at which both stops are crossed so seldom in a mission, or in a cycle
     exposed = max(mission, 1.0 / motion.rate(0.0))
-    highest = motion.distance_of(min(chances) / (20.0 * exposed))
+    wanted = min(chances) / (20.0 * exposed)
+    highest = max(motion.towards(side).distance_of(wanted) for side in (-1.0, 1.0))
     levels = clearances_of_curve(motion, SEARCH.lowest_sigma * motion.deviations[0], highest)
     pair = scene.impact_pairs[0] if scene.impact_pairs else None
-    one_sided = pair is not None and (pair.lower is None or pair.upper is None)
     farther = levels + 2.0 * abs(shift)
+    lower, upper = farther if shift > 0.0 else levels, levels if shift >= 0.0 else farther
     found = partial_result(
         first_crossings,
         scene,
-        lower=None if one_sided else (farther if shift > 0.0 else levels),
-        upper=levels if one_sided or shift >= 0.0 else farther,
+        lower=None if pair is not None and pair.lower is None else lower,
+        upper=None if pair is not None and pair.upper is None else upper,
         mission=mission,
         **run.options(rel_error=run.rel_error),
     )

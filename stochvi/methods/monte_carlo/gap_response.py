@@ -12,10 +12,16 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import ifft
+from scipy.fft import ifft, irfft
 
 from stochvi.mathematics.arrays import Matrix, Vector, Waves
-from stochvi.mathematics.frequency_response import Tables, beyond, bin_amplitudes, eigenvalues
+from stochvi.mathematics.frequency_response import (
+    Tables,
+    beyond,
+    bin_amplitudes,
+    eigenvalues,
+    gains,
+)
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import density_from_intensity
 from stochvi.methods.monte_carlo.kernels.modes import fill_modal_spectrum
@@ -37,6 +43,10 @@ from stochvi.model.free_motion import free_motion
 from stochvi.model.modal import ModalForm
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
+from stochvi.scenes.excitations.pulses import Pulses
+
+FINER = 8
+"""How much finer the motion after a shock is sampled for its frequencies."""
 
 CARRIES = 0.01
 """Share of the velocity variance of a gap from which a mode counts among those that move it."""
@@ -145,6 +155,20 @@ class GapResponse:
                 spectrum[1 : len(waves) + 1] = turn**order * cross
                 found[order, :, :, gap] = ifft(spectrum, axis=0, norm="forward").real[before]
         return found
+
+    def shock_responses(self, rows: Matrix, force: Vector, pulses: Pulses) -> Vector:
+        """Displacements rows . q and their velocities (rows, samples, 2) after a shock of size 1
+        from rest, at the sampling interval; `force` (modes,) is that of a unit on the modes."""
+        assert pulses.shock is not None
+        fine = FINER * self.samples
+        f = np.arange(fine // 2 + 1) / self.block_length
+        moved = gains(f, np.diag(self.modes.squares), self.modes.damping, force) @ rows.T
+        moved *= (pulses.size * pulses.shock.transform(2.0 * np.pi * f))[:, None]
+        found = [
+            irfft((2j * np.pi * f[:, None]) ** order * moved, fine, axis=0)[::FINER]
+            for order in (0, 1)
+        ]
+        return np.asarray(np.stack(found, axis=-1) * fine / self.block_length).swapaxes(0, 1)
 
 
 def plan_gaps(model: Model, directions: Matrix) -> GapResponse:

@@ -89,8 +89,9 @@ def reliability(
     scene
         One oscillator: under white noise with any rigid stops, or compliant stops; under any
         Gaussian noise and sines beside it, with stops, from a stationary start. Or a linear
-        structure of several coordinates or pairs under the same, from that start. It may have
-        phases, which are then those of the mission.
+        structure of several coordinates or pairs under the same, from that start. Shocks of one
+        shape at random times may come beside the noise, for the probability of any impact. It may
+        have phases, which are then those of the mission.
     mission
         Duration, s; left out where the scene has phases.
     barrier
@@ -172,13 +173,15 @@ def reliability(
     jobs = Jobs(run=run, confidence=confidence, deadline=run.deadline)
     model = model_of(scene)
     check_pair(model, pair)
+    others = {"barrier": barrier, "impact_speed": impact_speed,
+              "peak_acceleration": peak_acceleration}  # fmt: skip
     if model.level is not None:
-        others = {"barrier": barrier, "impact_speed": impact_speed,
-                  "peak_acceleration": peak_acceleration}  # fmt: skip
         return _at_varying_level(
             scene, mission, others, pair, run, confidence=confidence, start=start
         )
-    if not model.single:
+    if model.drawn:
+        _check_any_impact("shocks", scene, others, start)
+    if not model.single or model.drawn:
         _check_several(model, barrier, start, way)
         hardest = _limits_of_pairs(scene, impact_speed, peak_acceleration, at)
         return _of_pairs(scene, pair, hardest, mission, jobs)
@@ -244,19 +247,7 @@ def _at_varying_level(
     *, confidence: float, start: Start,
 ) -> Reliability:  # fmt: skip
     """The risk of any impact under noise whose level varies."""
-    if unmet := [
-        f"{name} must be left out under noise of varying level, where any impact alone "
-        f"is known, got {value}; simulate follows the motion"
-        for name, value in others.items()
-        if value is not None
-    ]:
-        raise NotApplicable("reliability", unmet)
-    if start == "rest" or not scene.impact_pairs:
-        got = "start = 'rest'" if start == "rest" else "a scene without impact_pair"
-        raise NotApplicable(
-            "reliability",
-            [f"noise of varying level needs stops and a stationary start, got {got}"],
-        )  # fmt: skip
+    _check_any_impact("noise of varying level", scene, others, start)
 
     def at_level(steady: Scene, duration: float, part: Run) -> Reliability:
         return reliability(
@@ -265,6 +256,22 @@ def _at_varying_level(
         )  # fmt: skip
 
     return of_random_level(scene, mission, at_level, run)
+
+
+def _check_any_impact(drive: str, scene: Scene, others: Mapping[str, object], start: Start) -> None:
+    """Raise an error for what is not known under a drive that is not Gaussian."""
+    if unmet := [
+        f"{name} must be left out under {drive}, where any impact alone is known, got {value}; "
+        "simulate follows the motion"
+        for name, value in others.items()
+        if value is not None
+    ]:
+        raise NotApplicable("reliability", unmet)
+    if start == "rest" or not scene.impact_pairs:
+        got = "start = 'rest'" if start == "rest" else "a scene without impact_pair"
+        raise NotApplicable(
+            "reliability", [f"{drive} needs stops and a stationary start, got {got}"]
+        )
 
 
 def check_pair(model: Model, pair: str | None) -> None:
@@ -334,6 +341,11 @@ def _of_pairs(
         outputs |= by_output
         missing |= _inaccurate({limit.event: harder.estimate}, jobs)
     try:
+        if model_of(scene).drawn:
+            sentence = (
+                "impacts after the first one are not followed beside shocks; impacts counts all"
+            )
+            raise NotApplicable("expected impacts", [sentence])
         if chance.estimate.value > 0.0:
             hits, risks = hits_of_pairs(stopped, mission, overlap, risks, jobs)
             missing |= _inaccurate({"expected_hits": hits.estimate}, jobs)

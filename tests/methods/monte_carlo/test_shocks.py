@@ -21,7 +21,6 @@ from stochvi import (
     TabulatedNoise,
     damage,
     linearise,
-    reliability,
     replay,
     screen,
     simulate,
@@ -174,8 +173,6 @@ def test_damage_takes_shocks_and_other_methods_refuse_them() -> None:
     for ask in (screen, linearise):
         with pytest.raises(NotApplicable, match="must be Gaussian noise, got pulses of a shape"):
             ask(scene)
-    with pytest.raises(NotApplicable, match="got pulses of a shape"):
-        reliability(scene, mission=60.0)
 
 
 @pytest.mark.parametrize(

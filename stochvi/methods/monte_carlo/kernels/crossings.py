@@ -11,9 +11,9 @@ x_c(0) and x_c'(0), z_j(t) = x_j(t) - x_c(0) rho_j(t) - x_c'(0) eta_j(t). Betwee
 is the cubic through values and slopes. A crossing of a lower stop is that of an upper one by the
 process with the opposite sign, which has the same law: its stops change sides.
 
-Beside sines a gap is y_j + m_j, where m_j is the sum of its sines. The noise alone then crosses the
-level u - m_c with the slope p - m_c', each at the phases of the crossing
-(`mathematics.moving_means`).
+Beside sines or shocks a gap is y_j + m_j, where m_j is the sum of these. The noise alone then
+crosses the level u - m_c with the slope p - m_c'. Both are those at the phases of the sines, or at
+the ages and sizes of the shocks (`mathematics.moving_means`).
 
 Symbols: shape holds rho, rho', eta, eta' at 0, -span, -2 span, ...
 """
@@ -30,23 +30,33 @@ TIE = 1e-9
 """Relative distance from a stop up to which two gaps reach their stops at the same time."""
 
 
-class SinesAtCrossings(NamedTuple):
-    """Sines beside the noise, and what they make of crossings.
+class StatesAtCrossings(NamedTuple):
+    """What sines or shocks beside the noise make of crossings.
 
     Parameters
     ----------
-    omega : (sines,), rad/s.
-    real, imaginary : (gaps, sines), complex amplitudes of each gap.
     places, slopes : (levels, paths, starts), level and slope of the noise alone.
-    phases : (levels, paths, starts, sines), at the crossing.
+    states : (levels, paths, starts, numbers), phases of sines, or ages and sizes of shocks.
     """
+
+    places: NDArray[np.float64]
+    slopes: NDArray[np.float64]
+    states: NDArray[np.float64]
+
+
+class Waves(NamedTuple):
+    """Sines: frequencies (sines,), rad/s, and complex amplitudes of each gap (gaps, sines)."""
 
     omega: NDArray[np.float64]
     real: NDArray[np.float64]
     imaginary: NDArray[np.float64]
-    places: NDArray[np.float64]
-    slopes: NDArray[np.float64]
-    phases: NDArray[np.float64]
+
+
+class ShockResponses(NamedTuple):
+    """Displacements and velocities (gaps, samples, 2) after a shock of size 1, at the sampling
+    interval of the records."""
+
+    table: NDArray[np.float64]
 
 
 @kernel
@@ -121,8 +131,35 @@ def add_sines(sines, phases, span, stride, x, v):
 
 
 @kernel
+def add_shocks(responses, state, span, stride, x, v):
+    """Add the shocks with these ages and sizes at a crossing to `x` and `v` (gaps, n + 1), at the
+    samples before it."""
+    table = responses.table
+    for shock in range(state.shape[0] // 2):
+        age, size = state[2 * shock], state[2 * shock + 1]
+        if size == 0.0:
+            continue
+        first = int(np.floor(age / span))
+        s = age / span - first
+        # the cubic of values and slopes at the share s of an interval
+        from0, from1 = 1.0 + s * s * (2.0 * s - 3.0), s * s * (3.0 - 2.0 * s)
+        of0, of1 = span * s * (1.0 - s) ** 2, span * s * s * (s - 1.0)
+        slope, at0, at1 = 6.0 * s * (s - 1.0) / span, 1.0 + s * (3.0 * s - 4.0), s * (3.0 * s - 2.0)
+        for k in range(0, x.shape[1], stride):
+            place = first - k
+            if place < 0:
+                break
+            if place + 1 < table.shape[1]:
+                for j in range(x.shape[0]):
+                    x0, v0 = table[j, place]
+                    x1, v1 = table[j, place + 1]
+                    x[j, k] += size * (from0 * x0 + from1 * x1 + of0 * v0 + of1 * v1)
+                    v[j, k] += size * (slope * (x0 - x1) + at0 * v0 + at1 * v1)
+
+
+@kernel
 def outcrossing_ages(
-    records, starts, slopes, shape, crossing, span, stride, near, far, sines, ages
+    records, starts, slopes, shape, crossing, span, stride, near, far, states, sines, shocks, ages
 ):  # fmt: skip
     """Time in s from the end of the last exceedance of any stop to an outcrossing of near[:, c].
 
@@ -131,13 +168,14 @@ def outcrossing_ages(
     records : (paths, samples, 2 gaps), each x_j followed by x_j', of stationary records that are
         periodic in time.
     starts : (starts,), the samples at which the outcrossings are placed.
-    slopes : (paths, starts), slopes p > 0 of the crossings; of no use beside sines.
+    slopes : (paths, starts), slopes p > 0 of the crossings; of no use with `states`.
     shape : (gaps, n + 1, 4), as above; `stride` divides n.
     crossing : number c of the gap that crosses its stop.
     span, stride : sampling interval in s, and number of intervals that one cubic spans.
     near, far : (levels, gaps), distances of the stops on the side that is crossed and on the other
         one; infinite for none.
-    sines : None, or `SinesAtCrossings`.
+    states : None, or `StatesAtCrossings`, with `sines`, `Waves`, or `shocks`, `ShockResponses`;
+        None where there are none.
     ages : (levels, paths, starts), replaced; n span where there was no exceedance, 0 where another
         gap is beyond a stop at the crossing, or where the gap that crosses has no such stop.
     """
@@ -146,17 +184,20 @@ def outcrossing_ages(
     for path in range(records.shape[0]):
         for i in range(starts.shape[0]):
             record, start = records[path], starts[i]
-            if sines is None:
+            if states is None:
                 change = slopes[path, i] - record[start, 2 * crossing + 1]
                 look_back(record, start, -record[start, 2 * crossing], change, shape, stride, x, v)
             for level in range(near.shape[0]):
                 u = near[level, crossing]
                 found = np.isinf(u)
-                if sines is not None and not found:
-                    away = sines.places[level, path, i] - record[start, 2 * crossing]
-                    change = sines.slopes[level, path, i] - record[start, 2 * crossing + 1]
+                if states is not None and not found:
+                    away = states.places[level, path, i] - record[start, 2 * crossing]
+                    change = states.slopes[level, path, i] - record[start, 2 * crossing + 1]
                     look_back(record, start, away, change, shape, stride, x, v)
-                    add_sines(sines, sines.phases[level, path, i], span, stride, x, v)
+                    if sines is not None:
+                        add_sines(sines, states.states[level, path, i], span, stride, x, v)
+                    if shocks is not None:
+                        add_shocks(shocks, states.states[level, path, i], span, stride, x, v)
                     u = 0.0
                 for j in range(gaps):
                     if j != crossing and not found:
