@@ -305,6 +305,7 @@ def absorber(
                 else []
             ),
             *min(found, key=lambda each: abs(each.level_db)).response.warnings,
+            *scene.at_means(),
         ],
         cost=total_cost(each.response.cost for each in found),
         provenance=provenance(scene.document(), run.seed),

@@ -39,7 +39,9 @@ zeta = 0.1
 # wire rope { kind = "bouc-wen", stiffness = 2e4, yield_displacement = 1e-3 } (N/m, m);
 # damper = { kind = "coulomb", force = 2.0 } (N), or { kind = "polynomial", coefficients =
 # [5.0, 20.0] } (N s/m, N s^2/m^2), or { kind = "rayleigh", linear_damping = -5.0, cubic_damping =
-# 50.0 } (N s/m, N s^3/m^3), or { kind = "van-der-pol", damping = 5.0, amplitude = 1e-3 } (N s/m, m)
+# 50.0 } (N s/m, N s^3/m^3), or { kind = "van-der-pol", damping = 5.0, amplitude = 1e-3 } (N s/m,
+# m); a drive along the motion: damper = { kind = "relay", force = 10.0, reverses_above = 0.4,
+# delay = 0.02 } (N, m, s)
 # gravity = true             # towards -x; left out, stops are measured from where the mass hangs
 # differs between units: frequency_hz = { mean = 12.0, std = 0.4 }, or half_width = 0.6 (uniform)
 # frequency_tolerance = 0.1  # relative, and damping_tolerance: `size` keeps its target within

@@ -21,8 +21,12 @@ WANTED = (
 
 
 def tolerances_of(scene: Scene, text: str | None) -> tuple[Tolerances | None, dict[str, Spread]]:
-    """The limits and the distributions of "usual" or "frequency=normal:5%,level=2dB"; the scene has
-    those of other quantities. Without the option no limits, and the distributions of the scene."""
+    """Return the limits and the distributions that a text states, beside those of the scene.
+
+    A text is "usual", or "frequency=normal:5%,level=2dB". Quantities that it leaves out keep the
+    distributions that the scene states. None stands for a command without the option: there are no
+    limits, and all distributions are those of the scene.
+    """
     from stochvi.scenes.between_units import varied
 
     if text is None and not any(varied(scene)):

@@ -9,7 +9,8 @@ A kick changes the rate v while x stays: v' = k x + c v + f - pull. The affine f
 of the linear structure, and a kick takes it out again. `kicked` solves this equation; by default v
 does not enter the force. A part whose force depends on v says so by `damps`.
 
-A force with hysteresis has a memory z that changes with x alone, by `moved`.
+A force with hysteresis has a memory z that changes with x alone, by `moved`. What sees the motion
+in time changes its memory in each kick, by `watched`, before it acts.
 """
 
 from __future__ import annotations
@@ -58,6 +59,11 @@ def moved(part, z, way):
 
 
 @generic
+def watched(part, x, v, z, h):
+    """Memory in a kick of the time h (s), at the displacement x and the rate v."""
+
+
+@generic
 def read(part, numbers, row):
     """The part of this class whose numbers are a row of a table."""
 
@@ -74,6 +80,11 @@ def _(part):
 
 @moved.of(object)
 def _(part, z, way):
+    return z
+
+
+@watched.of(object)
+def _(part, x, v, z, h):
     return z
 
 

@@ -12,7 +12,7 @@ from numba.core import config, types
 from numpy.typing import NDArray
 
 from stochvi.engine.calls import call_by_address
-from stochvi.engine.characteristic import Affine, kicked, moved, pull, read
+from stochvi.engine.characteristic import Affine, kicked, moved, pull, read, watched
 from stochvi.engine.compiled_laws import address_of, row_of_numbers
 from stochvi.engine.compiling import kernel
 from stochvi.engine.drive import drive_of
@@ -42,7 +42,9 @@ def function_of_class(part):
         if what == KICK:
             for i in range(lanes):
                 push = stiffness * x[row, i] + force
-                v[row, i] = kicked(own, x[row, i], v[row, i], state[memory, i], push, damping, h)
+                z = watched(own, x[row, i], v[row, i], state[memory, i], h)
+                state[memory, i] = z
+                v[row, i] = kicked(own, x[row, i], v[row, i], z, push, damping, h)
         elif what == PULL:
             for i in range(lanes):
                 linear = stiffness * x[row, i] + damping * v[row, i] + force

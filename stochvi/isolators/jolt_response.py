@@ -275,6 +275,7 @@ def jolts(
         duration=windows * window,
         resonance=_resonance(scene, sine),
         clearance=_clearance(scene),
+        warnings=scene.at_means(),
         provenance=provenance(scene.document(), seed),
     )
     if len(hits) < len(speeds):

@@ -115,7 +115,7 @@ def with_forms(model: Model, motions: Sequence[Motion]) -> Model:
 
 def form_of(part: FunctionOfMotion, motion: Motion) -> LinearForm:
     """The linear form of a function, of all that are side by side, N."""
-    form = part.law.linear_form(*motion)
+    form = part.law.moved_exactly(*motion)
     return LinearForm(*(part.count * each for each in form))
 
 
@@ -171,9 +171,10 @@ def _near(one: Motion, other: Motion, settled: float) -> bool:
 
 def fastest_rate(part: FunctionOfMotion, motion: Motion) -> float:
     """Largest rate, 1/s, at which a function alone moves its reduced mass: the frequency of its
-    spring, or the decay of its damper."""
+    spring, the decay of its damper, or what it resolves in time."""
     mass, law = part.mass / part.count, part.law
     return max(
         math.sqrt(law.stiffest(motion.mean, motion.deviation) / mass),
         law.most_damping(motion.mean, motion.speed) / mass,
+        law.fastest,
     )

@@ -52,7 +52,11 @@ class DrawnForce(ForceOfExcitation):
         return 0.0
 
     def most_damping(self, mean: float, speed: float) -> float:
-        return self.mass * self.drawn.fastest
+        return 0.0
+
+    @property
+    def fastest(self) -> float:
+        return self.drawn.fastest
 
     def compiled(self, mass: float) -> Any:
         return self.drawn.compiled(mass)

@@ -59,6 +59,9 @@ KEY_UNITS = {
     "cubic_stiffness": "N/m3",
     "linear_damping": "N s/m",
     "cubic_damping": "N s3/m3",
+    "reverses_above": "m",
+    "reverses_below": "m",
+    "delay": "s",
 }
 """Units of the keys that have the same unit everywhere in a scene file."""
 

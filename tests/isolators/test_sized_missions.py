@@ -212,6 +212,15 @@ def test_the_sized_scene_has_the_damage_that_was_accepted(
     assert page.count("<figure") == 3
 
 
+def test_a_clearance_for_a_damage_is_that_of_the_mean_unit() -> None:
+    stops = bumpers().impact_pairs[0]
+    differing = stops.replace(lower=None, upper=None, clearance={"mean": 4e-3, "std": 1e-4})
+    scene = bumpers().replace(impact_pairs=[differing])
+    keys = {"ratio": 4.0, "mission": 600.0, "equipment": (60.0,), "rel_error": 0.3}
+    found = size_by_damage(scene, **keys, budget=500.0)  # type: ignore[arg-type]
+    assert sum("differ between units" in each for each in found.warnings) == 1
+
+
 def test_what_no_damage_is_sized_for_is_refused() -> None:
     with pytest.raises(ValueError, match=r"ratio must be above 1, got 0\.5"):
         size_by_damage(bumpers(), ratio=0.5)

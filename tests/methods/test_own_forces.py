@@ -302,7 +302,7 @@ class HuntCrossley(CompliantLaw):
     def strengths(self) -> tuple[float, ...]:
         return (self.coefficient, self.loss)
 
-    def phrase(self) -> str:
+    def in_words(self) -> str:
         return f"{self.word}, coefficient {self.coefficient:.4g}"
 
     def compiled(self) -> NamedTuple:

@@ -14,6 +14,7 @@ from scipy.integrate import quad
 from scipy.stats import norm
 
 from stochvi import (
+    Absorber,
     BetweenUnits,
     Elastic,
     ImpactPair,
@@ -23,8 +24,10 @@ from stochvi import (
     Restitution,
     Scene,
     SceneError,
+    Sine,
     Viscoelastic,
     WhiteNoise,
+    absorber,
     exact,
     load_answer,
     mean_over_units,
@@ -36,6 +39,7 @@ from stochvi import (
 )
 from stochvi.cli.tolerances import tolerances_of
 from stochvi.isolators import Spread, production
+from stochvi.isolators.jolt_response import jolts
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.production_risk.spreads import spreads_of
 from stochvi.isolators.production_risk.units import Units
@@ -159,6 +163,34 @@ def test_every_other_method_answers_for_the_mean_unit_and_says_so() -> None:
     assert own.startswith("numbers that differ between units are at their means")
     assert "structure.zeta (0.05 ± 0.01), impact_pair.0.lower (-0.011 ± 0.0002)" in own
     assert own in screen(scene).notes
+
+
+def test_what_is_not_told_of_units_is_told_of_their_mean() -> None:
+    """Answers without assumptions carry the sentence among their warnings."""
+    shaken = [Sine(amplitude=10.0, frequency_hz=40.0)]
+    stiff = {"kind": "restitution", "coefficient": 0.5}
+    mount = {
+        "kind": "isolator",
+        "mass": 1.0,
+        "zeta": 0.01,
+        "frequency_hz": {"mean": 0.16, "std": 0.002},
+    }
+    loose = Scene(
+        structure=mount, excitations=[WhiteNoise(intensity=0.04, on="base")],
+        absorber=Absorber(mass=0.1, play=2.0, law=stiff),
+    )  # fmt: skip
+    jolted = Scene(
+        structure=Oscillator(mass=1.0, damping=1.0, stiffness=4e3), excitations=shaken,
+        impact_pairs=[ImpactPair(clearance={"mean": 0.01, "std": 1e-4}, law=stiff)],
+    )  # fmt: skip
+    answers = [
+        absorber(loose, levels_db=[0.0], rel_error=0.3), jolts(jolted, [0.3], paths=2, duration=4.0)
+    ]  # fmt: skip
+    for found in answers:
+        (told,) = (each for each in found.warnings if "differ between units" in each)
+        assert told.startswith("numbers that differ between units are at their means")
+    plain = jolted.replace(impact_pairs=[ImpactPair(clearance=0.01, law=stiff)])
+    assert not any("units" in each for each in jolts(plain, [0.3], paths=2, duration=4.0).warnings)
 
 
 def test_a_warm_mount_and_stops_that_move_differ_as_before() -> None:

@@ -31,6 +31,7 @@ KEYS: dict[str, dict[str, Any]] = {
     "Coulomb": {"force": 0.3},
     "Rayleigh": {"linear_damping": -0.4, "cubic_damping": 0.7},
     "VanDerPol": {"damping": 0.4, "amplitude": 0.8},
+    "Relay": {"force": 0.3, "reverses_above": 0.5, "reverses_below": -0.4},
 }
 """Keys of one member of each class; a new class needs an entry, or its tests fail."""
 

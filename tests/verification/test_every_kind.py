@@ -319,7 +319,8 @@ def test_a_law_is_named_wherever_it_is_spoken_of(law: Law) -> None:
     found = explain(scene)
     assert f"{law.word} stop upper{law.remark}" in found.effects
     assert "stop upper" not in found.absent and "stop lower" in found.absent
-    assert law.phrase()
+    rubbing = law.replace(friction=0.2)
+    assert rubbing.phrase() == law.in_words() + ", friction 0.2" + law.unknown != law.phrase()
     written = law.kind not in PYTHON_ONLY  # a function cannot be written in a scene file
     assert (f'kind = "{law.kind}"' in TEMPLATE) == written
 

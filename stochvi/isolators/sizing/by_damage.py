@@ -158,7 +158,8 @@ def size_by_damage(
     answer = DamageSizing(
         scene=scene, ratio=ratio, mission=mission, sigma=float(sigma),
         clearance=Clearance(value=value, lower=max(value - half, 0.0), upper=value + half),
-        tried=pd.DataFrame(rows), damage=nearest.found, warnings=nearest.found.warnings,
+        tried=pd.DataFrame(rows), damage=nearest.found,
+        warnings=[*nearest.found.warnings, *scene.at_means()],
         cost=run.cost(), provenance=provenance(scene.document(), run.seed),
     )  # fmt: skip
     if abs(nearest.excess) > NEAR:

@@ -32,7 +32,7 @@ from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.response import CoordinateResponse, Response
-from stochvi.scenes.characteristics import BoucWen
+from stochvi.scenes.characteristics import BoucWen, Relay
 from stochvi.scenes.scene import Scene
 
 METHOD = "linearise:closure"
@@ -84,7 +84,7 @@ def linearised_functions(scene: Scene, deadline: Deadline = NEVER) -> tuple[Resp
         return closure_of(scene, white, started, deadline, (SECOND_ORDER,), EXACT)
     conditions = [
         *functions_of_arrays(model), *speed_restitutions(model), *modulated(model),
-        *not_gaussian(model),
+        *not_gaussian(model), *_late(model),
         *without_noise(model, with_sines=not model.remembers),
     ]  # fmt: skip
     if model.remembers and not modulated(model):
@@ -110,6 +110,16 @@ def linearised_functions(scene: Scene, deadline: Deadline = NEVER) -> tuple[Resp
     else:
         linear = with_linear_part(model, "linearise", law_of, SETTLED)
     return closure_of(scene, linear, started, deadline, (ASSUMPTION,))
+
+
+def _late(model: Model) -> list[str]:
+    """A sentence for each drive that does not follow the velocity alone."""
+    return [
+        "structure.damper must switch by the velocity, got a relay that is late or reverses "
+        f"({part.name})"
+        for part in model.functions
+        if isinstance(part.law, Relay) and part.law.needs == "both"
+    ]
 
 
 def _beyond_hysteresis(model: Model) -> list[str]:

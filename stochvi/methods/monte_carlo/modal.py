@@ -80,6 +80,9 @@ MOST_MODAL_STEPS = MOST_STEPS / 4.0
 CONTACT_PRICE = 4.0
 """Time of a step where a stop is compliant, in units of that where all are rigid."""
 
+STEPS_OF_A_THROW = 40.0
+"""Fewest steps in which a force that drives takes its mass from stop to stop."""
+
 KICK_ANGLE = 0.5
 """Largest rate times step of a spring or damper that is a function, at displacements and velocities
 of four standard deviations. At 2 kicks are no longer stable, and paths at twice the step show what
@@ -988,6 +991,7 @@ def basis(
             "simulate", [f"{each} (no stationary state was found)" for each in missing]
         )
     law, pairs = found
+    law = law._replace(slowest=_of_own_drives(model) or law.slowest)
     law = law._replace(slowest=max(settling(model, law.slowest), _between_drives(model)))
     pairs = tuple(
         scale._replace(speed=math.hypot(scale.speed, _speed_of_stop(model, pair)))
@@ -1015,6 +1019,19 @@ def _between_drives(model: Model) -> float:
     quiet = replace(model.with_noise_of_drives, pairs=())
     law = linear_law(quiet.modal) if model.drives else None
     return 0.0 if law is None else law.slowest
+
+
+def _of_own_drives(model: Model) -> float:
+    """Longest relaxation time, s, where a function keeps the structure in motion: by the damping
+    beside it, as the motion in noise alone does not tell. 0 for no such function."""
+    driving = [part for part in model.functions if part.law.drives]
+    damping = model.damping - sum(
+        part.mass * part.affine[1] * np.outer(part.direction, part.direction) for part in driving
+    )
+    if not driving:
+        return 0.0
+    rates = np.linalg.eigvals(np.linalg.solve(model.mass, damping)).real
+    return max((float(1.0 / rate) for rate in rates if rate > 0.0), default=0.0)
 
 
 def _speed_of_jumps(model: Model, pair: Pair) -> float:
@@ -1055,6 +1072,10 @@ def _step(model: Model, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale
             limits.append(GAP_PER_STEP * pair.play / speed)
         if scale.pressing > 0.0:
             limits.append(BOUNCE_PER_STEP * scale.speed / scale.pressing)
+    plays = [pair.play for pair in model.pairs if pair.play is not None]
+    for part in model.functions:
+        time = part.law.time_of_throw(part.mass / part.count, min(plays, default=math.inf))
+        limits.append(time / STEPS_OF_A_THROW)
     for part, motion in zip(model.functions, motions_of(model, law), strict=True):
         rate = fastest_rate(part, motion)
         limits += [KICK_ANGLE / rate] if rate > 0.0 else []

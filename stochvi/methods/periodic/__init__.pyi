@@ -10,6 +10,7 @@ from .basins import BasinRegime, Basins, basins
 from .bifurcation import Bifurcation, BifurcationSweep, bifurcation, lyapunov_exponent
 from .method import harmonic_response
 from .motor import Motor, sine_power
+from .relay import RelayBetweenStops
 from .resonance import HarmonicResonance, RandomResonance
 from .structure_resonance import StructureResonance
 from .switched_drive import SwitchedDrive
@@ -26,6 +27,7 @@ __all__ = [
     "Motor",
     "RandomResonance",
     "RandomStarts",
+    "RelayBetweenStops",
     "SimulatedSweep",
     "SpecialPoint",
     "StructureResonance",

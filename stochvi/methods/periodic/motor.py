@@ -46,17 +46,29 @@ class Motor:
     the structure alone is, and the load rises faster than the torque along its branch. On the far
     side of a resonance it may fall faster: then speeds are left out (Sommerfeld's effect).
 
+    A torque may follow the speed with a time constant T, as that of an electric motor does. The
+    regimes stay where they are. A deviation s of the speed then obeys
+
+        J T s'' + (J + T L') s' + (slope + L') s = 0,
+
+    with the inertia J. So a load that falls along its branch, L' < 0, may also let the speed swing
+    up: it does where T > -J / L'.
+
     Parameters
     ----------
     idle_hz
         Speed w0 without load, turns per second.
     slope
         Fall of the torque with the speed, N m s.
+    lag
+        Time constant T, s, with which the torque follows the speed; 0 by default.
+    inertia
+        Inertia J of motor and crank, kg m^2, for a torque with a lag.
 
     Raises
     ------
     ValueError
-        If a number is not positive.
+        If a number is not positive, or a lag has no inertia.
 
     See Also
     --------
@@ -83,11 +95,18 @@ class Motor:
 
     idle_hz: float
     slope: float
+    lag: float = 0.0
+    inertia: float | None = None
 
     def __post_init__(self) -> None:
-        for name in ("idle_hz", "slope"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise ValueError(f"{name} must be greater than 0, got {getattr(self, name):g}")
+        for name in ("idle_hz", "slope", "inertia"):
+            value = getattr(self, name)
+            if value is not None and not 0.0 < value < math.inf:
+                raise ValueError(f"{name} must be greater than 0, got {value:g}")
+        if not 0.0 <= self.lag < math.inf:
+            raise ValueError(f"lag must be 0 s or more, got {self.lag:g}")
+        if self.lag and self.inertia is None:
+            raise ValueError(f"inertia must be given with a lag, got none with {self.lag:g} s")
 
     def torque(self, frequency_hz: Vector) -> Vector:
         """Torque at speeds in turns per second, N m.
@@ -146,8 +165,12 @@ class Motor:
         for i in np.flatnonzero(lasting[:-1] & lasting[1:] & (excess[:-1] * excess[1:] < 0.0)):
             share = excess[i] / (excess[i] - excess[i + 1])
             values = [float(each[i] + share * (each[i + 1] - each[i])) for each in columns]
-            rises = (excess[i + 1] - excess[i]) * np.diff(branch.frequency_hz)[i] > 0.0
-            yield (*values, bool(branch.stable[i] & branch.stable[i + 1] & ~rises))
+            way = 2.0 * math.pi * (branch.frequency_hz[i + 1] - branch.frequency_hz[i])
+            steepness = float(load[i + 1] - load[i]) / way
+            held = self.slope + steepness > 0.0
+            if self.inertia is not None:
+                held = held and self.inertia + self.lag * steepness > 0.0
+            yield (*values, bool(branch.stable[i] & branch.stable[i + 1]) and held)
 
 
 @calculation

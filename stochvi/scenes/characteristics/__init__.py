@@ -18,6 +18,7 @@ from stochvi.scenes.characteristics.coulomb import Coulomb
 from stochvi.scenes.characteristics.duffing import Duffing
 from stochvi.scenes.characteristics.polynomials import PolynomialDamper, PolynomialSpring
 from stochvi.scenes.characteristics.rayleigh import Rayleigh
+from stochvi.scenes.characteristics.relay import Relay
 from stochvi.scenes.characteristics.spring_function import SpringFunction
 from stochvi.scenes.characteristics.spring_table import SpringTable
 from stochvi.scenes.characteristics.van_der_pol import VanDerPol
@@ -31,6 +32,7 @@ __all__ = [
     "PolynomialDamper",
     "PolynomialSpring",
     "Rayleigh",
+    "Relay",
     "Spring",
     "SpringFunction",
     "SpringTable",

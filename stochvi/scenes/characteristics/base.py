@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal, NamedTuple
@@ -60,6 +61,8 @@ class Characteristic(Checked):
     """Whether the force holds what is at rest, so that it jumps with the velocity."""
     remembers: ClassVar[bool] = False
     """Whether the force depends on the past."""
+    drives: ClassVar[bool] = False
+    """Whether the force keeps the structure in motion, which then settles by its own damping."""
 
     kind: Any
     on: str | None = None
@@ -84,6 +87,11 @@ class Characteristic(Checked):
     def needs(self) -> str:
         """What the force depends on: "displacement", "velocity" or "both"."""
         return "velocity" if self.is_damper else "displacement"
+
+    @property
+    def fastest(self) -> float:
+        """Largest rate, 1/s, that the steps of a simulation must resolve whatever the motion."""
+        return 0.0
 
     @property
     def effect(self) -> str:
@@ -129,6 +137,16 @@ class Characteristic(Checked):
             float(w @ force @ w), float((w * u) @ force @ w) / deviation,
             float(w @ force @ (w * u)) / speed,
         )  # fmt: skip
+
+    def time_of_throw(self, mass: float, distance: float) -> float:
+        """Time, s, in which a force that drives moves a mass, kg, over a distance, m, or to where
+        it reverses; infinite for all others."""
+        return math.inf
+
+    def moved_exactly(self, mean: float, deviation: float, speed: float) -> LinearForm:
+        """The part of the force that a simulation moves exactly, as in `linear_form`; kicks do the
+        rest."""
+        return self.linear_form(mean, deviation, speed)
 
     def stiffest(self, mean: float, deviation: float) -> float:
         """Largest slope of the force over the displacement, N/m, within `WIDEST` deviations."""

@@ -80,6 +80,9 @@ class ImpactLaw(Checked):
     rigid: ClassVar[bool]
     """Whether the stop is rigid."""
 
+    unknown: ClassVar[str] = ""
+    """What a report says of what the law does not tell."""
+
     friction: NonNegative | None = None
 
     @property
@@ -105,8 +108,13 @@ class ImpactLaw(Checked):
         """Those numbers of the law that have a unit."""
 
     @abstractmethod
+    def in_words(self) -> str:
+        """The law in words, with its numbers and their units, without its friction."""
+
     def phrase(self) -> str:
-        """The law in words, with its numbers and their units, for a report."""
+        """The law in words, with all its numbers and their units, for a report."""
+        rubs = f", friction {self.friction:g}" if self.friction else ""
+        return f"{self.in_words()}{rubs}{self.unknown}"
 
     @property
     @abstractmethod
@@ -152,6 +160,7 @@ class RigidLaw(ImpactLaw):
 
     word: ClassVar[str] = "rigid"
     rigid: ClassVar[bool] = True
+    unknown: ClassVar[str] = ": speeds of impact but no peak acceleration"
 
     def per_unit_mass(self, mass: float) -> Self:
         """The same law: it has no force."""

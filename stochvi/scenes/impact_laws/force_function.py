@@ -172,7 +172,7 @@ class ForceFunction(CompliantLaw):
     def strengths(self) -> tuple[float, ...]:
         return (self._units[0],)
 
-    def phrase(self) -> str:
+    def in_words(self) -> str:
         return f"{self.word}, force {_name_of(self.force)}"
 
     def compiled(self) -> NamedTuple:

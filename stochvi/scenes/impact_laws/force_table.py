@@ -192,7 +192,7 @@ class ForceTable(CompliantLaw):
         )
         return self.model_copy(update={"deflection": deeper})
 
-    def phrase(self) -> str:
+    def in_words(self) -> str:
         tail = f" (source: {self.source})" if self.source else ""
         deepest, most = f"{1e3 * self.deflection[-1]:#.4g}".rstrip("."), self.force[-1]
         return f"force over deflection, {most:.4g} N at {deepest} mm{tail}"

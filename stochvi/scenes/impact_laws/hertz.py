@@ -72,7 +72,7 @@ class Hertz(CompliantLaw):
         coefficient = self.coefficient * time**2 * math.sqrt(length)
         return self.model_copy(update={"coefficient": coefficient})
 
-    def phrase(self) -> str:
+    def in_words(self) -> str:
         return f"{self.word}, coefficient {self.coefficient:.4g} N/m^1.5"
 
     def compiled(self) -> NamedTuple:

@@ -132,7 +132,7 @@ class PowerLaw(CompliantLaw):
     def strengths(self) -> tuple[float, ...]:
         return (self.coefficient, self.loss)
 
-    def phrase(self) -> str:
+    def in_words(self) -> str:
         lost = f", loss {self.loss:.4g} N s/m^{self._power + 1.0:g}" if self.loss else ""
         return f"{self.word}, coefficient {self.coefficient:.4g} N/m^{self.exponent:g}{lost}"
 

@@ -109,12 +109,9 @@ class Restitution(RigidLaw):
         """R of impacts at the given speeds (m/s): the same for all; its mean where R scatters."""
         return np.full(np.shape(speed), self.restitution)
 
-    def phrase(self) -> str:
+    def in_words(self) -> str:
         drawn = "" if self.scatter is None else f" +- {self.scatter.std:g}, drawn at each impact"
-        return (
-            f"rigid, restitution {self.restitution:g}{drawn}{super().remark}: speeds of impact but "
-            "no peak acceleration"
-        )
+        return f"rigid, restitution {self.restitution:g}{drawn}"
 
     def compiled(self) -> NamedTuple:
         from stochvi.engine.laws.restitution import Restitution as Compiled

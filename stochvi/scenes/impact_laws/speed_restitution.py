@@ -221,7 +221,7 @@ class SpeedRestitution(RigidLaw):
     def strengths(self) -> tuple[float, ...]:
         return (self.at_speed, *(self.speed or ()))
 
-    def phrase(self) -> str:
+    def in_words(self) -> str:
         value = self.coefficient
         if self.speed is not None:
             assert isinstance(value, tuple)
@@ -233,9 +233,7 @@ class SpeedRestitution(RigidLaw):
             words = f"{value:g} at {self.at_speed:g} m/s (body: {kind})"
         else:
             words = "a function of speed"
-        return (
-            f"rigid, restitution {words}{super().remark}: speeds of impact but no peak acceleration"
-        )
+        return f"rigid, restitution {words}"
 
     @cached_property
     def _sampled(self) -> tuple[Vector, Vector]:

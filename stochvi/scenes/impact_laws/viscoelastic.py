@@ -94,7 +94,7 @@ class Elastic(LinearLaw):
     def impact(self, speed: float, mass: float) -> ContactSolution:
         return kelvin_voigt(self.stiffness, 0.0, speed, mass)
 
-    def phrase(self) -> str:
+    def in_words(self) -> str:
         return f"{self.word}, stiffness {self.stiffness:.4g} N/m"
 
     def compiled(self) -> NamedTuple:
@@ -193,7 +193,7 @@ class Viscoelastic(LinearLaw):
     def impact(self, speed: float, mass: float) -> ContactSolution:
         return kelvin_voigt(self.stiffness, self.on_mass(mass).damping_ratio, speed, mass)
 
-    def phrase(self) -> str:
+    def in_words(self) -> str:
         numbers = f"stiffness {self.stiffness:.4g} N/m, damping ratio {self.damping_ratio:.4g}"
         return f"{self.word}, {numbers}" + (f" of {self.mass:g} kg" if self.mass else "")
 

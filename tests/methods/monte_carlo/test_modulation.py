@@ -16,7 +16,6 @@ from stochvi import (
     Isolator,
     Matrices,
     NotApplicable,
-    Oscillator,
     Restitution,
     Scene,
     WhiteNoise,
@@ -45,20 +44,10 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.model.model import model_of
 from stochvi.scenes import Modulation, Sine
 from stochvi.testing import assert_agrees
+from support.modulated import S0, B, M, W, scene_of
 
-M, B, W, S0 = 2.0, 0.3, 2.0, 0.4
 QUANTITIES = ("displacement_mean_square", "velocity_mean_square")
 STOPS = [ImpactPair(lower=-0.8, upper=1.0, law=Restitution(coefficient=0.7))]
-
-
-def scene_of(*modulations: Modulation, pairs: Any = (), noise: float = S0, **keys: Any) -> Scene:
-    """A mass of 2 kg at 2 rad/s with b = 0.3 1/s in white noise."""
-    white = [WhiteNoise(intensity=noise)] if noise else []
-    return Scene(
-        structure=Oscillator(**{"mass": M, "damping": M * B, "stiffness": M * W**2} | keys),
-        impact_pairs=list(pairs),
-        excitations=[*white, *modulations],
-    )
 
 
 def squares(scene: Scene, paths: int = 512, duration: float = 200.0) -> list[Estimate]:

@@ -12,11 +12,9 @@ import pytest
 from stochvi import (
     ImpactPair,
     Matrices,
-    Oscillator,
     Restitution,
     Scene,
     SceneError,
-    WhiteNoise,
     history,
     simulate,
     spectrum,
@@ -29,20 +27,10 @@ from stochvi.model.model import model_of
 from stochvi.scenes import Modulation
 from stochvi.scenes.scene import scene_from
 from stochvi.testing import assert_agrees
+from support.modulated import S0, B, M, W, scene_of
 
-M, B, W, S0 = 2.0, 0.3, 2.0, 0.4
 FILTERED: dict[str, Any] = {"intensity": 0.08, "frequency_hz": 0.6, "zeta": 0.4}
 STOPS = [ImpactPair(lower=-0.8, upper=1.0, law=Restitution(coefficient=0.7))]
-
-
-def scene_of(*modulations: Modulation, noise: float = S0, pairs: Any = ()) -> Scene:
-    """A mass of 2 kg at 2 rad/s with b = 0.3 1/s in white noise."""
-    white = [WhiteNoise(intensity=noise)] if noise else []
-    return Scene(
-        structure=Oscillator(mass=M, damping=M * B, stiffness=M * W**2),
-        impact_pairs=list(pairs),
-        excitations=[*white, *modulations],
-    )
 
 
 def table_of(of: str, intensity: float, frequency_hz: float, zeta: float) -> Modulation:

@@ -129,6 +129,39 @@ def test_regimes_between_both_are_unstable_where_the_load_falls_faster(response:
     assert held["stable"].sum() == given["stable"].sum()
 
 
+@pytest.mark.parametrize(("lag", "held"), [(80.0, True), (400.0, False)])
+def test_a_torque_that_is_late_may_let_the_speed_swing_up(lag: float, held: bool) -> None:
+    """Beyond the resonance of a mass without stops, where the load falls: the whole machine with
+    the torque as a further state, from near the regime."""
+    scene = scene_of().model_copy(update={"impact_pairs": ()})
+    response = harmonic_response(scene, np.linspace(1.55, 1.8, 251))
+    motor = Motor(idle_hz=1.645, slope=0.05, lag=lag, inertia=2.0)
+    table = motor.regimes(scene, response)
+    (at_once,) = Motor(idle_hz=1.645, slope=0.05).regimes(scene, response).itertuples()
+    (row,) = table.itertuples()
+    assert at_once.stable and row.stable == held
+    assert row.frequency_hz == at_once.frequency_hz > math.sqrt(K / M) / (2.0 * math.pi)
+    w0 = 2.0 * math.pi * row.frequency_hz
+
+    def rates(s: State) -> State:
+        x, v, angle, w, torque = s
+        pull = K * (x - CRANK * math.sin(angle))
+        wanted = motor.slope * (2.0 * math.pi * motor.idle_hz - w)
+        turned = (torque + pull * CRANK * math.cos(angle)) / 2.0
+        return v, (-pull - C * v) / M, w, turned, (wanted - torque) / lag
+
+    # a free mass settles within 5 s, the speed within 100 s
+    state: State = (0.0, 0.0, 0.0, w0 + 2e-3, row.torque)
+    states = []
+    for number in range(90_000):
+        state = stepped(rates, state, 0.02)
+        if number % 50 == 0:
+            states.append(state[3] - w0)
+    swings = np.abs(np.array(states))
+    early, late = swings[100:700].max(), swings[-600:].max()
+    assert late < 0.5 * early if held else late > 1.5 * early
+
+
 def test_the_power_of_a_sine_is_what_is_lost() -> None:
     """With the amplitude of an unbalance, by the mean of force times velocity of own flights."""
     scene = scene_of(amplitude=None, unbalance=0.002, frequency_hz=1.6)  # type: ignore[arg-type]
