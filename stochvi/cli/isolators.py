@@ -267,8 +267,7 @@ def size(
         options.show(
             answer, lambda console, each: print_sizing(console, each, table), None, document
         )
-        if not isinstance(answer, PairsSizing):
-            judged.append(answer.record)
+        judged.append(answer.record)
         if options.out is None:
             return
         if answer.production is not None:

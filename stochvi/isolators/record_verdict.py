@@ -1,25 +1,24 @@
-"""Whether a measured record moves a mount as Gaussian noise of the same spectrum would."""
+"""Whether a measured record moves a structure as Gaussian noise of the same spectrum would."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dtbtrs
 
+from stochvi.isolators.recorded_motion import FreeResponse, GapPoles
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.shown_units import LENGTH
-from stochvi.mathematics.spectra import Table, squared_gain
-from stochvi.mathematics.state_space import transition
-from stochvi.methods.replay.method import shaking_of, unmet
-from stochvi.model.coverage import beyond_one_oscillator
-from stochvi.model.model import model_of
+from stochvi.methods.replay.method import RecordOnStructure, records_of, shaking_of
+from stochvi.model.coverage import nonlinear
+from stochvi.model.model import Model, model_of
 from stochvi.results.base import plain
 from stochvi.scenes.excitations import RecordedNoise
 from stochvi.scenes.scene import Scene
+from stochvi.scenes.structures.rigid_body import MOTIONS, RigidBody
 
 FALSE_ALARMS = 0.005
 """Probability that the tests together, by Bonferroni's rule, contradict a Gaussian record: half of
@@ -48,12 +47,8 @@ the cubics between samples may miss."""
 LEVELS = (2.0, 3.0, 4.0)
 """Levels whose crossings are counted, in standard deviations of the response."""
 
-LARGEST_ANGLE = 0.1
-"""Natural frequency times the longest step of a response, rad: the cubics between its samples are
-off by less than this to the power 4 over 384, 3e-7 of the response."""
-
 POINTS_IN_BANDWIDTH = 16
-"""Frequencies in the half-power bandwidth of the mount on which its response density is summed."""
+"""Frequencies in the narrowest half-power bandwidth on which a response density is summed."""
 
 BAND, OUTSIDE = 8.0, 1e-3
 """Highest frequency of that density, in natural frequencies: above it lies less than the second
@@ -88,7 +83,7 @@ class Crossings:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordVerdict:
-    """The response of the mount without stops to the record, against a Gaussian process of its
+    """The response of a gap without stops to the record, against a Gaussian process of its
     spectrum.
 
     Parameters
@@ -128,6 +123,11 @@ class RecordVerdict:
     lost_share
         Mean square displacement below the first line of the density over that of the density; 0
         where it is too small to matter.
+    gap
+        The pair whose gap is judged, or the coordinate where a structure has no pairs: the one that
+        is least like a Gaussian process; None for one mass.
+    others
+        The verdicts on the other gaps of a structure, by their names.
     """
 
     contradicts: bool
@@ -147,6 +147,8 @@ class RecordVerdict:
     crossings: tuple[Crossings, ...]
     clipped: bool
     lost_share: float
+    gap: str | None = None
+    others: Mapping[str, RecordVerdict] = field(default_factory=dict)
 
     @property
     def agrees(self) -> bool:
@@ -173,7 +175,12 @@ class RecordVerdict:
         return "" if below == above else f"{below} below, {above} above"
 
     def needs(self) -> str:
-        """The clearance that the record itself needs, in words."""
+        """The clearance that the record itself needs, in words; that of each gap of a
+        structure."""
+        if self.gap is not None:
+            gaps = {self.gap: self, **self.others}
+            places = ", ".join(f"{each.needed} at {name}" for name, each in gaps.items())
+            return f"the record itself needs {places}, per side"
         sides = f" ({self.needed_on_each_side})" if self.needed_on_each_side else ""
         return f"the record itself needs {self.needed} per side{sides}"
 
@@ -204,15 +211,17 @@ class RecordVerdict:
 
 
 def record_verdict(scene: Scene) -> RecordVerdict | None:
-    """Judge the records of a scene with one mount; None where no record alone shakes it.
+    """Judge the records of a scene; None where there are none, or springs and dampers do not hold a
+    linear structure.
 
-    The response to the record without stops, by exact steps, is compared with a Gaussian process
-    that has the spectrum of the response. Three tests share the probability `FALSE_ALARMS`. The
-    largest distance from rest is held against Vanmarcke's distribution of first crossings (1975).
-    The kurtosis is held against the distribution of Anscombe and Glynn (1983), for as many
-    independent values as give it the variance 24 int rho^4 dtau / T. `change_of_level` finds
-    changes of the level. A record that is cut off contradicts as well, and so does one whose slow
-    motion is absent from its density.
+    Exact steps give the response of every gap to the records without stops. It is compared with a
+    Gaussian process of the same spectrum. Other excitations are left out. The
+    tests on all gaps share the probability `FALSE_ALARMS`. The largest distance from rest is held
+    against Vanmarcke's distribution of first crossings (1975). The kurtosis is held against the
+    distribution of Anscombe and Glynn (1983), for as many independent values as give it the
+    variance 24 int rho^4 dtau / T. `change_of_level` finds changes of the level. A record that is
+    cut off contradicts as well, and so does one whose slow motion is absent from its density.
+    Several records contradict where together they move a gap more than independent noises would.
 
     Examples
     --------
@@ -222,107 +231,126 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     >>> record_verdict(scene) is None
     True
     """
+    if not any(isinstance(each, RecordedNoise) for each in scene.excitations):
+        return None
     model = model_of(scene)
-    if unmet(scene, model) or beyond_one_oscillator(model):
+    if nonlinear(model) or not np.all(model.modal.squares > 0.0):
         return None
-    if not (model.omega > 0.0 and model.damping_rate > 0.0):
+    gaps = _gaps_of(scene, model)
+    poles = GapPoles.of(model, np.array([each.direction for each in gaps]))
+    if not poles.settles:
         return None
-    mass = float(model.mass[0, 0])
-    responses = [
-        free_response(each.forces[:, 0] / mass, each.step, model.omega, model.damping_rate)
-        for each in shaking_of(scene, model)
+    together: dict[object, list[RecordOnStructure]] = {}
+    for each in records_of(scene, model):
+        if each.noise.kurtosis is not None:
+            continue  # noise that is not Gaussian stands for it
+        together.setdefault(each.noise.record.sampling, []).append(each)
+    found = [
+        verdict
+        for records in together.values()
+        for verdict in _verdicts(model, gaps, poles, records)
     ]
-    above = max(each.highest for each in responses)
-    below = -min(each.lowest for each in responses)
-    records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
-    rate = records[0].record.fs
-    lost = [each.lost_below(model.omega, model.damping_rate) for each in records]
-    law = response_law(model.acceleration_tables, model.omega, model.damping_rate)
-    start = math.ceil(rate * settling_time(law, model.omega, model.damping_rate))
-    whole = np.concatenate([each.displacement for each in responses])
-    settled = np.concatenate([each.displacement[start:] for each in responses])
-    judged = 2 * len(settled) >= len(whole)
-    x = settled if judged else whole
-    sides = {stop.side for stop in model.stops} or {-1, 1}
-    clearance_lower = BEYOND * max(below, 0.0) if -1 in sides else None
-    clearance_upper = BEYOND * max(above, 0.0) if 1 in sides else None
-    motion = JudgedMotion(
-        x,
-        duration=len(x) / rate,
-        largest=max(above, below),
-        whole=float(whole.std()),
-        settled=float(np.max(np.abs(x))) if judged and start else max(above, below),
-        judged=judged,
-    )
-    return _verdict(
-        motion,
-        clearance_lower=clearance_lower,
-        clearance_upper=clearance_upper,
-        law=law,
-        clipped=any(cut_off(each.as_read.values) for each in records),
-        lost=[each for each in lost if each is not None],
-    )
+    return _least_gaussian(found) if found else None
 
 
-class FreeResponse(NamedTuple):
-    """Displacement of a mount without stops from its position of rest (m): at the samples, and the
-    extremes, between samples too."""
+class _Gap(NamedTuple):
+    """A gap whose motion is judged: its name, None for one mass; its combination of coordinates;
+    and the sides on which it has stops."""
 
-    displacement: Vector
-    highest: float
-    lowest: float
-
-
-def free_response(
-    acceleration: Vector, step: float, omega: float, damping_rate: float
-) -> FreeResponse:
-    """x'' + damping_rate x' + omega^2 x = acceleration from rest, in exact steps.
-
-    The acceleration (m/s^2) is linear between its samples, `step` seconds apart; between samples of
-    x and x' lie cubics. `replay` without stops is the same by another method, whose kernel has to
-    be compiled first.
-
-    Examples
-    --------
-    >>> push = free_response(np.ones(1000), 0.01, 1.0, 0.0)
-    >>> round(push.highest, 6), abs(float(push.displacement[100]) + math.cos(1.0) - 1.0) < 1e-12
-    (2.0, True)
-    """
-    parts = math.ceil(omega * step / LARGEST_ANGLE)
-    samples = np.arange(len(acceleration))
-    pushes = np.interp(np.arange(parts * samples[-1] + 1) / parts, samples, acceleration)
-    h = step / parts
-    # the state x, x', the acceleration and its slope, which a step leaves as it is
-    generator = np.zeros((4, 4))
-    generator[0, 1] = generator[1, 2] = generator[2, 3] = 1.0
-    generator[1, :2] = -(omega**2), -damping_rate
-    moved = transition(generator, h)
-    driven = np.zeros((2, len(pushes)))
-    slopes = np.diff(pushes) / h
-    driven[:, 1:] = np.outer(moved[:2, 2], pushes[:-1]) + np.outer(moved[:2, 3], slopes)
-    # s_k = M s_(k-1) + d_k, each component as a recursion of its own
-    (a, b), (c, d) = moved[:2, :2]
-    pushed = driven.copy()
-    pushed[0, 1:] += b * driven[1, :-1] - d * driven[0, :-1]
-    pushed[1, 1:] += c * driven[0, :-1] - a * driven[1, :-1]
-    # a triangular band is solved from its first row on; a filter of scipy.signal would do the same,
-    # but takes half a second to import
-    poles = np.array([1.0, -(a + d), a * d - b * c])
-    x, v = dtbtrs(np.tile(poles[:, None], len(pushes)), pushed.T, uplo="L")[0].T
-    reached = np.concatenate([x, _turning_points(x, v, h)])
-    return FreeResponse(x[::parts], float(reached.max()), float(reached.min()))
+    name: str | None
+    direction: Vector
+    sides: frozenset[int]
 
 
-def _turning_points(x: Vector, v: Vector, h: float) -> Vector:
-    """Extremes, between samples, of the cubics through x and x'."""
-    turning = np.flatnonzero(v[:-1] * v[1:] < 0.0)
-    x0, x1, v0, v1 = x[turning], x[turning + 1], h * v[turning], h * v[turning + 1]
-    # x0 + v0 t + p t^2 + q t^3 for t from 0 to 1
-    p, q = 3.0 * (x1 - x0) - 2.0 * v0 - v1, 2.0 * (x0 - x1) + v0 + v1
-    # the root of v0 + 2 p t + 3 q t^2 between ends of different signs, without cancellation
-    root = np.sqrt(np.maximum(p**2 - 3.0 * q * v0, 0.0))
-    t = v0 / (-p + np.sign(v0) * root)
-    return np.asarray(x0 + t * (v0 + t * (p + t * q)))
+def _gaps_of(scene: Scene, model: Model) -> list[_Gap]:
+    """The gaps of the pairs, or the coordinates and points that are lengths where there are no
+    pairs; for one mass its displacement."""
+    both = frozenset({-1, 1})
+    if len(model.coordinates) == 1 and len(model.pairs) < 2:
+        return [_Gap(None, np.ones(1), frozenset(int(stop.side) for stop in model.stops) or both)]
+    if model.pairs:
+        return [
+            _Gap(pair.name, pair.direction, frozenset(int(stop.side) for stop in pair.stops))
+            for pair in model.pairs
+        ]
+    turning = tuple(MOTIONS)[3:] if isinstance(scene.structure, RigidBody) else ()
+    rows = zip(model.outputs, model.output_rows, strict=True)
+    return [_Gap(name, row, both) for name, row in rows if name not in turning]
+
+
+STILL = 1e-9
+"""Displacement of a gap, relative to the largest, below which its motion is a rounding error."""
+
+
+def _verdicts(
+    model: Model, gaps: Sequence[_Gap], poles: GapPoles, records: Sequence[RecordOnStructure]
+) -> list[RecordVerdict]:
+    """The verdicts on the gaps that records of one sampling move."""
+    together = _motions(model, poles, records)
+    reached = [max(max(each.highest, -each.lowest) for each in own) for own in together]
+    moved = [number for number, each in enumerate(reached) if each > STILL * max(reached)]
+    clipped = any(cut_off(each.noise.as_read.values) for each in records)
+    lost = _lost(model, records)
+    alone = [_motions(model, poles, [each]) for each in records] if len(records) > 1 else []
+    rate = records[0].noise.record.fs
+    found = []
+    for number in moved:
+        law = _law_of(poles, number, records)
+        motion = JudgedMotion.of(together[number], rate, law, poles)
+        apart = sum(JudgedMotion.of(each[number], rate, law, poles).x.var() for each in alone)
+        verdict = _verdict(
+            motion, gaps[number], law, clipped=clipped, lost=lost, tests=len(TESTS) * len(moved),
+            apart=math.sqrt(apart),
+        )  # fmt: skip
+        found.append(verdict)
+    return found
+
+
+def _motions(
+    model: Model, poles: GapPoles, records: Sequence[RecordOnStructure]
+) -> list[tuple[FreeResponse, ...]]:
+    """The motion of every gap in all segments of the records."""
+    segments = [poles.response(each.forces, each.step) for each in shaking_of(records, model)]
+    return list(zip(*segments, strict=True))
+
+
+def _lost(model: Model, records: Sequence[RecordOnStructure]) -> list[tuple[float, str]]:
+    """What the densities of the records leave out of the slowest mode, see `lost_below`."""
+    slowest = int(np.argmin(model.modal.squares))
+    omega = math.sqrt(float(model.modal.squares[slowest]))
+    rate = float(model.modal.damping[slowest, slowest])
+    alone = len(model.coordinates) == 1
+    found = (each.noise.lost_below(omega, rate, alone=alone) for each in records)
+    return [each for each in found if each is not None]
+
+
+def _law_of(poles: GapPoles, gap: int, records: Sequence[RecordOnStructure]) -> ResponseLaw:
+    """The law of one gap under independent noises of the densities of the records."""
+
+    def density(f: Vector) -> Vector:
+        total = np.zeros(len(f))
+        for each in records:
+            total += each.table(f) * np.abs(poles.gain(f, each.direction, gap)) ** 2
+        return total
+
+    top = max(float(each.table.frequency_hz[-1]) for each in records)
+    hertz, widths = poles.naturals / (2.0 * math.pi), poles.widths / (2.0 * math.pi)
+    within = widths[hertz <= top]
+    return response_law(
+        density, top=top, natural=float(hertz.min()),
+        width=float(np.min(within if len(within) else widths)),
+    )  # fmt: skip
+
+
+def _least_gaussian(found: Sequence[RecordVerdict]) -> RecordVerdict:
+    """The verdict that contradicts most, or is least sure, with those on the other gaps."""
+
+    def order(each: RecordVerdict) -> tuple[bool, bool, float]:
+        return each.contradicts, not each.judged, each.peak_in_sigma / each.expected_peak_in_sigma
+
+    worst = max(found, key=order)
+    others = {str(each.gap): each for each in found if each is not worst}
+    return replace(worst, others=others)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -345,20 +373,19 @@ class ResponseLaw:
     memory_of_squares: float
 
 
-def response_law(tables: Sequence[Table], omega: float, damping_rate: float) -> ResponseLaw:
-    """The law of the displacement of an oscillator under noise of these densities."""
-    natural = omega / (2.0 * math.pi)
-    step = min(damping_rate / (2.0 * math.pi), natural) / POINTS_IN_BANDWIDTH
-    top = max(float(table.frequency_hz[-1]) for table in tables)
+def response_law(
+    density_at: Callable[[Any], Vector], *, top: float, natural: float, width: float
+) -> ResponseLaw:
+    """The law of a motion from its one-sided density at frequencies up to `top` (Hz). The lowest
+    natural frequency is `natural`, and the narrowest resonance `width` wide (Hz)."""
+    step = width / POINTS_IN_BANDWIDTH
     coarse = np.geomspace(0.1 * min(natural, top), top, 2000)
-    below = np.cumsum(coarse * squared_gain(coarse, omega, damping_rate) * sum(
-        table(coarse) for table in tables
-    ))  # fmt: skip
+    below = np.cumsum(coarse * density_at(coarse))
     reached = float(coarse[np.searchsorted(below, (1.0 - OUTSIDE) * below[-1])])
     highest = max(BAND * natural, min(top, 1.01 * reached))
     step = max(step, highest / MOST_POINTS)
     f = step * np.arange(1, math.ceil(highest / step))
-    density = squared_gain(f, omega, damping_rate) * sum(table(f) for table in tables)
+    density = density_at(f)
     zero, one, two = (float(np.sum(density * f**power)) for power in range(3))
     # density and its convolution with itself: int rho^4 dtau = sum of |F(rho^2)|^2, by Parseval
     rho = np.fft.irfft(np.concatenate([[0.0], density, np.zeros(len(density) + 1)]))
@@ -372,15 +399,13 @@ def response_law(tables: Sequence[Table], omega: float, damping_rate: float) -> 
     )
 
 
-def settling_time(law: ResponseLaw, omega: float, damping_rate: float) -> float:
-    """Seconds after which the motion with which an oscillator starts from rest no longer counts; 0
+def settling_time(law: ResponseLaw, poles: GapPoles) -> float:
+    """Seconds after which the motion with which a structure starts from rest no longer counts; 0
     where it never exceeds the stationary motion (see `FASTER`)."""
-    faster = 2.0 * math.pi * law.crossing_rate / omega
+    faster = 2.0 * math.pi * law.crossing_rate / float(poles.naturals.min())
     if faster <= FASTER:
         return 0.0
-    half = 0.5 * damping_rate
-    slowest = half if half <= omega else omega**2 / (half + math.sqrt(half**2 - omega**2))
-    return math.log(faster / START_LEFT) / slowest
+    return math.log(faster / START_LEFT) / float(np.min(-poles.poles.real))
 
 
 def peak_probability(largest: float, duration: float, law: ResponseLaw) -> float:
@@ -485,24 +510,52 @@ def cut_off(values: Vector) -> bool:
 
 
 class JudgedMotion(NamedTuple):
-    """A response x (m, from rest) of a duration (s), whose largest distance is `settled`; `largest`
-    and `whole` are the largest distance and the standard deviation with the start. No test is made
-    unless `judged`."""
+    """A response x (m, from rest) of a duration (s), whose largest distance is `settled`; `below`
+    and `above` are the largest distances on either side, and `whole` the standard deviation, with
+    the start. No test is made unless `judged`."""
 
     x: Vector
     duration: float
-    largest: float
+    below: float
+    above: float
     whole: float
     settled: float
     judged: bool
 
+    @classmethod
+    def of(
+        cls, segments: Sequence[FreeResponse], rate: float, law: ResponseLaw, poles: GapPoles
+    ) -> JudgedMotion:
+        """The motion of a gap in all segments of its records, sampled at a rate (Hz)."""
+        start = math.ceil(rate * settling_time(law, poles))
+        whole = np.concatenate([each.displacement for each in segments])
+        settled = np.concatenate([each.displacement[start:] for each in segments])
+        judged = 2 * len(settled) >= len(whole)
+        x = settled if judged else whole
+        above, below = max(each.highest for each in segments), -min(e.lowest for e in segments)
+        far = float(np.max(np.abs(x))) if judged and start else max(above, below)
+        return cls(x, len(x) / rate, below, above, float(whole.std()), far, judged)
+
+    @property
+    def largest(self) -> float:
+        """The largest distance from rest, m."""
+        return max(self.above, self.below)
+
+
+TESTS = ("peak", "kurtosis", "level")
+"""Names of the tests of a motion."""
+
 
 def _verdict(
-    motion: JudgedMotion, *, clearance_lower: float | None, clearance_upper: float | None,
-    law: ResponseLaw, clipped: bool, lost: Sequence[tuple[float, str]],
+    motion: JudgedMotion, gap: _Gap, law: ResponseLaw, *, clipped: bool,
+    lost: Sequence[tuple[float, str]], tests: int, apart: float,
 ) -> RecordVerdict:  # fmt: skip
-    """The verdict on a response."""
-    x, duration, largest, whole, settled, judged = motion
+    """The verdict on a response.
+
+    `tests` share the probability of a false alarm. Where several records move the gap, it would
+    have the standard deviation `apart` (m) if they were independent; else that is 0.
+    """
+    x, duration, settled, judged = motion.x, motion.duration, motion.settled, motion.judged
     centred = x - x.mean()
     square = float(np.mean(centred**2))
     sigma = math.sqrt(square)
@@ -511,51 +564,76 @@ def _verdict(
     unlikely = 2.0 * min(below, 1.0 - below) if judged else None
     shape = kurtosis_p_value(kurtosis, duration / law.memory) if judged else None
     level = change_of_level(centred, duration, law) if judged else None
-    p_values = {"peak": unlikely, "kurtosis": shape, "level": level and level.p_value}
+    p_values = dict(zip(TESTS, (unlikely, shape, level and level.p_value), strict=True))
     expected = expected_peak(duration, law)
-    limit = FALSE_ALARMS / len(p_values)
+    limit = FALSE_ALARMS / tests
+    moves = "it moves" if gap.name is None else f"the gap of {gap.name} moves"
+    through = "mount" if gap.name is None else "structure"
+    of = "" if gap.name is None else f" of {gap.name}"
     reasons = [sentence for _, sentence in lost] if judged else []
     if unlikely is not None and unlikely < limit:
         reasons.append(
-            f"through the mount it moves {1e3 * settled:.4g} mm ({settled / sigma:.3g} sigma), "
+            f"through the {through} {moves} {1e3 * settled:.4g} mm ({settled / sigma:.3g} sigma), "
             f"where Gaussian noise would move {1e3 * expected * sigma:.3g} mm ({expected:.3g} "
             f"sigma; {p_value_in_words(unlikely)})"
         )
     if shape is not None and shape < limit:
         reasons.append(
-            f"the kurtosis of the response is {kurtosis:.3g}, where Gaussian noise would have "
+            f"the kurtosis of the response{of} is {kurtosis:.3g}, where Gaussian noise would have "
             f"3 +- {math.sqrt(24.0 * law.memory / duration):.2g} ({p_value_in_words(shape)})"
         )
     if level is not None and level.p_value < limit and not 1 / STEADY < level.ratio < STEADY:
         reasons.append(
             f"its level is not steady: after {level.share * duration:.3g} of {duration:.3g} s the "
-            f"response is {level.ratio:.3g} times what it was before "
+            f"response{of} is {level.ratio:.3g} times what it was before "
             f"({p_value_in_words(level.p_value)})"
+        )
+    if apart and judged and _louder(sigma / apart, duration, law):
+        reasons.append(
+            f"the records together move{of or ' it'} {sigma / apart:.3g} times as far as "
+            "independent ones would: state how they are correlated (cross_density)"
         )
     if clipped:
         reasons.append(
             "the record is cut off at its largest or smallest value, as by a logger at the end of "
             "its range: the motion under it is too small"
         )
+    lower = BEYOND * max(motion.below, 0.0) if -1 in gap.sides else None
+    upper = BEYOND * max(motion.above, 0.0) if 1 in gap.sides else None
     return RecordVerdict(
         contradicts=bool(reasons),
         judged=unlikely is not None and shape is not None,
         reasons=tuple(reasons),
-        displacement_max=largest,
-        displacement_std=whole,
+        displacement_max=motion.largest,
+        displacement_std=motion.whole,
         peak_in_sigma=settled / sigma,
         expected_peak_in_sigma=expected,
         kurtosis=kurtosis,
         kurtosis_error=math.sqrt(24.0 * law.memory / duration),
-        clearance=max(clearance_lower or 0.0, clearance_upper or 0.0),
-        clearance_lower=clearance_lower,
-        clearance_upper=clearance_upper,
+        clearance=max(lower or 0.0, upper or 0.0),
+        clearance_lower=lower,
+        clearance_upper=upper,
         p_values=p_values,
         level_ratio=level and level.ratio,
         crossings=tuple(_crossings(centred, sigma, level, duration, law) for level in LEVELS),
         clipped=clipped,
         lost_share=max((share for share, _ in lost), default=0.0),
+        gap=gap.name,
     )
+
+
+SEVERAL_ERRORS = 4.5
+"""Standard errors by which several records must move a gap farther than independent ones."""
+
+
+def _louder(ratio: float, duration: float, law: ResponseLaw) -> bool:
+    """Whether a ratio of standard deviations is more than independent records have by chance.
+
+    The covariance of two independent processes scatters by sqrt(int rho^2 dtau / T) of their
+    variance. The standard deviation of their sum scatters by half as much.
+    """
+    error = 0.5 * math.sqrt(law.memory_of_squares / duration)
+    return ratio - 1.0 > max(STEADY - 1.0, SEVERAL_ERRORS * error)
 
 
 def _needed(clearance: float) -> str:

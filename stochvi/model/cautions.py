@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.frequency_response import InputMatrix
 from stochvi.mathematics.spectra import response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.model.coverage import functions
 from stochvi.model.model import Model
 from stochvi.model.modulation import heavy_tails
+from stochvi.results.errors import NotApplicable
 
 FAR_STOPS = 20.0
 """Clearance, in standard deviations of the motion without stops, above which a wrong unit is more
@@ -31,58 +35,169 @@ MOVED = 1e-6
 
 
 def scene_notes(model: Model) -> list[str]:
-    """Warnings on a scene that concern every method: those of its excitations; for one mass numbers
-    that are probably in a wrong unit, a resonance outside the table, stops out of reach; for
-    several coordinates modes below the tables."""
-    known = [*model.cautions, *heavy_tails(model)]
-    if len(model.coordinates) > 1:
-        return [*known, *_modes_below_tables(model)]
-    if model.rates is None or model.omega == 0.0 or model.damping_rate == 0.0:
-        return known
-    found = known
-    tables = model.acceleration_tables
-    shaken = math.sqrt(sum(table.mean_square() for table in tables)) / STANDARD_GRAVITY
-    if shaken > LARGEST_INPUT and model.moving_base and not model.noise_on_mass:
-        found.append(
-            f"the base is shaken with {shaken:.3g} g rms, more than any usual test "
-            f"({LARGEST_INPUT:g} g rms): check the unit of the density, and its band"
-        )
+    """Warnings on a scene that concern every method: those of its excitations; numbers that are
+    probably in a wrong unit, damping above critical, resonances outside the tables, stops out of
+    reach; for one mass a broad response, for several coordinates modes below the tables."""
+    found = [*model.cautions, *heavy_tails(model)]
+    one = len(model.coordinates) == 1
+    if one and (model.rates is None or model.omega == 0.0 or model.damping_rate == 0.0):
+        return found
+    if not one and functions(model):
+        return found
+    motion = _motion_of_one(model) if one else _motion_of_gaps(model)
+    return [
+        *found, *_loud_input(model), *_overdamped(model), *_outside_tables(model),
+        *(_broad(model, motion) if one else _modes_below_tables(model)),
+        *_far_stops(model, motion),
+    ]  # fmt: skip
+
+
+class _GapMotion(NamedTuple):
+    """The motion of a gap without stops: its name, standard deviations of displacement and
+    velocity, and the distances of its stops from the mean."""
+
+    name: str
+    displacement: float
+    velocity: float
+    stops: tuple[float, ...]
+
+
+def _motion_of_one(model: Model) -> list[_GapMotion]:
+    """The motion of one mass."""
     theta = model.intensity / (2.0 * model.damping_rate)
-    linear = response_moments(tables, model.omega, model.damping_rate)
+    linear = response_moments(model.acceleration_tables, model.omega, model.damping_rate)
     displacement = linear.displacement + theta / model.omega**2
     velocity = linear.velocity + theta
     for filtered in model.filters:
         moments = filtered.response_moments(model.omega, model.damping_rate)
         displacement, velocity = displacement + moments[0], velocity + moments[1]
+    stops = tuple(abs(stop.position - model.rest) for stop in model.stops)
+    return [_GapMotion("", math.sqrt(displacement), math.sqrt(velocity), stops)]
+
+
+def _motion_of_gaps(model: Model) -> list[_GapMotion]:
+    """The motion of the gaps of a structure; empty where none is stationary without stops."""
+    if not model.pairs:
+        return []
+    from stochvi.model.free_motion import free_motion  # loads scipy.optimize, which takes a while
+
+    try:
+        motion = free_motion(model, with_sines=True)
+    except NotApplicable:
+        return []
+    rows = np.array([pair.direction for pair in model.pairs])
+    return [
+        _GapMotion(
+            pair.name, float(place), float(speed),
+            tuple(abs(stop.position - float(mean)) for stop in pair.stops),
+        )
+        for pair, place, speed, mean in zip(
+            model.pairs, *motion.deviations(rows), model.mean_gaps, strict=True
+        )
+    ]  # fmt: skip
+
+
+def _loud_input(model: Model) -> list[str]:
+    """A warning of an axis of the base whose rms acceleration is beyond every usual test."""
+    one = len(model.coordinates) == 1
+    if not (model.moving_base and not model.noise_on_mass if one else model.base_alone_moves):
+        return []
+    axes: dict[bytes, float] = {}
+    tables = (
+        [(table, b"") for table in model.acceleration_tables]
+        if one
+        else [
+            (table, np.asarray(force).tobytes())
+            for table, force in model.tables
+            if not isinstance(force, InputMatrix)
+        ]
+    )
+    for table, axis in tables:
+        axes[axis] = axes.get(axis, 0.0) + table.mean_square()
+    shaken = math.sqrt(max(axes.values(), default=0.0)) / STANDARD_GRAVITY
+    if shaken <= LARGEST_INPUT:
+        return []
+    return [
+        f"the base is shaken with {shaken:.3g} g rms, more than any usual test "
+        f"({LARGEST_INPUT:g} g rms): check the unit of the density, and its band"
+    ]
+
+
+def _overdamped(model: Model) -> list[str]:
+    """A warning of modes with more than critical damping."""
+    form = model.modal
+    held = form.squares > 0.0
+    ratios = np.diag(form.damping)[held] / (2.0 * np.sqrt(form.squares[held]))
+    if not np.any(ratios > 1.0):
+        return []
+    above = f"{ratios.max():.3g}, above critical: 10 % of critical is zeta = 0.1"
+    if len(model.coordinates) == 1:
+        return [f"the damping ratio zeta is {above}"]
+    return [f"of one mode the damping ratio zeta is {above}"]
+
+
+def _tables_alone(model: Model) -> tuple[float, float] | None:
+    """Lowest and highest frequency of the tables that alone shake the structure, Hz; None where
+    other noise does, or nothing."""
+    form = model.modal
+    if not form.tables or form.kicked or np.any(form.signal_noise):
+        return None
+    ends = np.array([table.frequency_hz[[0, -1]] for table, _ in form.tables])
+    return float(ends[:, 0].min()), float(ends[:, 1].max())
+
+
+def _moving_modes(model: Model) -> Vector:
+    """Natural frequencies of the modes that move a gap, or of all without pairs, Hz."""
+    form = model.modal
+    size = np.abs(form.gaps)
+    moves = np.any(size > MOVED * size.max(), axis=0) if size.size else form.squares > 0.0
+    return np.asarray(np.sqrt(form.squares[moves & (form.squares > 0.0)]) / (2.0 * math.pi))
+
+
+def _outside_tables(model: Model) -> list[str]:
+    """A warning that the tables hold none of the resonances that move the gaps. The gaps of a
+    structure have a warning of their own for resonances below."""
+    ends = _tables_alone(model)
+    natural = _moving_modes(model)
+    if ends is None or not len(natural):
+        return []
+    low, high = ends
+    one = len(model.coordinates) == 1
+    if np.any((low if one else 0.0) <= natural) and np.any(natural <= high):
+        return []
+    lowest = float(natural.min())
+    which = "natural frequency" if one else "lowest natural frequency of the gaps,"
+    return [
+        f"the {which} {lowest:.4g} Hz{'' if one else ','} lies outside the table "
+        f"({low:g} to {high:g} Hz): the response depends on excitation that the table does not hold"
+    ]
+
+
+def _broad(model: Model, motion: list[_GapMotion]) -> list[str]:
+    """A warning of one mass whose response crosses zero far above its natural frequency."""
+    ((_, displacement, velocity, stops),) = motion
     natural = model.omega / (2.0 * math.pi)
-    ratio = model.damping_rate / (2.0 * model.omega)
-    if ratio > 1.0:
-        found.append(
-            f"the damping ratio zeta is {ratio:.3g}, above critical: 10 % of critical is zeta = 0.1"
-        )
-    if tables and not theta and not model.filters:
-        low = min(float(table.frequency_hz[0]) for table in tables)
-        high = max(float(table.frequency_hz[-1]) for table in tables)
-        if not low <= natural <= high:
+    crossing = velocity / displacement / (2.0 * math.pi) if displacement else 0.0
+    if not stops or crossing <= BROAD_VELOCITY * natural:
+        return []
+    return [
+        f"the response without stops crosses zero at {crossing:.3g} Hz, well above the natural "
+        f"frequency {natural:.3g} Hz: one impact can start a cluster, so Rice's rate and "
+        "linearisation may be wrong by large factors; simulate it"
+    ]
+
+
+def _far_stops(model: Model, motion: list[_GapMotion]) -> list[str]:
+    """A warning of stops that no motion reaches."""
+    found = []
+    for name, deviation, _, stops in motion:
+        nearest = min(stops, default=0.0)
+        if deviation and nearest > FAR_STOPS * deviation:
+            of = f", {name}" if name else ""
             found.append(
-                f"the natural frequency {natural:.4g} Hz lies outside the table ({low:g} to "
-                f"{high:g} Hz): the response depends on excitation that the table does not hold"
+                f"the nearest stop lies {nearest / deviation:.3g} standard deviations away "
+                f"({deviation:.3g} m without stops{of}); positions are in metres"
             )
-    stops = [stop.position for stop in model.stops]
-    crossing = math.sqrt(velocity / displacement) / (2.0 * math.pi) if displacement else 0.0
-    if stops and crossing > BROAD_VELOCITY * natural:
-        found.append(
-            f"the response without stops crosses zero at {crossing:.3g} Hz, well above the natural "
-            f"frequency {natural:.3g} Hz: one impact can start a cluster, so Rice's rate and "
-            "linearisation may be wrong by large factors; simulate it"
-        )
-    deviation = math.sqrt(displacement)
-    nearest = min((abs(stop - model.rest) for stop in stops), default=0.0)
-    if deviation and nearest > FAR_STOPS * deviation:
-        found.append(
-            f"the nearest stop lies {nearest / deviation:.3g} standard deviations away "
-            f"({deviation:.3g} m without stops); positions are in metres"
-        )
     return found
 
 
@@ -92,15 +207,12 @@ def _modes_below_tables(model: Model) -> list[str]:
 
     The tables hardly excite such a mode, but impacts do: it then swings wider than the gap.
     """
-    if functions(model) or not model.pairs or not model.modal.tables:
+    ends = _tables_alone(model)
+    if ends is None or not model.pairs:
         return []
-    form = model.modal
-    if form.kicked or np.any(form.signal_noise):
-        return []
-    low = min(float(table.frequency_hz[0]) for table, _ in form.tables)
-    moves = np.any(np.abs(form.gaps) > MOVED * np.abs(form.gaps).max(), axis=0)
-    frequencies = np.sqrt(np.maximum(form.squares, 0.0)) / (2.0 * math.pi)
-    found = [f"{f:.3g}" for f in frequencies[moves & (frequencies > 0.0) & (frequencies < low)]]
+    low, _ = ends
+    frequencies = _moving_modes(model)
+    found = [f"{f:.3g}" for f in frequencies[frequencies < low]]
     if not found:
         return []
     which = "modes lie" if len(found) > 1 else "mode lies"

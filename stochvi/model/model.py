@@ -805,12 +805,6 @@ def _build_model(scene: Scene) -> Model:
         base=structure.carried,
         points=structure.reported,
         rates=rates,
-        cautions=tuple(
-            sentence
-            for excitation in scene.excitations
-            if isinstance(excitation, DensityNoise)
-            for sentence in excitation.cautions(*(rates or (0.0, 0.0)))
-        ),
         restoring=restoring,
         potential=potential,
         drag=drag,
@@ -822,9 +816,7 @@ def _build_model(scene: Scene) -> Model:
     if scene.modulations:
         model = _with_modulations(model, scene)
     model = _with_drives(model, shaken)
-    records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
-    if records and structure.linear and not model.functions:
-        model = replace(model, cautions=(*model.cautions, *_lost_motion(model, records)))
+    model = replace(model, cautions=_cautions(scene, model))
     references, motions = scene.drifts
     if references:
         return _seen_from(model, references, motions)
@@ -943,19 +935,36 @@ def _drawn(
             yield FastPeaks(scene.table_of(excitation), excitation.kurtosis), direction
 
 
-def _lost_motion(model: Model, records: Sequence[RecordedNoise]) -> list[str]:
-    """Warnings on the motion of the slowest mode that a spring holds, where the density of a record
-    leaves a part of it out."""
+def _cautions(scene: Scene, model: Model) -> tuple[str, ...]:
+    """Warnings of the excitations, which judge them by the only mode or the slowest one that a
+    spring holds; and on the motion of that mode that the density of a record leaves out."""
+    alone = len(model.coordinates) == 1
+    linear = scene.structure.linear and not model.functions
+    own = model.rates or (0.0, 0.0)
+    slowest = _slowest_mode(model) if linear else None
+    numbers = own if alone or slowest is None else slowest
+    found = [
+        sentence
+        for each in scene.excitations
+        if isinstance(each, DensityNoise)
+        for sentence in each.cautions(*numbers, alone=alone)
+    ]
+    if slowest is not None:
+        records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
+        lost = (each.lost_below(*slowest, alone=alone) for each in records)
+        found += [each[1] for each in lost if each is not None]
+    return tuple(found)
+
+
+def _slowest_mode(model: Model) -> tuple[float, float] | None:
+    """omega (rad/s) and damping rate (1/s) of the slowest mode that a spring holds; None where
+    there is none, or nothing damps it."""
     held = np.flatnonzero(model.modal.squares > 0.0)
     if not len(held):
-        return []
+        return None
     mode = held[0]
-    omega, damping_rate = math.sqrt(model.modal.squares[mode]), model.modal.damping[mode, mode]
-    if not damping_rate > 0.0:
-        return []
-    alone = len(model.coordinates) == 1
-    found = (each.lost_below(omega, float(damping_rate), alone=alone) for each in records)
-    return [sentence for each in found if each is not None for sentence in each[1:]]
+    rate = float(model.modal.damping[mode, mode])
+    return (math.sqrt(float(model.modal.squares[mode])), rate) if rate > 0.0 else None
 
 
 def _at_its_gap(scene: Scene, model: Model) -> Model:

@@ -122,6 +122,12 @@ class Record:
     interpolated: str = ""
     mean: float = 0.0
 
+    @property
+    def sampling(self) -> tuple[float, tuple[int, ...], int]:
+        """Rate, lengths of the segments and number of values: records that are alike in them are
+        read together."""
+        return self.fs, self.lengths, len(self.values)
+
     def __eq__(self, other: object) -> bool:
         return (
             isinstance(other, Record)

@@ -9,11 +9,11 @@ from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, 
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.mathematics.shown_units import LENGTH, RATE, SPEED
 from stochvi.views.pairs import (
-    PLACES,
     TOLERANCES,
     coordinates_in_rows,
     interval_in_words,
     pairs_in_words,
+    places_heading,
     places_in_rows,
     required_in_rows,
     tolerances_in_rows,
@@ -102,6 +102,10 @@ def print_sizing(
     console: Console, sizing: Sizing | PairsSizing, sensitivity: pd.DataFrame | None = None
 ) -> None:
     """Print the clearances to make first, then the numbers behind them, then what they rest on."""
+    style = "bold" if sizing.doubtful is None else CONTRADICTED
+    console.print(sizing.verdict(), style=style, highlight=False)
+    if sizing.doubtful is None:
+        print_record(console, sizing.record)
     if isinstance(sizing, PairsSizing):
         _print_pairs(console, sizing)
     else:
@@ -117,11 +121,7 @@ def print_sizing(
 
 
 def _print_one(console: Console, sizing: Sizing) -> None:
-    """Print the clearance and the risk at three sigma first, then the numbers behind both."""
-    style = "bold" if sizing.doubtful is None else CONTRADICTED
-    console.print(sizing.verdict(), style=style, highlight=False)
-    if sizing.doubtful is None:
-        print_record(console, sizing.record)
+    """Print where the stops go and the risk at three sigma, then the numbers behind both."""
     for line in places_of_stops(sizing).splitlines():
         print_line(console, line)
     print_line(console, sizing.calculated())
@@ -184,10 +184,9 @@ def _print_changes(console: Console, table: pd.DataFrame, title: str) -> None:
 
 
 def _print_pairs(console: Console, sizing: PairsSizing) -> None:
-    """Print the clearances of several pairs first, then the numbers behind them."""
-    console.print(sizing.verdict(), style="bold", highlight=False)
+    """Print where the stops of several pairs go, then the numbers behind them."""
     mission = spoken_mission(sizing.mission)
-    print_frame(console, places_in_rows(sizing), PLACES)
+    print_frame(console, places_in_rows(sizing), places_heading(sizing))
     print_line(console, sizing.calculated())
     print_frame(console, pairs_in_words(sizing), f"pair by pair, as calculated, in {mission}")
     table = new_table(

@@ -58,7 +58,8 @@ def pairs_in_words(sizing: PairsSizing) -> pd.DataFrame:
 
 
 def places_in_rows(sizing: PairsSizing) -> pd.DataFrame:
-    """A row per sized pair: the clearance to make, and the stops as a scene file has them."""
+    """A row per sized pair: the clearance to make, and the stops as a scene file has them; these
+    are left out where a record contradicts the noise for which they hold."""
     import pandas as pd
 
     table, made = sizing.placed(), sizing.made()
@@ -66,7 +67,7 @@ def places_in_rows(sizing: PairsSizing) -> pd.DataFrame:
         side: [f"{side} = {place:.9g}" if place == place else "none" for place in table[side]]
         for side in ("lower", "upper")
     }
-    return pd.DataFrame(
+    found = pd.DataFrame(
         {
             "pair": table["pair"],
             "clearance to make": [str(made[name]) for name in table["pair"]],
@@ -77,6 +78,12 @@ def places_in_rows(sizing: PairsSizing) -> pd.DataFrame:
             "": stops["upper"],
         }
     )
+    return found if sizing.doubtful is None else found.iloc[:, :-2]
+
+
+def places_heading(sizing: PairsSizing) -> str:
+    """The heading of the table of places."""
+    return PLACES if sizing.doubtful is None else PLACES_FOR_NOISE
 
 
 NANOMETRES = 9
@@ -86,7 +93,10 @@ PLACES = (
     "where the stops go: clearances count from the static equilibrium, rounded up; lower and "
     "upper, of a scene file, count from the unloaded mounts"
 )
-"""Heading of the table of places."""
+PLACES_FOR_NOISE = (
+    "for Gaussian noise alone: clearances count from the static equilibrium, rounded up"
+)
+"""Headings of the table of places, the second where a record contradicts Gaussian noise."""
 
 
 UNSEEN = "unknown"

@@ -31,24 +31,12 @@ from stochvi.isolators.record_verdict import (
     record_verdict,
     response_law,
 )
-from stochvi.mathematics.spectra import Table
+from stochvi.mathematics.spectra import squared_gain
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from support.commands import Run, one_document
+from support.records import FS, gaussian, spoilt
 
 Vector = NDArray[np.float64]
-FS = 400.0
-
-
-def gaussian(
-    random: np.random.Generator, seconds: float, low: float = 4.0, high: float = 80.0
-) -> Vector:
-    """A stretch of stationary Gaussian noise in a band, 1 g rms."""
-    length = 2 * int(seconds * FS)
-    f = np.fft.rfftfreq(length, 1.0 / FS)
-    inside = (f >= low) & (f <= high)
-    spectrum = np.where(inside, random.normal(size=(2, len(f))), 0.0)
-    a = np.fft.irfft(spectrum[0] + 1j * spectrum[1], length)[: length // 2]
-    return np.asarray(a / a.std())
 
 
 def scene_of(folder: Path, values: Vector, natural: float = 12.0, zeta: float = 0.1) -> Scene:
@@ -88,22 +76,6 @@ def test_gaussian_records_are_seldom_contradicted(tmp_path: Path, records: int) 
     )
     # as many alarms as this would be seen once in a thousand times if the rate were 1 %
     assert alarms <= binom.isf(1e-3, records * len(KINDS), 0.01)
-
-
-def spoilt(kind: str, random: np.random.Generator) -> Vector:
-    a = gaussian(random, 60.0)
-    t = np.arange(len(a)) / FS
-    if kind == "potholes":
-        for start in (20.0, 41.0):
-            inside = (t >= start) & (t < start + 0.04)
-            a[inside] += 9.0 * np.sin(np.pi * (t[inside] - start) / 0.04)
-    elif kind == "sine":
-        a += 1.5 * np.sin(2.0 * np.pi * 12.0 * t)
-    elif kind == "level":
-        a *= np.where(t < 30.0, 1.0, 2.0)
-    elif kind == "clipped":
-        a = np.clip(a, -2.0, 2.0)
-    return a
 
 
 @pytest.mark.parametrize("kind", ["potholes", "sine", "level", "clipped"])
@@ -332,8 +304,9 @@ def test_the_memory_of_a_response_is_the_integral_over_its_autocorrelation() -> 
     """Under flat noise rho = e^(-b t / 2) (cos W t + b / (2 W) sin W t); the sum over frequencies
     ends at some multiple of the natural one, and leaves less than 1 %."""
     omega, b = 2.0 * np.pi * 10.0, 6.0
-    flat = Table(frequency_hz=np.array([0.01, 1000.0]), density=np.ones(2))
-    law = response_law([flat], omega, b)
+    law = response_law(
+        lambda f: squared_gain(f, omega, b), top=1000.0, natural=10.0, width=b / (2.0 * math.pi)
+    )
     t, swing = np.linspace(0.0, 5.0, 200_001), np.sqrt(omega**2 - b**2 / 4.0)
     rho = np.exp(-b * t / 2.0) * (np.cos(swing * t) + b / (2.0 * swing) * np.sin(swing * t))
     assert law.memory == pytest.approx(2.0 * np.trapezoid(rho**4, t), rel=1e-2)

@@ -1,7 +1,9 @@
 """Notes on scenes that deserve doubt: each appears where a number passes its limit, only there."""
 
 import math
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from stochvi import (
@@ -9,17 +11,20 @@ from stochvi import (
     ImpactPair,
     Isolator,
     Matrices,
+    RecordedNoise,
     Restitution,
     RoadNoise,
     Scene,
     TabulatedNoise,
     explain,
     linearise,
+    load_scene,
     screen,
     simulate,
 )
 from stochvi.model.cautions import scene_notes
 from stochvi.model.model import model_of
+from stochvi.scenes.datasets import shipped_scene
 from support.known import oscillator
 
 NAVMAT, TRUCK = "navmat-p-9492", "mil-std-810h-truck-vertical-5hz"
@@ -158,3 +163,45 @@ def test_modes_below_the_tables_are_noted_where_they_move_a_gap() -> None:
     # the other mass is not moved by that mode, and the table of a truck begins at 5 Hz
     assert not scene_notes(model_of(two_masses(NAVMAT, "b")))
     assert not scene_notes(model_of(two_masses(TRUCK, "a")))
+
+
+def test_a_box_is_noted_as_one_mass_is() -> None:
+    """An input in a wrong unit, stops in millimetres, damping in per cent, modes above the table;
+    the box as it ships draws no note."""
+    box = load_scene(shipped_scene("rigid-box"))
+    assert scene_notes(model_of(box)) == []
+
+    def noted(scene: Scene, words: str) -> bool:
+        return any(words in note for note in scene_notes(model_of(scene)))
+
+    assert noted(box.at_level(30.0), "g rms, more than any usual test")
+    far = [pair.replace(clearance=None, lower=-6.0, upper=6.0) for pair in box.impact_pairs]
+    assert noted(
+        box.replace(impact_pairs=far), "m without stops, corner 1); positions are in metres"
+    )
+    mounts = [each.replace(loss_factor=6.0) for each in box.structure.mounts]
+    assert noted(
+        box.replace(structure=box.structure.replace(mounts=mounts)),
+        "of one mode the damping ratio zeta is 3",
+    )
+    low = TabulatedNoise(frequency_hz=[0.5, 2.0], density=[1e-3, 1e-3], unit="g2/Hz", axis="z")
+    assert noted(box.replace(excitations=[low]), "lies outside the table (0.5 to 2 Hz)")
+
+
+def test_the_length_of_a_record_and_a_missing_vehicle_are_noted_for_a_box(tmp_path: Path) -> None:
+    """As for one mass; a structure as slow as a vehicle may hold the vehicle itself."""
+    box = load_scene(shipped_scene("rigid-box"))
+    file = tmp_path / "record.npy"
+    np.save(file, np.random.default_rng(1).normal(size=8000))
+    record = RecordedNoise(file=str(file), unit="g", fs=200.0, axis="z")
+    found = scene_notes(model_of(box.replace(excitations=[record])))
+    assert [note for note in found if note.startswith("the length of the record")]
+    road = RoadNoise(road="B", speed=10.0, axis="z")
+
+    def without_vehicle(scene: Scene) -> bool:
+        return any("no vehicle" in note for note in scene_notes(model_of(scene)))
+
+    assert without_vehicle(box.replace(excitations=[road]))
+    soft = [each.replace(stiffness=[1e2, 1e2, 1e2]) for each in box.structure.mounts]
+    slow = box.replace(structure=box.structure.replace(mounts=soft), excitations=[road])
+    assert not without_vehicle(slow)

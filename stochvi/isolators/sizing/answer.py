@@ -264,8 +264,38 @@ class ThreeSigma:
     impact_speed_mean: Estimate | None
 
 
+class GaussianSizing(Result):
+    """A sizing for Gaussian noise, beside the verdict on the records of the scene."""
+
+    record: RecordVerdict | None
+
+    @property
+    def doubtful(self) -> RecordVerdict | None:
+        """The verdict on the record, if it does not agree with the Gaussian noise of the sizing."""
+        return None if self.record is None or self.record.agrees else self.record
+
+    def verdict(self) -> str:
+        """The clearance to make and the risk that it keeps, in one sentence, after a record that
+        does not agree with Gaussian noise."""
+        record = self.doubtful
+        first = f"{record.sentence()}. For Gaussian noise of its spectrum: " if record else ""
+        return first + self._to_make()
+
+    def _to_make(self) -> str:
+        """The clearance to make and the risk that it keeps, in words."""
+        raise NotImplementedError(f"{type(self).__name__} does not say what to make")
+
+    def summary(self) -> str:
+        """The clearance to make and the risk that it keeps, in one sentence: the same as
+        `verdict`."""
+        return self.verdict()
+
+    def __repr__(self) -> str:
+        return f"<size: {self.verdict()}>"
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Sizing(Result):
+class Sizing(GaussianSizing):
     """The clearance that keeps a target, and the evidence for it.
 
     Parameters
@@ -374,13 +404,6 @@ class Sizing(Result):
         seed = self.provenance.get("seed")
         return seed if isinstance(seed, int) else 0
 
-    def verdict(self) -> str:
-        """The clearance to make and the risk that it keeps, in one sentence, after a record that
-        does not agree with Gaussian noise."""
-        record = self.doubtful
-        first = f"{record.sentence()}. For Gaussian noise of its spectrum: " if record else ""
-        return first + self._to_make()
-
     def _to_make(self) -> str:
         """The clearance to make and the risk that it keeps, in words."""
         if self.production is not None:
@@ -431,11 +454,6 @@ class Sizing(Result):
         """Sides on which a stop is sized: those of the scene, both where it has none yet."""
         pairs = self.scene.impact_pairs
         return tuple(side for side, _ in pairs[0].stops()) if pairs else ("lower", "upper")
-
-    @property
-    def doubtful(self) -> RecordVerdict | None:
-        """The verdict on the record, if it does not agree with the Gaussian noise of the sizing."""
-        return None if self.record is None or self.record.agrees else self.record
 
     def calculated(self) -> str:
         """Evidence for the clearance to make: the calculated one for the scene as stated, the
@@ -500,11 +518,6 @@ class Sizing(Result):
         """The curve of risk against clearance."""
         return self.curve
 
-    def summary(self) -> str:
-        """The clearance to make and the risk that it keeps, in one sentence: the same as
-        `verdict`."""
-        return self.verdict()
-
     def _shown(self) -> pd.DataFrame:
         return self.required
 
@@ -519,9 +532,6 @@ class Sizing(Result):
             "by": found.pop("method"),
             **found,
         }
-
-    def __repr__(self) -> str:
-        return f"<size: {self.verdict()}>"
 
 
 def _stops_in_toml(scene: Scene, places: Mapping[str, float]) -> str:

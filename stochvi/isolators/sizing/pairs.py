@@ -202,6 +202,7 @@ class _PairsJob:
             min((self.target.exceedance or 1.0) / chance.value, 1.0),
         )  # fmt: skip
         warnings = (*self.notes, *self._warnings(together))
+        linear = screened(self.scene)
         return PairsSizing(
             scene=self.scene,
             target=self.target,
@@ -220,7 +221,8 @@ class _PairsJob:
             required=self._required(total),
             tolerances=table,
             worst_at=worst_at,
-            screening=screened(self.scene),
+            screening=linear,
+            record=linear.record,
             method=BY_HITS if by_hits else METHOD,
             box=box_overview(self.scene, self.mission),
             allowed=self.tolerances,

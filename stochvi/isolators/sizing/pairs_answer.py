@@ -7,9 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
 from stochvi.isolators.sizing.answer import (
     Clearance,
+    GaussianSizing,
     RoundedClearance,
     Target,
     spoken_mission,
@@ -19,7 +21,6 @@ from stochvi.isolators.sizing.box_overview import BoxOverview
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.mathematics.shown_units import LENGTH
 from stochvi.model.model import model_of
-from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.scene import Scene
 
@@ -54,7 +55,7 @@ class Probability:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class PairsSizing(Result):
+class PairsSizing(GaussianSizing):
     """Clearances that keep the probability of an impact of any pair, and the evidence for them.
 
     Parameters
@@ -103,6 +104,9 @@ class PairsSizing(Result):
         Linear screening.
     method
         How the clearances were found, in words.
+    record
+        Whether measured records move the gaps as Gaussian noise would, and the clearances that they
+        need; None without a record.
     box
         Modes of a rigid body, and the clearances of one oscillator along each axis; None for any
         other structure.
@@ -139,6 +143,7 @@ class PairsSizing(Result):
     tolerances: pd.DataFrame
     screening: Screening
     method: str
+    record: RecordVerdict | None = None
     box: BoxOverview | None = None
     allowed: Tolerances = field(default_factory=Tolerances)
     common: tuple[str, ...] = ()
@@ -192,9 +197,9 @@ class PairsSizing(Result):
                 rows.append([pair.name, mean, made.value, lower, upper])
         return pd.DataFrame(rows, columns=["pair", "mean_gap", "clearance", "lower", "upper"])
 
-    def verdict(self) -> str:
-        """The clearances to make and the risk that they keep, in one sentence; for many pairs the
-        smallest and the largest clearance."""
+    def _to_make(self) -> str:
+        """The clearances to make and the risk that they keep, in words; for many pairs the smallest
+        and the largest clearance."""
         if self.production is not None:
             return self.production.summary()
         mm = places_in_words(self.made())
@@ -237,10 +242,6 @@ class PairsSizing(Result):
         first = -math.log1p(-min(self.probability.value, NEARLY_CERTAIN))
         return f"{first:.2g} to {found.upper_95:.2g}"
 
-    def summary(self) -> str:
-        """The clearances to make and the risk that they keep: the same as `verdict`."""
-        return self.verdict()
-
     def to_frame(self) -> pd.DataFrame:
         """The curve of risk against clearances."""
         return self.curve
@@ -253,9 +254,6 @@ class PairsSizing(Result):
         by = found.pop("method")
         first = {"method": "size", "verdict": self.verdict(), "made": self.made(), "by": by}
         return {**first, **found}
-
-    def __repr__(self) -> str:
-        return f"<size: {self.verdict()}>"
 
 
 def places_in_words(made: Mapping[str, RoundedClearance]) -> str:

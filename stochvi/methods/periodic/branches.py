@@ -46,6 +46,9 @@ FREE = 1e-10
 """Distance of a multiplier from 1 up to which a motion counts as free to move without a force:
 rounding leaves some 1e-15, and the motion under a force then has a relative error of 1e-5."""
 
+UNHELD = 1e-12
+"""Stiffness, relative to the largest, below which a direction counts as not held by any spring."""
+
 SEED_VALUES = 13
 """Number of values in the range at which regimes are looked for, besides those beside grazings."""
 
@@ -302,7 +305,7 @@ class Finder:
         """States (number, 2 n) from which simulations start: rest, and speeds of the pairs."""
         n, m, _ = self.family.sizes
         motion = self.motion(0.5)
-        found = [np.zeros(2 * n)]
+        found = [self.at_rest(0.5)]
         for stop, speed in itertools.product(range(m), (0.3, 1.0, 3.0)):
             row = motion.rows[stop]
             state = np.zeros(2 * n)
@@ -315,11 +318,18 @@ class Finder:
         motion, n = self.motion(sigma), self.family.sizes[0]
         state = random.normal(size=2 * n)
         state[n:] *= 10.0 ** random.uniform(-1.0, 0.5)
-        for _ in range(n + 1):
-            for row, position in zip(motion.rows, motion.positions, strict=True):
-                if (depth := row @ state[:n] - position) > 0.0:
-                    state[:n] -= (1.0 + 0.5 * random.random()) * depth / (row @ row) * row
+        _move_inside(motion, state, lambda: 1.0 + 0.5 * random.random())
         return np.asarray(state)
+
+    def at_rest(self, sigma: float) -> Vector:
+        """The state at rest under the constant loads: at a stop where it would lie beyond it."""
+        motion, n = self.motion(sigma), self.family.sizes[0]
+        stiffness, load = -motion.generator[n : 2 * n, :n], motion.generator[n : 2 * n, -1]
+        state = np.zeros(2 * n)
+        # a free mass stays where it is
+        state[:n] = np.linalg.lstsq(stiffness, load, rcond=UNHELD)[0]
+        _move_inside(motion, state, lambda: 1.0)
+        return state
 
     def motion(self, sigma: float) -> solver.Motion:
         """The motion at a place of the range."""
@@ -551,6 +561,16 @@ TESTS: dict[str, Callable[[Track], Vector]] = {
 }  # fmt: skip
 """A number that changes its sign along a branch at each kind of special point; folds are located
 while a branch is followed."""
+
+
+def _move_inside(motion: solver.Motion, state: Vector, share: Callable[[], float]) -> None:
+    """Move a state, in its place, off the stops beyond which it lies, each time by a `share` of how
+    far it lies beyond."""
+    n = motion.rows.shape[1]
+    for _ in range(n + 1):
+        for row, position in zip(motion.rows, motion.positions, strict=True):
+            if (depth := row @ state[:n] - position) > 0.0:
+                state[:n] -= share() * depth / (row @ row) * row
 
 
 def _rotations(word: tuple[int, ...]) -> list[tuple[int, ...]]:

@@ -84,7 +84,7 @@ class Sweep:
     def steps(self) -> Iterator[Step]:
         """The jumps, in the order of the sweep."""
         start = 0.0 if self.upwards else 1.0
-        here = self._reached(start, np.zeros(2 * self.finder.family.sizes[0]), 0.0)
+        here = self._reached(start, self.finder.at_rest(start), 0.0)
         while here is not None and not self.finder.deadline.passed():
             if here.place is not None:
                 here = self._end(here, here.place)
@@ -106,7 +106,7 @@ class Sweep:
         """For each value, its place, largest displacement and impact speed, and the number of
         periods after which the motion repeats itself, or 0. Each motion starts from the last."""
         grid = self.finder.grid if self.upwards else self.finder.grid[::-1]
-        state = np.zeros(2 * self.finder.family.sizes[0])
+        state = self.finder.at_rest(float(grid[0]))
         for sigma in grid.tolist():
             settled = self.finder.simulate(sigma, state, periods=SETTLING)
             sized = None if settled is None else self._sized(sigma, settled, 0)

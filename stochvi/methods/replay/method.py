@@ -7,11 +7,15 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace as changed
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.fast_peaks import FastPeaks
+from stochvi.mathematics.frequency_response import Force
+from stochvi.mathematics.spectra import Table
 from stochvi.methods.replay.answer import CoordinateReplay, Histories, PairReplay, Replay, ReplayAt
 from stochvi.methods.replay.march import Motion, SampledExcitation, integrate, rest_of
 from stochvi.model.calculations import calculation
@@ -21,7 +25,6 @@ from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.sizes import MOST_NUMBERS
 from stochvi.scenes.excitations import BASE, ConstantLoad, DensityNoise, RecordedNoise
-from stochvi.scenes.records import Record
 from stochvi.scenes.scene import Scene
 
 EXACT = "the record itself, exact steps"
@@ -122,7 +125,7 @@ def replay(
             )
     if missing:
         raise NotApplicable("replay", missing)
-    segments = shaking_of(scene, model)
+    segments = shaking_of(records_of(scene, model), model)
     numbers = sum(each.forces.size for each in segments) * len(places)
     keep = numbers <= MOST_NUMBERS
     compile_time = _compiled(model, segments[0])
@@ -181,10 +184,7 @@ def unmet(scene: Scene, model: Model) -> list[str]:
         "and a sine belongs in the record"
         for kind in sorted(others)
     ]
-    if (
-        len({(each.record.fs, each.record.lengths, len(each.record.values)) for each in records})
-        > 1
-    ):
+    if len({each.record.sampling for each in records}) > 1:
         found.append("all records must have the same sampling rate, length and gaps")
     if len(model.coordinates) > 1:
         rest = model.mean_gaps
@@ -196,32 +196,56 @@ def unmet(scene: Scene, model: Model) -> list[str]:
     return found
 
 
-def _records_of(scene: Scene, model: Model) -> list[tuple[Record, Vector, int | None]]:
-    """Each record of a scene, its force on the coordinates per unit, and the number of the axis of
-    the base that it moves; None for a force."""
-    found: list[tuple[Record, Vector, int | None]] = []
-    noises = (each for each in scene.excitations if isinstance(each, DensityNoise))
-    for each, (_, direction) in zip(noises, model.tables, strict=True):
+class RecordOnStructure(NamedTuple):
+    """A record of a scene on its structure.
+
+    Parameters
+    ----------
+    noise
+        The record.
+    force
+        (n,), force on the coordinates per unit of its values.
+    axis
+        Number of the axis of the base that it moves; None for a force.
+    table, direction
+        Its density, and the force per unit of that.
+    """
+
+    noise: RecordedNoise
+    force: Vector
+    axis: int | None
+    table: Table
+    direction: Force
+
+
+def records_of(scene: Scene, model: Model) -> list[RecordOnStructure]:
+    """The records of a scene, in their order; a kurtosis that is stated does not change them."""
+    found = []
+    tables = iter(model.tables)
+    peaks = ((drawn.table, d) for drawn, d in model.drawn if isinstance(drawn, FastPeaks))
+    noises = [each for each in scene.excitations if isinstance(each, DensityNoise)]
+    for each in noises:
+        table, direction = next(peaks if each.has_fast_peaks else tables)
         if not isinstance(each, RecordedNoise):
             continue
+        axis = None
+        force = direction
         if scene.place(each) == BASE:
             axis = list(model.base).index(each.axis or "")
-            found.append((each.record, inertia_of(model.mass, model.base_rows[:, axis]), axis))
-        else:
-            found.append((each.record, np.asarray(direction), None))
+            force = inertia_of(model.mass, model.base_rows[:, axis])
+        found.append(RecordOnStructure(each, np.asarray(force), axis, table, direction))
     return found
 
 
-def shaking_of(scene: Scene, model: Model) -> list[SampledExcitation]:
-    """The records of a scene as forces on its coordinates, a part for each segment."""
-    records = _records_of(scene, model)
-    first = records[0][0]
+def shaking_of(records: Sequence[RecordOnStructure], model: Model) -> list[SampledExcitation]:
+    """Records of one length and rate as forces on the coordinates, a part for each segment."""
+    first = records[0].noise.record
     forces = np.zeros((len(first.values), len(model.coordinates)))
     base = np.zeros((len(first.values), len(model.base)))
-    for record, weights, axis in records:
-        forces += np.outer(record.values, weights)
+    for noise, weights, axis, *_ in records:
+        forces += np.outer(noise.record.values, weights)
         if axis is not None:
-            base[:, axis] += record.values
+            base[:, axis] += noise.record.values
     cuts = np.cumsum(first.lengths)[:-1]
     return [
         SampledExcitation(step=1.0 / first.fs, forces=force, base=acceleration)
@@ -349,7 +373,7 @@ def _without_samples(numbers: int, keep: bool) -> list[str]:
 def _without_mean(scene: Scene, model: Model, answer: ReplayAt) -> list[str]:
     """A sentence where the mean of the record, which is taken off, would move the structure
     noticeably: that of a shock is part of it."""
-    force = sum(record.mean * weights for record, weights, _ in _records_of(scene, model))
+    force = sum(each.noise.record.mean * each.force for each in records_of(scene, model))
     moved = np.abs(np.linalg.lstsq(model.stiffness, force, rcond=None)[0])
     found = []
     for name, each in zip(model.coordinates, moved.tolist(), strict=True):

@@ -291,9 +291,9 @@ class DensityNoise(BaseExcitation):
         """Assumptions about the noise, in words, for an oscillator if its numbers are given."""
         return ()
 
-    def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
+    def cautions(self, omega: float, damping_rate: float, *, alone: bool = True) -> tuple[str, ...]:
         """Sentences on what makes the response of an oscillator with this omega (rad/s) and damping
-        rate (1/s) doubtful."""
+        rate (1/s) doubtful. It is `alone`, or the slowest mode of a structure of several."""
         return ()
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:

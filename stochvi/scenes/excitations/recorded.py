@@ -202,9 +202,10 @@ class RecordedNoise(DensityNoise):
             f"{estimate.resolution_hz:.3g} Hz, {100.0 * estimate.relative_error:.2g} % each",
         )
 
-    def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
+    def cautions(self, omega: float, damping_rate: float, *, alone: bool = True) -> tuple[str, ...]:
         """Sentences on how uncertain the record leaves the response of an oscillator with this
-        omega (rad/s) and damping rate (1/s); if one of these is 0, only on the record itself."""
+        omega (rad/s) and damping rate (1/s); if one of these is 0, only on the record itself. The
+        oscillator is `alone`, or the slowest mode of a structure of several."""
         record = self._record
         clock = (record.interpolated,) if record.interpolated else ()
         found = [f"record {Path(self.file).name}: {note}" for note in (*self._doubts, *clock)]
@@ -217,7 +218,8 @@ class RecordedNoise(DensityNoise):
             )
         if not omega or not damping_rate:
             return tuple(found)
-        bins, wanted = self._bins(omega, damping_rate), wanted_resolution(omega, damping_rate)
+        bins = self._bins(*(omega, damping_rate) if alone else (0.0, 0.0))
+        wanted = wanted_resolution(omega, damping_rate)
         error, bias = response_error(record, bins, omega, damping_rate)
         found.append(
             f"the length of the record leaves the rms response, and with it every clearance, "

@@ -108,10 +108,12 @@ class RoadNoise(DensityNoise):
             *(() if self._vehicle is None else self._vehicle.assumptions()),
         )
 
-    def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
+    def cautions(self, omega: float, damping_rate: float, *, alone: bool = True) -> tuple[str, ...]:
         """A warning if the mount stands on the road itself, which shakes it more than any vehicle
         would."""
         if not omega or self.band_hz is not None or self._vehicle is not None:
+            return ()
+        if not alone and omega < 2.0 * math.pi * SLOWEST_MOUNT:
             return ()
         rms = math.sqrt(self._table.mean_square()) / STANDARD_GRAVITY
         return (
@@ -141,3 +143,8 @@ class RoadNoise(DensityNoise):
 
 KMH_PER_METRE_PER_SECOND = 3.6
 """Speed of 1 m/s in km/h."""
+
+
+SLOWEST_MOUNT = 4.0
+"""Lowest natural frequency from which on a structure holds no vehicle, Hz: bodies of vehicles move
+on their springs at 1 to 2 Hz."""

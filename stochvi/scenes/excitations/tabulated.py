@@ -163,7 +163,7 @@ class TabulatedNoise(DensityNoise):
         name = Path(self.file or "").name
         return tuple(f"table {name}: {note}" for note in self._notes)
 
-    def cautions(self, omega: float, damping_rate: float) -> tuple[str, ...]:
+    def cautions(self, omega: float, damping_rate: float, *, alone: bool = True) -> tuple[str, ...]:
         """Warnings on the error of a density that was estimated by simulation, and on a text that
         looks like a unit but is unknown."""
         return tuple(f"table {Path(self.file or '').name}: {note}" for note in self._doubts)

@@ -14,12 +14,12 @@ from stochvi.results.origin import Origin, origin_of
 from stochvi.views.box import modes_in_rows, one_axis_in_rows, plot_box
 from stochvi.views.files import try_picture, write_table
 from stochvi.views.pairs import (
-    PLACES,
     TOLERANCES,
     coordinates_in_rows,
     draw_pairs_risk,
     interval_in_words,
     pairs_in_words,
+    places_heading,
     places_in_rows,
     plot_pairs_clearances,
     plot_pairs_risk,
@@ -29,6 +29,7 @@ from stochvi.views.pairs import (
 )
 from stochvi.views.report.changes import production_section, sensitivity_section
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
+from stochvi.views.report.records import record_cards
 from stochvi.views.schematic import draw_gaps
 from stochvi.views.words import NO_TOLERANCES
 
@@ -69,14 +70,16 @@ def pairs_page(
     sizing: PairsSizing, origin: Origin, sensitivity: pd.DataFrame | None = None
 ) -> Page:
     """The page of a sizing of several pairs."""
-    mission = spoken_mission(sizing.mission)
+    mission, own = spoken_mission(sizing.mission), record_cards(sizing.record)
+    gaussian, heading = _clearance_cards(sizing), places_heading(sizing)
     return Page(
         title=sizing.scene.title or "Clearances of several pairs",
         subtitle=f"Probability that any of {len(sizing.pairs)} pairs is hit in {mission}",
         verdict=f"{sizing.verdict()[0].upper()}{sizing.verdict()[1:]}.",
         statements=[f"{sizing.calculated()[0].upper()}{sizing.calculated()[1:]}."],
+        alarm=sizing.doubtful is not None,
         cards=[
-            *_clearance_cards(sizing),
+            *(own + gaussian if sizing.doubtful else gaussian + own),
             Fact(
                 "Probability of any impact",
                 spoken_percent(sizing.probability.value),
@@ -98,7 +101,7 @@ def pairs_page(
                 if sizing.pair is None
                 else "One pair is sized; the stops of the others stay where the scene has them.",
                 grids=[
-                    Grid.of(f"{PLACES[0].upper()}{PLACES[1:]}", places_in_rows(sizing)),
+                    Grid.of(f"{heading[0].upper()}{heading[1:]}", places_in_rows(sizing)),
                     Grid.of("Clearances and risk as calculated", pairs_in_words(sizing)),
                 ],
                 pictures=[
@@ -181,6 +184,7 @@ def _tolerances(sizing: PairsSizing) -> Section:
 def _clearance_cards(sizing: PairsSizing) -> list[Fact]:
     """The clearance of each pair to make; for many pairs the smallest and the largest."""
     made = sizing.made()
+    purpose = "to make" if sizing.doubtful is None else "for Gaussian noise alone"
     named = list(sizing.clearances)
     if len(named) > MOST_NAMED:
         named = list(dict.fromkeys(sizing.extremes()))
@@ -189,7 +193,7 @@ def _clearance_cards(sizing: PairsSizing) -> list[Fact]:
         each = sizing.clearances[name]
         cards.append(
             Fact(
-                f"Clearance of {name} to make",
+                f"Clearance of {name} {purpose}",
                 str(made[name]),
                 f"per side, from the static equilibrium; calculated {LENGTH.text(each.value)}, "
                 f"{LENGTH.span(each.lower, each.upper)}, 95 %",

@@ -22,6 +22,7 @@ from stochvi.views.report.changes import (
 )
 from stochvi.views.report.environment import environment_section, gap_section, mount_section
 from stochvi.views.report.pages import Fact, Grid, Page, Section, sentence, shown, write_page
+from stochvi.views.report.records import record_cards
 from stochvi.views.report.stops import (
     exceeding_in_words,
     hard_hits_section,
@@ -141,29 +142,6 @@ def clearance_page(review: Review, origin: Origin) -> Page:
 # Verdict ----------------------------------------------------------------------------------
 
 
-def _record_card(sizing: Sizing) -> list[Fact]:
-    """The clearance that a measured record itself needs, if there is one."""
-    record = sizing.record
-    if record is None:
-        return []
-    judged = (
-        "contradicts"
-        if record.contradicts
-        else "agrees with"
-        if record.agrees
-        else "is too short to be judged against"
-    )
-    return [
-        Fact(
-            "The record itself needs",
-            record.needed,
-            f"it moves {record.peak_in_sigma:.3g} sigma and {judged} Gaussian noise, which would "
-            f"move {record.expected_peak_in_sigma:.3g} in its time; response kurtosis "
-            f"{record.kurtosis:.3g}, 3 ± {record.kurtosis_error:.2g} for Gaussian noise",
-        )
-    ]
-
-
 def _statements(review: Review) -> list[str]:
     """Sentences on the verdict: the line to copy, what the number rests on, expected impacts, and
     risks at the calculated clearance and at 3 sigma."""
@@ -265,7 +243,7 @@ def _cards(review: Review) -> list[Fact]:
     hits = "as if impacts changed nothing" if three.hits is None else "with these stops"
     count = three.rice_hits if three.hits is None else three.hits.value
     gaussian = [_clearance_card(sizing), _calculated_card(sizing)]
-    own = _record_card(sizing)
+    own = record_cards(sizing.record)
     return [
         *(own + gaussian if sizing.doubtful else gaussian + own),
         _risk_card(review),
