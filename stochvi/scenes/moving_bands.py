@@ -68,6 +68,12 @@ class MovingBand(Checked):
             return self.from_hz + share * (self.to_hz - self.from_hz)
         return float(self.from_hz * (self.to_hz / self.from_hz) ** share)
 
+    def hertz_per_second(self, share: float, spacing: Literal["logarithmic", "linear"]) -> float:
+        """How fast the frequency moves after a share of a phase of one second, Hz/s."""
+        if spacing == "linear":
+            return abs(self.to_hz - self.from_hz)
+        return self.frequency(share, spacing) * abs(math.log(self.to_hz / self.from_hz))
+
     def at(self, share: float, spacing: Literal["logarithmic", "linear"]) -> TabulatedNoise | Sine:
         """The band or sine where it stands after a share of the phase."""
         middle = self.frequency(share, spacing)

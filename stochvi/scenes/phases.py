@@ -23,16 +23,20 @@ def steps_of_bands(phases: Sequence[Phase]) -> list[list[str]]:
     return [[phase.name for phase in phases if phase.step_of == band] for band in bands]
 
 
-def bias_of_steps(steps: Sequence[Sequence[str]], hazards: Mapping[str, float]) -> float:
+def bias_of_steps(
+    steps: Sequence[Sequence[str]], hazards: Mapping[str, float],
+    lags: Mapping[str, float] | None = None,
+) -> float:  # fmt: skip
     """What half as many steps of moving bands change in the sum of hazards, over 3: a sum over the
-    middles of steps errs in second order of their length.
+    middles of steps errs in second order of their length. In each step the hazard of what moves may
+    be too large by its share `lags`.
 
     >>> round(bias_of_steps([["a", "b"]], {"a": 1.0, "b": 1.0}), 12)
     0.0
     >>> round(bias_of_steps([["a", "b"]], {"a": 1.0, "b": 1.3}), 12)
     0.1
     """
-    total = 0.0
+    total = sum(hazards[name] * lag for name, lag in (lags or {}).items())
     for names in steps:
         own = [hazards[name] for name in names]
         if len(own) > 1:
@@ -77,6 +81,8 @@ class Phase(Checked):
     step_of
         Name of the phase through which a band moves, of which this one is a step; it need not be
         given.
+    sweep_rate
+        How fast what moves passes in this step, Hz/s; it need not be given.
     stiffness_factor, damping_factor
         Factors of the stiffness and of the damping constants of the mounts, which are warm or cold
         in this phase.
@@ -103,6 +109,7 @@ class Phase(Checked):
     steps: Count | None = None
     sweep: Literal["logarithmic", "linear"] = "logarithmic"
     step_of: str | None = None
+    sweep_rate: Number = 0.0
     stiffness_factor: Positive = 1.0
     damping_factor: Positive = 1.0
 
@@ -128,6 +135,10 @@ class Phase(Checked):
                 name=f"{self.name}, {self.moving[0].frequency(share, self.sweep):.4g} Hz",
                 duration=self.duration / count, moving=(), steps=None, step_of=self.name,
                 added=(*self.added, *(each.at(share, self.sweep) for each in self.moving)),
+                sweep_rate=max(
+                    each.hertz_per_second(share, self.sweep) / self.duration
+                    for each in self.moving
+                ),
             )
             for share in shares
         )  # fmt: skip

@@ -6,92 +6,70 @@ import math
 from typing import NamedTuple
 
 from stochvi.engine.characteristic import kicked, pull, read, remembers
+from stochvi.engine.compiling import kernel
 from stochvi.engine.drive import MOST_DRAWS, drawn, draws, kept
-from stochvi.engine.parts import generic
 from stochvi.engine.uniform_numbers import uniform_of
 
+SIZES = "equal", "normal", "exponential"
+"""Names of the distributions of sizes, whose numbers here are their kinds."""
 
-class EqualPulses(NamedTuple):
-    """Impulses of one size at the times of a Poisson process; z is their sum in a kick.
+
+class RandomPulses(NamedTuple):
+    """Impulses at the times of a Poisson process; z is their sum in a kick.
 
     Parameters
     ----------
     rate : mean number of impulses per second.
     size : change of the rate of the displacement, m/s, which scales all sizes.
     two_sided : whether one impulse in two has the opposite direction.
+    sizes : distribution of the sizes over `size`, a number of `SIZES`: 1, the absolute value of a
+        normal number, or an exponential number.
     """
 
     rate: float
     size: float
     two_sided: float
+    sizes: float
 
 
-class NormalPulses(NamedTuple):
-    """`EqualPulses` with sizes that are absolute values of a normal number of this deviation."""
-
-    rate: float
-    size: float
-    two_sided: float
-
-
-class ExponentialPulses(NamedTuple):
-    """`EqualPulses` with exponentially distributed sizes of this mean."""
-
-    rate: float
-    size: float
-    two_sided: float
-
-
-KINDS = EqualPulses, NormalPulses, ExponentialPulses
-
-
-@generic
-def relative_size(part, uniform, other):
+@kernel
+def relative_size(sizes, uniform, other):
     """Size of an impulse in units of `size`, from two uniform numbers; it must not change with
     other to 1 - other in its distribution, as `other` also gives the direction."""
+    if sizes == 0.0:
+        return 1.0
+    exponential = -math.log(uniform)
+    if sizes == 1.0:
+        return math.sqrt(2.0 * exponential) * abs(math.cos(2.0 * math.pi * other))
+    return exponential
 
 
-@relative_size.of(EqualPulses)
-def _(part, uniform, other):
-    return 1.0
-
-
-@relative_size.of(NormalPulses)
-def _(part, uniform, other):
-    return math.sqrt(-2.0 * math.log(uniform)) * abs(math.cos(2.0 * math.pi * other))
-
-
-@relative_size.of(ExponentialPulses)
-def _(part, uniform, other):
-    return -math.log(uniform)
-
-
-@pull.of(*KINDS)
+@pull.of(RandomPulses)
 def _(part, x, v, z):
     return 0.0
 
 
-@kicked.of(*KINDS)
+@kicked.of(RandomPulses)
 def _(part, x, v, z, push, damping, h):
     return v + push * h + z
 
 
-@remembers.of(*KINDS)
+@remembers.of(RandomPulses)
 def _(part):
     return True
 
 
-@draws.of(*KINDS)
+@draws.of(RandomPulses)
 def _(part):
     return True
 
 
-@kept.of(*KINDS)
+@kept.of(RandomPulses)
 def _(part, z):
     return 0.0
 
 
-@drawn.of(*KINDS)
+@drawn.of(RandomPulses)
 def _(part, z, word, event, h):
     # the number of impulses is the inverse of the distribution function of Poisson
     expected, uniform, count = part.rate * h, uniform_of(word, event), 0
@@ -103,21 +81,11 @@ def _(part, z, word, event, h):
         below += probability
     for k in range(min(count, MOST_DRAWS // 2 - 1)):
         other = uniform_of(word, event + 2 * k + 2)
-        size = part.size * relative_size(part, uniform_of(word, event + 2 * k + 1), other)
+        size = part.size * relative_size(part.sizes, uniform_of(word, event + 2 * k + 1), other)
         z += -size if part.two_sided * other > 0.5 else size
     return z
 
 
-@read.of(EqualPulses)
+@read.of(RandomPulses)
 def _(part, numbers, row):
-    return EqualPulses(numbers[row, 0], numbers[row, 1], numbers[row, 2])
-
-
-@read.of(NormalPulses)
-def _(part, numbers, row):
-    return NormalPulses(numbers[row, 0], numbers[row, 1], numbers[row, 2])
-
-
-@read.of(ExponentialPulses)
-def _(part, numbers, row):
-    return ExponentialPulses(numbers[row, 0], numbers[row, 1], numbers[row, 2])
+    return RandomPulses(numbers[row, 0], numbers[row, 1], numbers[row, 2], numbers[row, 3])

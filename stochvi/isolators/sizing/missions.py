@@ -34,11 +34,17 @@ from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
 from stochvi.sampling.run import Run
 from stochvi.scenes.between_units import varied
-from stochvi.scenes.phases import bias_of_steps, steps_of_bands
+from stochvi.scenes.phases import Phase, bias_of_steps, steps_of_bands
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import one_gap
 from stochvi.statistics.pair_crossings import PairMotion
-from stochvi.statistics.reliability.phases import INDEPENDENT, NEGLIGIBLE, parts_of_phases
+from stochvi.statistics.reliability.phases import (
+    INDEPENDENT,
+    NEGLIGIBLE,
+    lag_of,
+    parts_of_phases,
+    spoken_lags,
+)
 from stochvi.statistics.reliability.random_levels import FOLLOWED, felt_by
 
 if TYPE_CHECKING:
@@ -73,9 +79,7 @@ def size_mission(scene: Scene, target: Target, run: Run) -> MissionSizing:
             ["nothing may differ between units where the scene has phases, got "
              f"{differing[0]}; size one phase, named as FILE.toml#PHASE"],
         )  # fmt: skip
-    phases = {
-        phase.name: _Phase.of(phase.of(scene), phase.duration, scene) for phase in scene.phases
-    }
+    phases = {phase.name: _Phase.of(phase, scene) for phase in scene.phases}
     hazard = -math.log1p(-target.value)
     sigma = max(phase.sigma for phase in phases.values())
     guess = brentq(
@@ -110,6 +114,7 @@ def size_mission(scene: Scene, target: Target, run: Run) -> MissionSizing:
         clearance=clearance, phases=pd.DataFrame(rows), curve=joint.curve(clearance.value),
         assumptions=(
             *([INDEPENDENT] if len(phases) > 1 else []),
+            *spoken_lags({name: each.scene for name, each in phases.items()}, scene.phases),
             *([FOLLOWED] if any(each.scene.random_level for each in phases.values()) else []),
             *(f"phase {name} hardly matters, and counts by Rice's crossings" for name in idle),
             *(
@@ -137,10 +142,12 @@ class _Phase:
     motion: MovingMean
     shift: float
     sides: tuple[float, ...]
+    sweep_rate: float = 0.0
     curve: RiskCurve | None = None
 
     @classmethod
-    def of(cls, scene: Scene, duration: float, whole: Scene) -> _Phase:
+    def of(cls, phase: Phase, whole: Scene) -> _Phase:
+        scene = phase.of(whole)
         model = model_of(scene)
         if conditions := beyond_one_oscillator(model, with_filters=True, with_sines=True):
             raise NotApplicable("size", [f"{each} (in phases)" for each in conditions])
@@ -158,7 +165,8 @@ class _Phase:
                     "size", [f"{sentence}; reliability gives the risk of a clearance"]
                 )
         return cls(
-            scene=scene, duration=duration, motion=motion, shift=shift, sides=sides
+            scene=scene, duration=phase.duration, motion=motion, shift=shift, sides=sides,
+            sweep_rate=phase.sweep_rate,
         )  # fmt: skip
 
     @property
@@ -184,6 +192,14 @@ class _Phase:
         """-ln(1 - P) of a hazard with these rates at the gains of a level."""
         chance = level.probability(rates, self.duration)
         return -math.log1p(-min(chance, KNOWN))
+
+    def lag(self, clearance: float) -> float:
+        """By how much, as a share, the hazard of what moves may be too large at a clearance."""
+        known = self.expected(clearance) if self.sweep_rate else 0.0
+        if not known:
+            return 0.0
+        less = clearance / (1.0 + lag_of(model_of(self.scene), self.sweep_rate))
+        return self.expected(less) / known - 1.0
 
     def simulated(self, target: Target, run: Run) -> _Phase:
         """The phase with its curve of risk, where the level varies that of the level 0 dB in the
@@ -231,7 +247,8 @@ class _Joint:
         values, halves = zip(
             *(each.hazard(clearance) for each in self.phases.values()), strict=True
         )
-        stepped = bias_of_steps(self.steps, dict(zip(self.phases, values, strict=True)))
+        lags = {name: each.lag(clearance) for name, each in self.phases.items()}
+        stepped = bias_of_steps(self.steps, dict(zip(self.phases, values, strict=True)), lags)
         return sum(values), math.hypot(*halves) + stepped
 
     def clearance(self, hazard: float, guess: float) -> Clearance:

@@ -250,14 +250,10 @@ class Pulses(DrawnExcitation):
         return super().density_for(omega, damping_rate) if self._shock is None else self.table
 
     def compiled(self, mass: float) -> Any:
-        from stochvi.engine.characteristics.pulses import (
-            EqualPulses,
-            ExponentialPulses,
-            NormalPulses,
-        )
+        from stochvi.engine.characteristics.pulses import SIZES, RandomPulses
 
-        kinds = {"equal": EqualPulses, "normal": NormalPulses, "exponential": ExponentialPulses}
-        return kinds[self.sizes](self.rate, self.size / mass, float(self.two_sided))
+        sizes = float(SIZES.index(self.sizes))
+        return RandomPulses(self.rate, self.size / mass, float(self.two_sided), sizes)
 
     def louder(self, level_db: float) -> Self:
         gain = math.sqrt(power_ratio(level_db))
