@@ -34,7 +34,7 @@ NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?:\((\d+(?:\.\d
 
 TIMES = re.compile(
     r"^cost: .*(?:\n(?!\w+:).+)*|, [\d.e+]+ ns a step here|: about [\d.]+ s\b|"
-    r"\b(?:phases|levels) +[\d.]+",
+    r"\b(?:phases|levels|first crossings) +[\d.]+",
     flags=re.MULTILINE,
 )
 """Pattern of what depends on the speed of the machine, and is not compared. The cost of an answer
