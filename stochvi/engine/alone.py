@@ -28,7 +28,7 @@ from stochvi.engine.contacts import (
     integrate_contacts,
     make_contacts,
 )
-from stochvi.engine.friction import rub_along, rub_at_rest
+from stochvi.engine.friction import rub_along, rub_at_rest, tangent_of
 from stochvi.engine.impact_log import log_impact
 from stochvi.engine.law_calls import margin_of, mean_rebound_of, rebound_of
 from stochvi.engine.pushes import (
@@ -313,7 +313,7 @@ def until_contact(step, span, impacts, stops, laws, responses, followed, work, t
         uniform = uniform_of(tally.word, impacts)
         rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
         add_impact(tally, pair, upper, w, rebound)
-        push, rubbed, tangent = w + rebound, 0.0, stops.tangents[pair]
+        push, rubbed, tangent = w + rebound, 0.0, tangent_of(stops, pair)
         if tangent >= 0:
             rebound, push, rubbed = rub_along(
                 pair, upper, w, rebound, gaps[V0, tangent], stops, responses, tally

@@ -25,7 +25,8 @@ class Stops(NamedTuple):
         classes of their laws; and the place of each in that order.
     thresholds : (pairs,), m/s, speed of the slowest impact that is counted.
     tangents : (pairs,), the pair without stops whose gap is the motion along those of this pair,
-        below 0 where nothing rubs.
+        below 0 where nothing rubs; None where no pair rubs, whose friction is then absent from the
+        compiled code.
     ratios : (pairs,), reduced mass of the pair over that of its tangent.
     frictions : (pairs, 2), coefficient of friction of each stop.
     rubs : None where no compliant stop rubs, whose friction is then absent from the compiled code;
@@ -41,7 +42,7 @@ class Stops(NamedTuple):
     order: NDArray[np.int64]
     ranks: NDArray[np.int64]
     thresholds: NDArray[np.float64]
-    tangents: NDArray[np.int64]
+    tangents: NDArray[np.int64] | None
     ratios: NDArray[np.float64]
     frictions: NDArray[np.float64]
     rubs: NDArray[np.float64] | None
@@ -116,7 +117,7 @@ def stops_of(
     soft = frictions is not None and bool(np.any(frictions[~rigid] > 0.0))
     stops = Stops(
         places, kinds, rigid, lossy, smooth, numbers, order, np.argsort(order), thresholds,
-        np.full(len(places), -1) if tangents is None else tangents,
+        tangents if tangents is not None and bool(np.any(tangents >= 0)) else None,
         np.ones(len(places)) if ratios is None else ratios,
         np.zeros(places.shape) if frictions is None else frictions,
         np.zeros(0) if soft else None,

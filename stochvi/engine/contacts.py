@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from stochvi.engine.bounces import MOST_BOUNCES, RESTING
 from stochvi.engine.compiling import kernel
-from stochvi.engine.friction import rub_along, rub_contact
+from stochvi.engine.friction import rub_along, rub_contact, tangent_of
 from stochvi.engine.impact_log import log_impact
 from stochvi.engine.law_calls import force_of, margin_of, rate_of, rebound_of
 from stochvi.engine.pushes import (
@@ -440,7 +440,7 @@ def rub_contacts(rubs, h, contacts, stops, responses, tally):
         return
     f, gaps = contacts.forces, contacts.gaps
     for j in range(stops.places.shape[0]):
-        tangent = stops.tangents[j]
+        tangent = tangent_of(stops, j)
         if tangent < 0:
             continue
         for which in range(2):
@@ -538,7 +538,7 @@ def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, t
     contacts.struck[0] += 1
     rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
     add_impact(tally, pair, upper, w, rebound)
-    push, rubbed, tangent = w + rebound, 0.0, stops.tangents[pair]
+    push, rubbed, tangent = w + rebound, 0.0, tangent_of(stops, pair)
     if tangent >= 0:
         u = gaps[V, tangent]
         rebound, push, rubbed = rub_along(
