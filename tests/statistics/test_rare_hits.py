@@ -145,9 +145,49 @@ def test_a_chance_is_as_uncertain_as_its_rate_makes_it() -> None:
     assert found.standard_error == pytest.approx(error * (1.0 - found.value), rel=1e-3)
 
 
-def test_several_pairs_and_accelerations_of_rigid_stops_are_refused() -> None:
-    with pytest.raises(NotApplicable, match="got 2 coordinates"):
-        rare_hits(uncoupled(pair("x", "x", 4.0)), "impact_speed", 4.0, mission=60.0)
+def test_accelerations_of_rigid_stops_are_refused() -> None:
     scene = truck(4.0, 4.0, Restitution(coefficient=0.6))
     with pytest.raises(NotApplicable, match="a restitution alone does not give a force"):
         rare_hits(scene, "peak_acceleration", 100.0, mission=60.0)
+
+
+FAST_AND_RARE = uncoupled(pair("x", "x", 4.2), pair("z", "z", 5.0))
+"""Of two pairs that know nothing of each other one is hit twenty times as often, and the other one
+at twice the speed."""
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("rel_error", [0.1])
+def test_of_two_pairs_the_one_that_is_hit_seldom_and_hard_is_found(rel_error: float) -> None:
+    """Beyond a limit that the often hit pair hardly reaches, the risk is that of the other one
+    alone, which is one oscillator."""
+    mission, limit = 1e4, 5.0
+    rare = FAST_AND_RARE.replace(impact_pairs=FAST_AND_RARE.impact_pairs[1:])
+    together, alone = (
+        rare_hits(
+            scene, "impact_speed", limit, mission=mission, rel_error=error, seed=seed, budget=None
+        )
+        for scene, error, seed in ((FAST_AND_RARE, rel_error, 3), (rare, 0.5 * rel_error, 4))
+    )
+    assert isinstance(together.kind, AfterCrossings)
+    sides = together.kind.sides
+    assert sides[0] > 10.0 * sides[-1]  # hardly a trial begins with the pair that decides
+    assert_agrees(difference(together.chance, alone.chance), 0.0)
+    with pytest.raises(AssertionError):
+        assert_agrees(difference(together.chance, alone.chance, 4.0), 0.0)
+
+
+def test_an_acceleration_counts_where_it_is_asked_for() -> None:
+    """The score of all outputs is the larger one of those of either, now of one, now the other."""
+    near = uncoupled(pair("x", "x", 1.0), pair("z", "z", 0.3))
+    soft = [each.replace(law=Elastic(stiffness=20.0)) for each in near.impact_pairs]
+    scene = near.replace(impact_pairs=soft, excitations=[near.excitations[0].replace(on="base")])
+
+    def scores(*outputs: str) -> np.ndarray:
+        kinds = kinds_of(scene, "peak_acceleration", 1e3, 0.5, 1, None, outputs or None)
+        found = kinds[1].drawn(0).score
+        return found[found > 0.0]
+
+    both, x, z = scores(), scores("x"), scores("z")
+    assert np.array_equal(both, np.maximum(x, z))
+    assert np.any(x < z) and np.any(z < x)

@@ -95,10 +95,18 @@ def harder_hits_of_pairs(
     scene: Scene, limit: Limit, mission: float, overlap: float, jobs: Jobs
 ) -> tuple[Chance, dict[str, Estimate]]:
     """The probability that any impact of the mission exceeds a limit and, for an acceleration, the
-    probability for every output alone."""
+    probability for every output alone.
+
+    Where hardly any cluster or window exceeds it, the splitting of `exceedance` finds it, for all
+    outputs together.
+    """
     started = time.process_time()
     found = exceedance_of_pairs(scene, limit, mission, overlap, jobs.part)
     estimate = found.chance
+    if estimate.upper_95 is not None and not jobs.deadline.passed():
+        split = exceedance(scene, limit, mission, jobs)
+        only = limit.outputs[0] if len(limit.outputs) == 1 else None
+        return split, {} if only is None else {only: split.estimate}
     lower, upper = logarithmic_interval(
         estimate.value, estimate.standard_error, found.degrees, jobs.confidence
     )
@@ -202,7 +210,7 @@ def by_conditioning(
         left = len(limits) - done  # the expected impacts are one of them
         some = replace(jobs, deadline=jobs.deadline.sooner(left / (left + 1.0)))
         try:
-            chances[name] = exceedance(scene, name, limit, mission, some)
+            chances[name] = exceedance(scene, Limit(name, limit), mission, some)
         except (NotConverged, Interrupted) as error:
             missing[name] = str(error)
     try:
@@ -211,10 +219,11 @@ def by_conditioning(
         return chances, None, missing | {"expected_hits": str(error)}
 
 
-def exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Jobs) -> Chance:
+def exceedance(scene: Scene, limit: Limit, mission: float, jobs: Jobs) -> Chance:
     """The probability that any impact of the mission exceeds a limit, by splitting of trials."""
     found = rare_hits(
-        scene, name, limit, mission=mission, confidence=jobs.confidence, **jobs.sampling,
+        scene, limit.event, limit.value, mission=mission, outputs=limit.outputs or None,
+        confidence=jobs.confidence, **jobs.sampling,
     )  # fmt: skip
     rule = f"Student's, of the logarithm, from a jackknife over {found.repetitions} repetitions"
     if found.chance.value == 0.0:
@@ -235,8 +244,8 @@ def exceedance(scene: Scene, name: str, limit: float, mission: float, jobs: Jobs
             ),
         )
     return Chance(
-        event=name,
-        limit=limit,
+        event=limit.event,
+        limit=limit.value,
         estimate=found.chance,
         lower=found.lower,
         upper=found.upper,

@@ -451,7 +451,7 @@ def _without_energy(
     if jobs.deadline.passed():
         return None
     try:
-        found = exceedance(scene, event, limit, mission, jobs)
+        found = exceedance(scene, Limit(event, limit), mission, jobs)
     except NotApplicable:
         return None
     late = "a splitting by energy did not end in its share of the budget"
