@@ -227,10 +227,18 @@ def test_stops_must_lie_beyond_the_mean_position() -> None:
         bursts(scene.model_copy(update={"impact_pairs": ()}))
 
 
-def test_a_law_that_no_simulation_follows_is_refused() -> None:
-    law = SpeedRestitution(coefficient=lambda speed: 1.0 / (1.0 + speed))
-    with pytest.raises(NotApplicable, match="must be a number, got a function of speed"):
-        bursts(unit(4.0, law))
+def test_a_restitution_by_speed_is_followed() -> None:
+    """One that is the same at all speeds is that number; one that falls leaves fewer impacts."""
+    number, constant, falling = (
+        bursts(unit(4.0, law), rel_error=0.3, seed=2).hits_per_burst().value
+        for law in (
+            Restitution(coefficient=0.5),
+            SpeedRestitution(coefficient=lambda speed: 0.5 + 0.0 * speed),
+            SpeedRestitution(coefficient=lambda speed: 0.5 / (1.0 + speed)),
+        )
+    )
+    assert constant == pytest.approx(number, rel=1e-6)
+    assert falling < 0.99 * number
 
 
 def test_noise_on_the_mass_is_as_sharp_as_noise_on_the_base() -> None:
