@@ -9,6 +9,7 @@ import pandas as pd
 from cases import linear, linearised, oscillator
 
 import stochvi
+from stochvi.mathematics.shown_units import SPEED, TIME
 from stochvi.views.files import write_picture
 from stochvi.views.impacts import plot_histogram
 from stochvi.views.spectra import plot_curve
@@ -54,8 +55,8 @@ for restitution, position in [(r, p) for r in (1.0, 0.8, 0.5) for p in (1.0, 0.0
                      "cpu_seconds": cost})  # fmt: skip
     if position and restitution in COLOURS:
         colour, w = COLOURS[restitution], found.speeds.middles
-        for ax, each in ((left, found.speeds), (right, found.intervals)):
-            plot_histogram(each, ax, colour=colour, label=f"R = {restitution:g}")
+        for ax, each, quantity in ((left, found.speeds, SPEED), (right, found.intervals, TIME)):
+            plot_histogram(each, ax, quantity, colour=colour, label=f"R = {restitution:g}")
         left.plot(w, found.rayleigh(w), "--", color=colour, linewidth=1.0)
 pd.DataFrame(rows).to_csv(options.out / "result.csv", index=False)
 for ax, text, low in ((above, ("frequency (Hz)", "displacement (m²/Hz)"), 1e-3),
