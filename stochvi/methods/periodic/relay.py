@@ -221,7 +221,7 @@ class RelayBetweenStops:
         """Standard deviation of the impact speeds in the long run, m/s, where the restitution
         scatters a little from impact to impact.
 
-        It is |q| w std / (R sqrt(1 - q^2)) with q = `forgotten`.
+        It is abs(q) w std / (R sqrt(1 - q^2)) with q = `forgotten`.
 
         Parameters
         ----------
