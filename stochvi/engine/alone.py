@@ -313,7 +313,7 @@ def until_contact(step, span, impacts, stops, laws, responses, followed, work, t
         uniform = uniform_of(tally.word, impacts)
         rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
         add_impact(tally, pair, upper, w, rebound)
-        push, rubbed, tangent = w + rebound, 0.0, tangent_of(stops, pair)
+        push, rubbed, tangent = w + rebound, 0.0, tangent_of(stops.tangents, pair)
         if tangent >= 0:
             rebound, push, rubbed = rub_along(
                 pair, upper, w, rebound, gaps[V0, tangent], stops, responses, tally

@@ -440,7 +440,7 @@ def rub_contacts(rubs, h, contacts, stops, responses, tally):
         return
     f, gaps = contacts.forces, contacts.gaps
     for j in range(stops.places.shape[0]):
-        tangent = tangent_of(stops, j)
+        tangent = tangent_of(stops.tangents, j)
         if tangent < 0:
             continue
         for which in range(2):
@@ -538,7 +538,7 @@ def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, t
     contacts.struck[0] += 1
     rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
     add_impact(tally, pair, upper, w, rebound)
-    push, rubbed, tangent = w + rebound, 0.0, tangent_of(stops, pair)
+    push, rubbed, tangent = w + rebound, 0.0, tangent_of(stops.tangents, pair)
     if tangent >= 0:
         u = gaps[V, tangent]
         rebound, push, rubbed = rub_along(

@@ -32,13 +32,8 @@ Y_END, V_END = 2, 3
 
 
 @kernel
-def tangent_of(stops, pair):
-    """The pair along whose gap a pair rubs, below 0 where it does not."""
-    return _tangent_of(stops.tangents, pair)
-
-
-@kernel
-def _tangent_of(tangents, pair):
+def tangent_of(tangents, pair):
+    """The pair along whose gap a pair rubs, below 0 where it does not; see `Stops.tangents`."""
     if tangents is None:
         return -1
     return tangents[pair]
@@ -105,7 +100,7 @@ def rub_along(pair, upper, w, rebound, u, stops, responses, tally):
     """`rub` of an impact on a stop that rubs, at the speeds w into it and u along it: the rebound,
     the push, and the change along the stop, m/s. Its loss beyond that of the restitution goes into
     the sums."""
-    side, tangent, series = 2.0 * upper - 1.0, tangent_of(stops, pair), responses.gaps
+    side, tangent, series = 2.0 * upper - 1.0, tangent_of(stops.tangents, pair), responses.gaps
     along, into = side * series[pair, tangent, 1, 0], side * series[tangent, pair, 1, 0]
     ratio = stops.ratios[pair]
     restitution = rebound / w if w > 0.0 else 0.0
@@ -119,7 +114,7 @@ def rub_along(pair, upper, w, rebound, u, stops, responses, tally):
 @kernel
 def rub_at_rest(pair, upper, taken, stops, gaps, change, responses, tally):
     """Friction of a mass that ends a step at rest on a stop, which takes the speed `taken`."""
-    tangent = tangent_of(stops, pair)
+    tangent = tangent_of(stops.tangents, pair)
     if tangent < 0:
         return
     u, ratio = gaps[V1, tangent], stops.ratios[pair]
@@ -154,7 +149,7 @@ def rub_evenly(u, free, bound):
 def rub_contact(pair, upper, h, before, after, taken, contacts, stops, responses, tally):
     """Friction of a contact with a compliant stop in a sub-step of h s, whose normal impulse is
     `taken`. The speeds along the stop at its ends are `before` and `after`, m/s, without this."""
-    tangent, series = tangent_of(stops, pair), responses.gaps
+    tangent, series = tangent_of(stops.tangents, pair), responses.gaps
     ratio = stops.ratios[pair]
     added, lost = rub_evenly(before, after, stops.frictions[pair, upper] * ratio * taken)
     tally.sums[tangent, 3 * upper, tally.lane] += lost / ratio

@@ -201,7 +201,7 @@ def wait(lane, pair, upper, span, touches, scene, fastest, queue, count, y1):
     """Put a lane that touches a compliant stop into a queue, which has `count` lanes, or let it
     finish alone; returns how many lanes the queue has."""
     work = scene.work
-    alone = is_at_rest(work.contacts.resting) or tangent_of(scene.stops, pair) >= 0
+    alone = is_at_rest(work.contacts.resting) or tangent_of(scene.stops.tangents, pair) >= 0
     if alone or touches > MOST_ROUNDS or span <= 0.0:
         hold_contact(pair, upper, scene)
         finish_lane(lane, span, touches, scene, fastest, y1)

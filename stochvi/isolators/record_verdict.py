@@ -255,11 +255,12 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
 
 class _Gap(NamedTuple):
     """A gap whose motion is judged: its name, None for one mass; its combination of coordinates;
-    and the sides on which it has stops."""
+    the sides on which it has stops; and its name in a sentence."""
 
     name: str | None
     direction: Vector
     sides: frozenset[int]
+    words: str = ""
 
 
 def _gaps_of(scene: Scene, model: Model) -> list[_Gap]:
@@ -270,12 +271,17 @@ def _gaps_of(scene: Scene, model: Model) -> list[_Gap]:
         return [_Gap(None, np.ones(1), frozenset(int(stop.side) for stop in model.stops) or both)]
     if model.pairs:
         return [
-            _Gap(pair.name, pair.direction, frozenset(int(stop.side) for stop in pair.stops))
+            _Gap(
+                pair.name,
+                pair.direction,
+                frozenset(int(stop.side) for stop in pair.stops),
+                f"the gap of {pair.name}",
+            )
             for pair in model.pairs
         ]
     turning = tuple(MOTIONS)[3:] if isinstance(scene.structure, RigidBody) else ()
     rows = zip(model.outputs, model.output_rows, strict=True)
-    return [_Gap(name, row, both) for name, row in rows if name not in turning]
+    return [_Gap(name, row, both, name) for name, row in rows if name not in turning]
 
 
 STILL = 1e-9
@@ -567,7 +573,7 @@ def _verdict(
     p_values = dict(zip(TESTS, (unlikely, shape, level and level.p_value), strict=True))
     expected = expected_peak(duration, law)
     limit = FALSE_ALARMS / tests
-    moves = "it moves" if gap.name is None else f"the gap of {gap.name} moves"
+    moves = "it moves" if gap.name is None else f"{gap.words} moves"
     through = "mount" if gap.name is None else "structure"
     of = "" if gap.name is None else f" of {gap.name}"
     reasons = [sentence for _, sentence in lost] if judged else []

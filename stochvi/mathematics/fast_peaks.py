@@ -19,7 +19,7 @@ from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
+from numpy.fft import irfft, rfft
 
 from stochvi.mathematics.arrays import Matrix, Vector, Waves
 from stochvi.mathematics.frequency_response import bin_variances
@@ -161,6 +161,8 @@ class PeakedRecords:
     @cached_property
     def samples(self) -> int:
         """Number of samples at which the cubic is taken."""
+        from scipy.fft import next_fast_len  # which takes long to import
+
         return 2 * int(next_fast_len(math.ceil(SAMPLES_PER_PERIOD * self.count / 2.0) + 1))
 
     @cached_property

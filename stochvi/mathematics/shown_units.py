@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from stochvi.mathematics.rounding import ROUNDING
 from stochvi.mathematics.units import STANDARD_GRAVITY, unit
 
 
@@ -49,10 +50,6 @@ CHOICES = {
     "acceleration density": ("g²/Hz", "(m/s²)²/Hz"),
 }
 """Units in which each quantity can be shown."""
-
-ROUNDING = 1e-9
-"""Relative rounding error of numbers that are rounded up: those of this size above a step count as
-the step."""
 
 SECONDS = {"1/s": "second", "1/min": "minute", "1/h": "hour"}
 """Times in words by the unit of a rate."""

@@ -99,21 +99,13 @@ def _motion_of_gaps(model: Model) -> list[_GapMotion]:
 
 def _loud_input(model: Model) -> list[str]:
     """A warning of an axis of the base whose rms acceleration is beyond every usual test."""
-    one = len(model.coordinates) == 1
-    if not (model.moving_base and not model.noise_on_mass if one else model.base_alone_moves):
+    if not model.base_alone_moves:
         return []
     axes: dict[bytes, float] = {}
-    tables = (
-        [(table, b"") for table in model.acceleration_tables]
-        if one
-        else [
-            (table, np.asarray(force).tobytes())
-            for table, force in model.tables
-            if not isinstance(force, InputMatrix)
-        ]
-    )
-    for table, axis in tables:
-        axes[axis] = axes.get(axis, 0.0) + table.mean_square()
+    for table, force in model.tables:
+        if not isinstance(force, InputMatrix):
+            axis = np.asarray(force).tobytes()
+            axes[axis] = axes.get(axis, 0.0) + table.mean_square()
     shaken = math.sqrt(max(axes.values(), default=0.0)) / STANDARD_GRAVITY
     if shaken <= LARGEST_INPUT:
         return []
@@ -130,10 +122,11 @@ def _overdamped(model: Model) -> list[str]:
     ratios = np.diag(form.damping)[held] / (2.0 * np.sqrt(form.squares[held]))
     if not np.any(ratios > 1.0):
         return []
-    above = f"{ratios.max():.3g}, above critical: 10 % of critical is zeta = 0.1"
-    if len(model.coordinates) == 1:
-        return [f"the damping ratio zeta is {above}"]
-    return [f"of one mode the damping ratio zeta is {above}"]
+    where = " in one mode" if len(model.coordinates) > 1 else ""
+    return [
+        f"the damping ratio zeta is {ratios.max():.3g}{where}, above critical: 10 % of critical is "
+        "zeta = 0.1"
+    ]
 
 
 def _tables_alone(model: Model) -> tuple[float, float] | None:
@@ -162,14 +155,13 @@ def _outside_tables(model: Model) -> list[str]:
     if ends is None or not len(natural):
         return []
     low, high = ends
-    one = len(model.coordinates) == 1
-    if np.any((low if one else 0.0) <= natural) and np.any(natural <= high):
+    several, lowest = len(model.coordinates) > 1, float(natural.min())
+    if lowest <= high and (several or low <= lowest):
         return []
-    lowest = float(natural.min())
-    which = "natural frequency" if one else "lowest natural frequency of the gaps,"
+    which = "lowest natural frequency" if several else "natural frequency"
     return [
-        f"the {which} {lowest:.4g} Hz{'' if one else ','} lies outside the table "
-        f"({low:g} to {high:g} Hz): the response depends on excitation that the table does not hold"
+        f"the {which} {lowest:.4g} Hz lies outside the table ({low:g} to {high:g} Hz): "
+        "the response depends on excitation that the table does not hold"
     ]
 
 

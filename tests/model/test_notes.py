@@ -182,7 +182,7 @@ def test_a_box_is_noted_as_one_mass_is() -> None:
     mounts = [each.replace(loss_factor=6.0) for each in box.structure.mounts]
     assert noted(
         box.replace(structure=box.structure.replace(mounts=mounts)),
-        "of one mode the damping ratio zeta is 3",
+        "the damping ratio zeta is 3 in one mode",
     )
     low = TabulatedNoise(frequency_hz=[0.5, 2.0], density=[1e-3, 1e-3], unit="g2/Hz", axis="z")
     assert noted(box.replace(excitations=[low]), "lies outside the table (0.5 to 2 Hz)")

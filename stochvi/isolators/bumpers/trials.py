@@ -22,7 +22,7 @@ from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_error
 from stochvi.sampling.sampler import TrialSampler
-from stochvi.sampling.stop_flag import GivenUp
+from stochvi.sampling.stop_flag import given_up_after
 from stochvi.statistics.bursts import UNFINISHED
 from stochvi.statistics.cluster_paths import FLOWN_SAMPLES, WINDOWS, ClusterPaths
 from stochvi.statistics.damage.clusters import PAST_LARGEST
@@ -93,14 +93,20 @@ class ClearanceTrials(TrialSampler):
         return [self.clusters.between(model) for model in self.models]
 
     def trial(self, first_path: int, paths: int, deadline: Deadline) -> TrialPart:
-        """The part of one block of paths; `GivenUp` where it outlasts its deadline by the whole
-        budget, as nobody waits for it any more."""
-        clusters, end = self.clusters, deadline.sooner_by(-(deadline.budget or 0.0))
+        """The part of one block of paths; `GivenUp` where it outlasts the budget.
+
+        The first block of a clearance is needed, and may outlast the share of that clearance.
+        """
+        with given_up_after(deadline.sooner_by(-(deadline.budget or 0.0))):
+            return self._part(first_path)
+
+    def _part(self, first_path: int) -> TrialPart:
+        clusters = self.clusters
         free = clusters.free(first_path)
         if not self.apart:
             plan, motion = clusters.plans[1], clusters.whole(free)
             burn_in = min(math.ceil(plan.burn_in / plan.step), len(motion) - 1)
-            found = self._followed(motion, end, burn_in, len(motion))
+            found = self._followed(motion, burn_in, len(motion))
             none = np.zeros((1, 0, 1, len(free), 0), np.float32)
             return TrialPart(none, first_path + np.arange(len(free)), np.ones(len(free)), *found)
         ages, chosen = clusters.first_impacts(free, first_path, WIDENING)
@@ -111,7 +117,7 @@ class ClearanceTrials(TrialSampler):
             for one in each.parts(size):
                 starts = clusters.records.starts[one.start]
                 motion = clusters.around(free, one.side, one.path, starts, one.draws, one.sign)
-                columns.append(self._followed(motion, end))
+                columns.append(self._followed(motion))
                 path.append(first_path + one.path)
                 weight.append(one.weight)
         return TrialPart(
@@ -119,15 +125,12 @@ class ClearanceTrials(TrialSampler):
         )
 
     def _followed(
-        self, motion: NDArray[np.float64], end: Deadline, burn_in: int = 0,
-        counted: int | None = None,
-    ) -> NDArray[np.float64]:  # fmt: skip
+        self, motion: NDArray[np.float64], burn_in: int = 0, counted: int | None = None
+    ) -> NDArray[np.float64]:
         """The last four rows of a part, (4, stiffnesses, trials)."""
         trials = motion.shape[2] // 2
         found = np.zeros((4, len(self.models), trials))
         for row, clusters in enumerate(self._between):
-            if end.passed():
-                raise GivenUp
             impacts, sums, _ = clusters.follow(
                 motion, accelerations=False, burn_in=burn_in, counted=counted
             )

@@ -332,7 +332,7 @@ def _not_gaussian(
     return rows
 
 
-class FastPeaks(NamedTuple):
+class PassedKurtosis(NamedTuple):
     """Kurtosis of an input record and of the response to it, with its standard error."""
 
     input_kurtosis: float
@@ -343,7 +343,7 @@ class FastPeaks(NamedTuple):
 def fast_peaks(
     scene: Scene, kurtosis: float, *, seed: int = 0, records: int = RECORDS,
     deadline: Deadline = NEVER,
-) -> FastPeaks:  # fmt: skip
+) -> PassedKurtosis:  # fmt: skip
     """How much of the kurtosis of an input with fast peaks a mount lets through.
 
     Records of the tabulated input are given the law of `Hermite` and their own density in turn,
@@ -387,7 +387,7 @@ def fast_peaks(
             break
     mean = np.mean(found, axis=0)
     error = float(np.std(found, axis=0, ddof=1)[1] / math.sqrt(len(found)))
-    return FastPeaks(float(mean[0]), float(mean[1]), error)
+    return PassedKurtosis(float(mean[0]), float(mean[1]), error)
 
 
 def _density(tables: tuple[Table, ...], frequency: Vector) -> Vector:

@@ -32,7 +32,7 @@ from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Cost, Estimate
 from stochvi.results.response import CoordinateResponse, Response
-from stochvi.scenes.characteristics import BoucWen, Relay
+from stochvi.scenes.characteristics import BoucWen
 from stochvi.scenes.scene import Scene
 
 METHOD = "linearise:closure"
@@ -115,10 +115,10 @@ def linearised_functions(scene: Scene, deadline: Deadline = NEVER) -> tuple[Resp
 def _late(model: Model) -> list[str]:
     """A sentence for each drive that does not follow the velocity alone."""
     return [
-        "structure.damper must switch by the velocity, got a relay that is late or reverses "
-        f"({part.name})"
+        f"structure.damper must switch by the velocity, got a {part.law.kind} that is late or "
+        f"reverses ({part.name})"
         for part in model.functions
-        if isinstance(part.law, Relay) and part.law.needs == "both"
+        if part.law.drives and part.law.needs == "both"
     ]
 
 

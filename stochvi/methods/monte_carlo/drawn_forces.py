@@ -27,7 +27,7 @@ from stochvi.scenes.excitations.pulses import Pulses
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnForce(ABC):
+class BlockForce(ABC):
     """A force in blocks of `samples` at an interval of `step` seconds."""
 
     samples: int
@@ -49,7 +49,7 @@ class DrawnForce(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class ForceOfShocks(DrawnForce):
+class ForceOfShocks(BlockForce):
     """Shocks at random times."""
 
     pulses: Pulses
@@ -74,7 +74,7 @@ class ForceOfShocks(DrawnForce):
 
 
 @dataclass(frozen=True, eq=False)
-class ForceOfPeaks(DrawnForce):
+class ForceOfPeaks(BlockForce):
     """Noise with fast peaks."""
 
     peaks: FastPeaks
@@ -91,7 +91,7 @@ class ForceOfPeaks(DrawnForce):
         return self.peaks.over(self.samples * self.step)
 
 
-def force_of(excitation: Pulses | FastPeaks, samples: int, step: float) -> DrawnForce:
+def force_of(excitation: Pulses | FastPeaks, samples: int, step: float) -> BlockForce:
     """What draws an excitation in blocks of so many samples at an interval, s.
 
     Raises

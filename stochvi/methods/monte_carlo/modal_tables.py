@@ -28,7 +28,7 @@ from stochvi.mathematics.frequency_response import (
     covariance,
     eigenvalues,
 )
-from stochvi.methods.monte_carlo.drawn_forces import DrawnForce, force_of
+from stochvi.methods.monte_carlo.drawn_forces import BlockForce, force_of
 from stochvi.methods.monte_carlo.kernels.modes import (
     Largest,
     Outputs,
@@ -495,7 +495,7 @@ class ModalTablesPlan(ModalContactsPlan):
         return self._response_to(total)
 
     @cached_property
-    def _drawn_forces(self) -> list[DrawnForce]:
+    def _drawn_forces(self) -> list[BlockForce]:
         """What draws the forces of a block."""
         return [force_of(each, self.samples, self.step) for each, _ in self.model.drawn]
 
