@@ -18,7 +18,7 @@ from stochvi.mathematics.shown_units import (
     ShownQuantity,
 )
 from stochvi.results.estimates import Estimate
-from stochvi.views.axes import add_grid, axes_or_new
+from stochvi.views.axes import add_grid, axes_or_new, legend_above, plain_ticks
 from stochvi.views.colours import BAND_ALPHA, COLOURS
 from stochvi.views.tables import (
     new_table,
@@ -129,6 +129,7 @@ def draw_damage(found: Damage, title: str = "") -> Axes:
     _curve(axes[2], found, found.equivalent_density, WITH, "same damage without stops", DENSITY)
     axes[2].set_ylabel(f"equivalent density\n({DENSITY}, one-sided)")
     axes[2].set_yscale("log")
+    plain_ticks(axes[2])
     add_grid(axes[2])
     axes[2].set_xlabel("natural frequency of the equipment (Hz)")
     words = (
@@ -170,8 +171,9 @@ def plot_extremes(found: Damage, ax: Axes | None = None) -> Axes:
     ax.set_yscale("log")
     ax.set_ylabel(f"acceleration of the\nequipment ({ACCELERATION})")
     _show_one(ax, found)
+    plain_ticks(ax)
     add_grid(ax)
-    ax.legend(frameon=False, fontsize="x-small", ncols=2)
+    legend_above(ax)
     return ax
 
 
@@ -184,6 +186,7 @@ def plot_fatigue(found: Damage, ax: Axes | None = None) -> Axes:
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_ylabel(f"fatigue damage\n(m/s)^{found.exponent:g}")
+    plain_ticks(ax)
     add_grid(ax)
     ax.legend(frameon=False, fontsize="small")
     return ax
