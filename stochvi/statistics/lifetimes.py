@@ -625,10 +625,13 @@ class DepartureSampler(Sampler[Group, Departures]):
 
     def survival(self, sample: Departures, regime: int) -> Survival:
         """How many paths were still in a regime at each look, and how many left it then."""
-        groups = sample.of(regime)
-        ends = np.concatenate([group.noted_until(self.outside) for group in groups])
-        left = np.concatenate([group.left for group in groups])
-        return Survival.of(ends, left)
+        groups = sample.of(regime)  # none where the budget ended before the first of the regime
+        ends = [group.noted_until(self.outside) for group in groups]
+        left = [group.left for group in groups]
+        return Survival.of(
+            np.concatenate([np.empty(0, np.int64), *ends]),
+            np.concatenate([np.empty(0, np.bool_), *left]),
+        )
 
     def mean_life(self, sample: Departures, regime: int) -> MeanLife:
         """The mean life time of a regime, in looks."""

@@ -58,6 +58,7 @@ from stochvi.testing import assert_agrees
 from stochvi.verification.testing.agreement import Z
 from stochvi.views.absorbers import verdict
 from stochvi.views.report.absorber import design_page
+from support import judges
 from support.accuracies import quick_cases, rel_errors
 
 LIGHTLY_DAMPED = Oscillator(mass=1.0, damping=0.02, stiffness=1.0)
@@ -546,6 +547,7 @@ def test_a_design_finds_the_broad_optimum() -> None:
     assert found.scene.absorber is not None
     assert list(found.to_frame()["restitution"]) == [0.5, 0.9]
     json.dumps(found.to_dict(), allow_nan=False)
+    assert judges.columns_without_judge(found) == []
     page = design_page(found, origin_of(found.provenance)).html()
     assert "restitution 0.5, total play" in page
     assert page.count("data:image/svg+xml") == 1

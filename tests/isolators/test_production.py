@@ -9,6 +9,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from rich.console import Console
+from scipy.integrate import quad
+from scipy.optimize import brentq
 from scipy.stats import norm, qmc, t
 
 from stochvi import (
@@ -40,6 +42,7 @@ from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics.pair_crossings import own_distances
 from stochvi.views.production import print_production
 from stochvi.views.report.changes import production_section
+from support import judges
 from support.accuracies import quick_cases
 
 WHITE = [WhiteNoise(density=0.01, unit="g2/Hz")]
@@ -105,6 +108,7 @@ def test_shares_of_variance_and_units_above_the_target_are_closed() -> None:
     found = production(
         ONE_STOP, spreads, probability=0.01, mission=MISSION, rel_error=0.1, seed=2, threads=1
     )
+    assert judges.columns_without_judge(found) == []
     place = found.stated["stops"]
     # a unit needs c 10^(level / 20) - e, c the clearance that it needs at the stated level
     log_std = std_db * math.log(10.0) / 20.0
@@ -132,6 +136,30 @@ def test_shares_of_variance_and_units_above_the_target_are_closed() -> None:
     half = clearance.upper - clearance.value
     assert clearance.value == pytest.approx(math.sqrt(both * level), abs=4.5 / 1.96 * half)
     assert reserve > 10.0 * half
+    # and so is what the tolerance costs, with the mean correction of the production for both
+    cost = float(alone.tolerances["clearance_cost"][0])
+    kept = 0.01 / alone.correction.value
+    hits = -math.log1p(-kept) * math.exp(0.5 * ((clearance.value - cost) / sigma) ** 2)
+
+    def excess(place: float) -> float:
+        def part(e: float) -> float:
+            expected = hits * math.exp(-0.5 * ((place + e) / sigma) ** 2)
+            return float(-math.expm1(-expected) * norm.pdf(e, scale=std))
+
+        return quad(part, -8.0 * std, 8.0 * std, epsabs=1e-10)[0] - kept
+
+    needed = brentq(excess, clearance.value - cost, clearance.value + cost)
+    # the drawn units know the mean risk to half of the accuracy that was asked for
+    known = 0.05 * sigma**2 / clearance.value
+    assert clearance.value == pytest.approx(needed, abs=known)
+    assert cost > 8.0 * known
+    shares = alone.units["share_of_units"].to_numpy()
+    # a unit with the quantile of e has its own need at the stated place less e
+    needs = clearance.value - cost - std * norm.ppf(1.0 - shares)
+    quantile = np.sqrt(shares * (1.0 - shares) / (2 * method.SEQUENCES * method.POINTS))
+    error = 4.5 * std * quantile / norm.pdf(norm.ppf(shares)) + known
+    assert np.all(np.abs(alone.units["clearance"].to_numpy() - needs) < error)
+    assert np.median(error) < 0.2 * std
 
 
 BOX = load_scene(shipped_scene("rigid-box"))

@@ -24,6 +24,7 @@ from stochvi import (
 )
 from stochvi.isolators import MissionSizing, size_by_damage
 from stochvi.views.report import write_clearance_report
+from support import judges
 
 PROFILE = "mil-std-810h-truck-vertical-5hz"
 
@@ -192,6 +193,7 @@ def test_the_sized_scene_has_the_damage_that_was_accepted(
         rel_error=rel_error,
         budget=500.0,
     )
+    assert judges.columns_without_judge(found) == []
     own = damage(
         found.sized(), mission=600.0, equipment=equipment, rel_error=rel_error, seed=5, budget=300.0
     )

@@ -47,6 +47,7 @@ from stochvi.statistics.damage.gaussian import (
 from stochvi.statistics.damage.method import HOLD_ERROR
 from stochvi.statistics.damage.records import DamageSampler, sampled_for
 from stochvi.testing import assert_agrees
+from support import judges
 
 TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
 MOUNT = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
@@ -638,6 +639,7 @@ def test_a_sine_on_random_has_a_ratio_by_simulation() -> None:
     )
     found = damage(scene, mission=60.0, equipment=[30.0, 60.0], rel_error=0.5)
     assert found.way_without == "simulation" and np.all(found.damage_ratio.value > 1.0)
+    assert judges.columns_without_judge(found) == []
 
 
 def test_without_stops_the_mission_alone_scales_the_damage() -> None:

@@ -24,6 +24,7 @@ from stochvi import (
 from stochvi.results.deadline import NEVER
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics import lifetimes
+from support import judges
 from support.bounces import Bounces
 from support.clocks import tick
 
@@ -130,6 +131,19 @@ def test_a_budget_that_ends_early_makes_no_life_longer(monkeypatch: pytest.Monke
     assert abs(found.life_time - lives.mean()) < 4.0 * error
     monkeypatch.setattr(module, "FORGOTTEN", 0)
     assert early().life_time - lives.mean() > 4.0 * error
+
+
+def test_a_regime_that_the_budget_did_not_reach_has_a_lower_limit_of_zero() -> None:
+    with pytest.MonkeyPatch.context() as patched:
+        tick(patched, 1e-3)
+        with pytest.raises(NotConverged) as ended:
+            lifetimes(mount(WhiteNoise(intensity=NOISE)), budget=0.5)
+    reached, unreached = ended.value.partial.regimes
+    assert reached.paths > 0 and unreached.paths == 0
+    assert (unreached.life_time, unreached.life_time_low) == (None, 0.0)
+    assert ended.value.partial.to_dict()["regimes"][1]["destinations"] == []
+    assert len(ended.value.partial.to_frame()) == 2
+    assert judges.columns_without_judge(ended.value.partial) == []
 
 
 def own_lives(intensity: float, paths: int, outside: float) -> Vector:

@@ -21,6 +21,7 @@ from stochvi import (
 )
 from stochvi.scenes import Modulation
 from stochvi.testing import assert_agrees
+from support import judges
 
 M, B, W = 2.0, 0.3, 2.0
 
@@ -120,6 +121,7 @@ def test_sines_have_the_multipliers_of_floquet() -> None:
     assert found.mean_square_growth is not None
     assert found.mean_square_growth.value == pytest.approx(2.0 * found.lyapunov_exponent.value)
     assert found.summary().startswith("unstable: almost every motion grows")
+    assert judges.columns_without_judge(found) == []
 
 
 def test_stops_and_other_noise_do_not_count() -> None:

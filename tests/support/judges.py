@@ -48,8 +48,8 @@ def _is_number(schema: Mapping[str, Any]) -> bool:
     return any(isinstance(each, Mapping) and _is_number(each) for each in inner)
 
 
-ERRORS = re.compile(r"_(?:standard_error|error|bias|low|high|lower|upper)$")
-"""End of the name of a column that holds an error of another column, or an end of its interval."""
+ERRORS = re.compile(r"_(?:standard_error|error|bias|low|high|lower|upper)(?=$|_without_stops$)")
+"""Part of the name of a column that holds an error of another column, or an end of its interval."""
 
 
 def columns_without_judge(answer: Result) -> list[str]:
