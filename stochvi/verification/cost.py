@@ -57,6 +57,10 @@ NOISE = 3.0
 MOST_HALVINGS = 10
 """Largest number of times that the finest step is halved on paper to find a small enough bias."""
 
+REFERENCE_RTOL = 1e-6
+"""Relative error asked of the Fokker-Planck equation: far below what any simulation resolves, for a
+tenth of a second."""
+
 LARGEST_BLOCK = 256
 """Largest number of paths in a block: enough for full speed, few enough that a block ends in
 time."""
@@ -151,9 +155,10 @@ class StepError:
 class ModelError:
     """One quantity by a method that draws no random numbers; errors are relative.
 
-    `model_error` is the difference to the closed form, or else to the limit of the two finest steps
-    of the simulation; `model_error_error` is the standard error of that, and `stated_bias` the bias
-    that the method states.
+    `model_error` is the difference to the reference of the answer; that of a method that is the
+    reference itself is the difference to the limit of the two finest steps of the simulation.
+    `model_error_error` is its standard error, joined for a limit with the change of the limit if
+    the bias were of order 2. `stated_bias` is the bias that the method states.
     """
 
     method: str
@@ -442,9 +447,13 @@ def cost(scene: Scene, *, paths: int | None = None, **options: Unpack[RunOptions
         used.add(taken)
         steps = _errors_of(key, quantity, truth, size, order, rungs, statistics, bias / size)
         rows += steps
-        # methods are not their own judges
-        judge = truth if taken == "exact" else _limit_of_steps(quantity, plans, order)
-        models += _models_of(key, judge, size, free, statistics)
+        limit = _limit_of_steps(quantity, plans, order)
+        for answer in free:
+            # a method is not its own judge
+            others = taken == FOKKER_PLANCK and not answer[0].method.startswith(taken)
+            by_truth = others or taken == "exact"
+            judges = (truth, truth) if by_truth else (limit, _limit_of_steps(quantity, plans, 2.0))
+            models += _model_of(key, judges, size, answer, statistics)
     found = WorkPrecision(
         errors=sorted(rows, key=lambda row: -row.step),
         models=models,
@@ -635,7 +644,11 @@ def _solved(scene: Scene, plan: Plan, deadline: Deadline) -> list[Response]:
     count the same impacts as those of the simulation."""
     threshold = next(iter(plan.layout.thresholds.values()), None)
     try:
-        return [fokker_planck(scene, speed_threshold=threshold, budget=deadline.rest)]
+        return [
+            fokker_planck(
+                scene, speed_threshold=threshold, rtol=REFERENCE_RTOL, budget=deadline.rest
+            )
+        ]
     except NotApplicable:
         return []
     except (NotConverged, Interrupted) as reason:
@@ -723,16 +736,20 @@ def _limit(row: StepError, longer: StepError | None, order: float) -> float:
     return row.largest_bias if row.least_bias > scaled else min(row.largest_bias, scaled)
 
 
-def _models_of(
+def _model_of(
     key: Key,
-    truth: Quantity,
+    judges: tuple[Quantity, Quantity],
     size: float,
-    responses: Sequence[tuple[Response, float]],
+    answer: tuple[Response, float],
     statistics: PathStatistics,
 ) -> list[ModelError]:
-    """One quantity by every method that draws no random numbers, each with its CPU seconds."""
-    value, error = statistics.evaluate(truth)
-    answers = [(*each, each[0].estimates().get(key)) for each in responses]
+    """One quantity by a method that draws no random numbers, if it knows it. What the judge leaves
+    open is its standard error, and how far the other judge lies from it."""
+    response, seconds = answer
+    found = response.estimates().get(key)
+    if found is None:
+        return []
+    (value, error), (other, _) = (statistics.evaluate(judge) for judge in judges)
     return [
         ModelError(
             method=response.method,
@@ -741,9 +758,7 @@ def _models_of(
             value=found.value,
             cpu_seconds=seconds,
             model_error=(found.value - value) / size,
-            model_error_error=error / size,
+            model_error_error=math.hypot(error, other - value) / size,
             stated_bias=None if found.bias is None else found.bias / size,
         )
-        for response, seconds, found in answers
-        if found is not None
     ]

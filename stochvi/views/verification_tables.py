@@ -301,25 +301,21 @@ def _print_models(console: Console, found: WorkPrecision) -> None:
     if not found.models:
         return
     methods = list(dict.fromkeys(row.method for row in found.models))
-    bounded = [row.method for row in found.models if row.stated_bias]
-    short = {"fokker-planck": "Fokker-P."}
+    short = {"fokker-planck": "Fokker-P.", "average:finite jumps": "average"}
     names = [short.get(method, method.removeprefix("linearise:")) for method in methods]
-    title = "error of the model (%), free and to stay"
-    title += "; bound: stated by Fokker-Planck" if bounded else ""
-    table = new_table(title, ["quantity", *names, *(["bound"] if bounded else [])])
+    title = "error of methods without random numbers (%) [bound that the method states]"
+    table = new_table(title, ["quantity", *names])
     for key in dict.fromkeys((row.of, row.quantity) for row in found.models):
         errors = {row.method: row for row in found.models if (row.of, row.quantity) == key}
         cells = [_model_error(errors[m]) if m in errors else "" for m in methods]
-        for method in bounded[:1]:
-            bound = errors[method].stated_bias if method in errors else None
-            cells.append("" if bound is None else f"{100.0 * bound:.2g}")
         table.add_row(_whose(found, *key), *cells)
     print_table(console, table)
 
 
 def _model_error(row: ModelError) -> str:
+    bound = f" [{100.0 * row.stated_bias:.2g}]" if row.stated_bias else ""
     if abs(row.model_error) < DETERMINISTIC_ERROR:
-        return "0"
+        return f"0{bound}"
     if row.model_error_error == 0.0:
-        return f"{100.0 * row.model_error:.3g}"
-    return format_with_error(100.0 * row.model_error, 100.0 * row.model_error_error)
+        return f"{100.0 * row.model_error:.3g}{bound}"
+    return f"{format_with_error(100.0 * row.model_error, 100.0 * row.model_error_error)}{bound}"

@@ -241,13 +241,13 @@ def test_the_cpu_seconds_of_all_steps_are_those_of_the_process(
                 gc.enable()
 
         used, counted = spent()
-        # a thread takes its task and hands it on, and a clock is read 10 times in a block
-        handling = used - counted + blocks * 10.0 * time.get_clock_info("thread_time").resolution
-        assert 0.0 < handling < 0.1 * used
-        slow[0] = max(5e-3, 8.0 * handling / blocks)
+        # a thread takes its task and hands it on, and reads clocks
+        assert 0.9 * used < counted <= used
+        slow[0] = 2.0 * used / blocks
         used, counted = spent()
-    assert counted == pytest.approx(used, abs=2.0 * handling)
-    assert used > blocks * slow[0] > 4.0 * handling
+    # without the slow statistics a third would be counted
+    assert 0.9 * used < counted <= used
+    assert blocks * slow[0] > 0.5 * used
 
 
 def test_the_price_of_a_step_holds_the_run_that_knows_its_bias() -> None:
