@@ -2,13 +2,17 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test everywhere clocks verify distributed lint docs studies bench clean
+.PHONY: demo test slow everywhere clocks verify distributed lint docs studies bench clean
 
 demo: .venv/test-installed
 	$(BIN)/stochvi demo --out out
 
 test: .venv/test-installed
 	$(BIN)/python -m pytest -n auto --dist worksteal
+
+# tests that take over a second of CPU time
+slow: .venv/test-installed
+	$(BIN)/python -m pytest -n auto --dist worksteal -m "slow and not verify"
 
 everywhere: .venv/test-installed
 	$(BIN)/python .ci/everywhere.py

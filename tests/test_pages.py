@@ -112,6 +112,7 @@ def files_are_there(folder: Path) -> bool:
     return (folder / "answer.json").is_file() and pictures <= found
 
 
+@pytest.mark.slow
 def test_the_program_of_the_readme_prints_what_the_readme_says(tmp_path: Path) -> None:
     script = "\n".join(block.text for block in blocks("python"))
     assert "simulate" in script
@@ -124,6 +125,7 @@ def test_the_program_of_the_readme_prints_what_the_readme_says(tmp_path: Path) -
         assert number in text
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short_review", "blank_pictures")
 def test_commands_run_with_less_work(
     stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -194,6 +196,7 @@ def test_every_block_of_a_page_is_run() -> None:
 CONSOLE = [page for page in (README, *MANUAL) if "```console" in page.read_text(encoding="utf-8")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", CONSOLE, ids=lambda page: page.stem)
 def test_commands_print_what_the_page_shows(page: Path, tmp_path: Path) -> None:
     found = shown.run_page(page, tmp_path)

@@ -79,12 +79,14 @@ def test_programs_find_the_names_that_were_at_the_top_once(room: str, name: str)
     assert name not in stochvi.__all__
 
 
+@pytest.mark.slow
 def test_importing_the_package_imports_nothing_heavy() -> None:
     assert loaded_by("import stochvi") == set()
     assert loaded_by("from stochvi import RigidBody, views") == set()
     assert loaded_by("from stochvi.methods import closed_form") > set()
 
 
+@pytest.mark.slow
 @quick_cases(
     ("command", "needed"),
     [

@@ -26,6 +26,7 @@ print("<html" in page.html(), len(d.scene_files("isolator-bumper")))
 """
 
 
+@pytest.mark.slow
 def test_wheel_in_a_fresh_environment_finds_its_data(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -300,6 +300,7 @@ def test_levels_raise_what_shakes_and_leave_loads() -> None:
     assert load.force == 1.0
 
 
+@pytest.mark.slow
 @rel_errors(0.15, 0.01)
 def test_an_absorber_that_loses_nothing_shares_energy_and_does_not_help(rel_error: float) -> None:
     """E v1^2 = theta / m1, m2 E v2^2 = theta; the relative position is uniform in the box."""
@@ -482,6 +483,7 @@ def test_more_random_absorbers_keep_their_balances(number: int) -> None:
     assert_balanced(number, rel_error=0.03)
 
 
+@pytest.mark.slow
 @rel_errors(0.2, 0.02)
 def test_a_level_acts_like_the_size_of_the_box(rel_error: float) -> None:
     """Without a length of its own the system scales: +6.02 dB is half the play."""
@@ -685,6 +687,7 @@ def test_what_absorbers_cannot_be_asked() -> None:
         design_absorber(free, mass_budget=-1.0)
 
 
+@pytest.mark.slow
 def test_the_command_tells_the_verdict_first(tmp_path) -> None:
     file = tmp_path / "scene.toml"
     file.write_text(
@@ -729,6 +732,7 @@ def test_the_command_tells_the_verdict_first(tmp_path) -> None:
     assert result.exit_code == 2 and "--levels must be numbers" in result.output
 
 
+@pytest.mark.slow
 def test_what_a_box_does_is_what_a_plain_integration_does() -> None:
     """A rubber box, by small steps of the equations of motion of both masses in white noise."""
     stiffness, ratio, mass, play = 20.0, 0.3, 0.1, 3.0

@@ -109,6 +109,7 @@ def test_what_is_left_is_what_the_structure_does_from_impact_to_impact(name: str
     assert curve.worst[0] < 0.9
 
 
+@pytest.mark.slow
 def test_a_light_mass_at_its_tuned_play_leaves_the_residual_vibration() -> None:
     """First harmonic (2 Delta / pi) (1 - R) / (1 + R) at a_p = M2 w^2 8 Delta / pi^2, but for a
     share of the mass; the test of `symmetric_regimes` follows it to lighter masses."""
@@ -147,6 +148,7 @@ def test_a_mass_lies_idle_where_its_box_is_wider_than_the_motion(share: float, i
         assert curve.worst[0] >= 1.0
 
 
+@pytest.mark.slow
 def test_a_structure_of_several_coordinates_carries_a_mass_by_name() -> None:
     given = Scene(
         structure=Matrices(
@@ -166,6 +168,7 @@ def test_a_structure_of_several_coordinates_carries_a_mass_by_name() -> None:
         absorber_sine(given, tune={"structure.mass": [1.0]})
 
 
+@pytest.mark.slow
 def test_walls_that_give_way_leave_what_their_force_law_does() -> None:
     law = Viscoelastic(stiffness=500.0, damping_ratio=0.3)
     given = Scene(
@@ -206,6 +209,7 @@ def test_what_is_no_absorber_under_a_sine_is_refused() -> None:
         absorber_sine(noisy)
 
 
+@pytest.mark.slow
 def test_the_command_writes_curves_a_picture_and_a_page(tmp_path: Path) -> None:
     file = tmp_path / "tower.toml"
     file.write_text(

@@ -503,6 +503,7 @@ def test_a_mistake_in_a_scene_file_ends_the_process_without_a_traceback(tmp_path
     assert done.stderr == "stochvi: excitation.0.intensity must be greater than 0, got -0.2\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "scene"),
     [("exact", "oscillator-elastic"), ("fokker-planck", "oscillator-lossy")],

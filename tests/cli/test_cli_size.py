@@ -36,6 +36,7 @@ def by_python() -> Sizing:
     return size(load_scene(ISOLATOR), probability=0.05, mission=600.0, rel_error=0.2, threads=1)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short_review")
 def test_the_clearance_and_what_three_sigma_buys(
     stochvi: Run, tmp_path: Path, by_python: Sizing
@@ -313,6 +314,7 @@ def test_the_mission_of_a_phase_is_its_duration(stochvi: Run, tmp_path: Path) ->
     assert one_document(done.out)["mission"] == 60.0
 
 
+@pytest.mark.slow
 def test_the_page_of_a_mission_names_what_shakes_in_each_phase(
     stochvi: Run, tmp_path: Path
 ) -> None:

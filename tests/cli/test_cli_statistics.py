@@ -202,6 +202,7 @@ intensity = 30.0
 """
 
 
+@pytest.mark.slow
 def test_reliability_of_several_pairs_says_what_each_risks(stochvi: Run, tmp_path: Path) -> None:
     scene = tmp_path / "two.toml"
     scene.write_text(TWO_PAIRS)

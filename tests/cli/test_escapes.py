@@ -65,6 +65,7 @@ def test_files_of_a_sweep_stay_in_its_folder_whatever_a_pair_is_called(
     assert sum(path.suffix == ".png" for path in written) > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NASTY)
 def test_a_response_is_shown_and_drawn_whatever_its_names_are(
     stochvi: Run, tmp_path: Path, name: str
@@ -204,6 +205,7 @@ UNPRIVILEGED = ["setpriv", "--bounding-set=-dac_override,-dac_read_search"]
 """What takes from root the right to write where nobody may."""
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="Windows has other rights")
 @pytest.mark.skipif(
     hasattr(os, "geteuid") and os.geteuid() == 0 and not shutil.which("setpriv"),
@@ -247,6 +249,7 @@ def test_without_write_access_a_command_ends_in_a_sentence_before_it_works(tmp_p
     assert len(files_below(closed)) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="Windows refuses a file that another program has open")
 def test_two_writers_of_one_folder_leave_whole_answers_of_one_of_them(tmp_path: Path):
     scenes = [scene_in(tmp_path / title, title) for title in ("one", "two")]

@@ -18,6 +18,7 @@ BRANCH_KEYS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_branches_jumps_and_files_of_a_sweep(stochvi: Run, tmp_path: Path) -> None:
     done = stochvi(
         "sine", MOUNT, "--from", "90", "--to", "0.12kHz", "--points", "3", "--sweep", "up",

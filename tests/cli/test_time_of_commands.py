@@ -85,6 +85,7 @@ def cpu_seconds(command: list[Any]) -> tuple[subprocess.CompletedProcess[str], f
     return ended, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
+@pytest.mark.slow
 @quick_cases("question", HARD, keep=(4,))
 def test_a_short_budget_is_kept_where_a_step_takes_long(tmp_path: Path, question: str) -> None:
     mount, noise, words = HARD[question]

@@ -144,6 +144,7 @@ def timeless(part: object) -> object:
     return [timeless(each) for each in part] if isinstance(part, list) else part
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short_review")
 @pytest.mark.parametrize("name", ["exact", "history", "replay", "size", "clearance"])
 def test_columns_state_the_units_in_which_they_are(stochvi: Run, tmp_path: Path, name: str) -> None:
@@ -184,6 +185,7 @@ def judged(unit: str) -> float:
     return float(found if isinstance(found, int | float) else found.to_base_units().magnitude)
 
 
+@pytest.mark.slow
 def test_units_that_can_be_chosen_have_the_sizes_of_pint() -> None:
     for names in CHOICES.values():
         for name in names:
@@ -219,6 +221,7 @@ def test_pictures_and_frames_of_answers_take_units() -> None:
         answer.in_units("in, mm")
 
 
+@pytest.mark.slow
 def test_a_clearance_to_make_is_never_rounded_down(stochvi: Run, tmp_path: Path) -> None:
     for units in ("mm", "in", "mil", "ft", "µm", "cm"):
         done = stochvi(*COMMANDS["size"], "--units", units, "--json", tmp_path / "a.json")

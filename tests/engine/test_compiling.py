@@ -256,6 +256,7 @@ def started(folder: Path, program: str, *arguments: str) -> subprocess.Popen[str
     )
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no such locks")
 def test_of_two_processes_that_need_a_kernel_at_once_one_compiles_it(load: Load, tmp_path: Path):
     ready = tmp_path / "ready"
@@ -512,6 +513,7 @@ def test_a_function_that_kernels_call_is_made_machine_code_of_only_for_python(
         difference_of_roots(9.0, -4.0)
 
 
+@pytest.mark.slow
 def test_a_linked_kernel_is_read_from_its_file(load: Load, tmp_path: Path) -> None:
     """A second kernel that holds it, in another process, does not compile it again."""
     program = f"""\

@@ -51,6 +51,7 @@ def rebounds(random: np.random.Generator, R: np.ndarray, scatter: float = 0.01) 
     return Rebounds(approach=SPEEDS, rebound=SPEEDS * (R + scatter * random.normal(size=len(R))))
 
 
+@pytest.mark.slow
 @CASES
 def test_a_constant_restitution_comes_back_within_its_error(cases: int) -> None:
     truth = np.full(len(SPEEDS), 0.7)
@@ -70,6 +71,7 @@ def test_a_law_that_is_true_is_rejected_as_often_as_stated(cases: int) -> None:
     assert sum(rejected) <= binom.ppf(0.9999, cases, 0.05)
 
 
+@pytest.mark.slow
 @CASES
 def test_a_viscoelastic_body_is_told_from_a_constant_restitution(cases: int) -> None:
     k, mass, c = 1e8, 0.05, 6e3
@@ -118,6 +120,7 @@ def impacts_of(random: np.random.Generator, scatter: float, timing: float) -> Re
     return Rebounds.of_times(seen, height=height, timing_error=timing)
 
 
+@pytest.mark.slow
 @CASES
 @pytest.mark.parametrize(("scatter", "timing"), [(0.02, 0.0), (0.001, 2e-3), (0.02, 2e-3)])
 def test_the_times_of_times_give_the_restitution_within_its_error(
@@ -199,6 +202,7 @@ DROPS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", DROPS)
 def test_the_record_of_a_drop_tells_the_law_and_its_numbers(law: str) -> None:
     k, n, c, m = DROPS[law]
@@ -238,6 +242,7 @@ def test_gravity_counts_in_a_drop() -> None:
     assert abs(wrong[0] - 4e4) > 8.0 * errors[0]
 
 
+@pytest.mark.slow
 def test_a_known_height_leaves_a_number_less() -> None:
     clean = record(1.2e6, 1.0, 300.0, 0.0, mass=2.3, speed=np.sqrt(2.0 * G * 0.1), fs=10e3)
     seen = clean + 4.0 * np.random.default_rng(5).normal(size=len(clean))
@@ -253,6 +258,7 @@ def test_a_known_height_leaves_a_number_less() -> None:
 # ---- what is told, and refused ----------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_line_is_one_of_a_scene_file() -> None:
     random = np.random.default_rng(5)
     clean = record(3e7, 1.5, 1e7, 1.5, mass=2.3, speed=1.4, fs=10e3)

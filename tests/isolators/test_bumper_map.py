@@ -87,6 +87,7 @@ def test_peaks_are_exceeded_as_often_as_by_plain_simulation(
             assert not low < CHANCE < high, (place, factor)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("places", "paths"),
     [((4.5e-3,), 120), pytest.param((4.5e-3, 7.5e-3), 1000, marks=pytest.mark.verify)],

@@ -85,6 +85,7 @@ def both() -> PairsSizing:
     return sized(scene, whole=True, tolerances=Tolerances.of(scene, usual=True))
 
 
+@pytest.mark.slow
 def test_uncoupled_pairs_share_the_risk(both: PairsSizing) -> None:
     alone = both.pairs["probability_alone"]
     assert alone[0] == alone[1]
@@ -110,6 +111,7 @@ def test_the_clearances_keep_the_chance_that_they_are_sized_for(both: PairsSizin
         assert_agrees(again, 1.3 * TARGET)
 
 
+@pytest.mark.slow
 def test_a_pair_alone_is_sized_as_an_oscillator() -> None:
     unit = Scene(
         structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
@@ -125,6 +127,7 @@ def test_a_pair_alone_is_sized_as_an_oscillator() -> None:
     assert off < math.hypot(found.upper - found.value, twice["x"].upper - twice["x"].value) * 2.0
 
 
+@pytest.mark.slow
 def test_one_pair_of_several_leaves_the_others_where_they_are() -> None:
     """And its stop stays on its side."""
     one = ImpactPair(name="x", on="x", upper=4.0, law=LAW)
@@ -215,6 +218,7 @@ def test_a_sized_changed_scene_agrees_with_the_tolerances(both: PairsSizing) -> 
         assert both.clearances[name].value != pytest.approx(found.value, rel=share)
 
 
+@pytest.mark.slow
 def test_changed_scenes_of_pairs_are_sized_anew(both: PairsSizing) -> None:
     def three(sizing: PairsSizing) -> list[tuple[str, Scene]]:
         return [each for each in variations(sizing) if each[0] in ("none", "level +3 dB")]
@@ -384,6 +388,7 @@ def test_what_is_not_sized(scene: Scene, asked: dict[str, object], words: str) -
         size(scene, **(QUICK | asked))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blank_pictures")
 def test_the_command_sizes_a_box(stochvi: Run, tmp_path: Path) -> None:
     scene = Path(__file__).parents[2] / "data" / "scenes" / "rigid-box.toml"
@@ -433,6 +438,7 @@ def test_a_chance_next_to_one_has_an_interval(hazard: float) -> None:
     assert risk == pytest.approx(0.2, rel=1e-6) and math.isfinite(math.exp(width))
 
 
+@pytest.mark.slow
 def test_looks_are_never_rougher_than_a_simulation_allows(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[float] = []
 
@@ -446,6 +452,7 @@ def test_looks_are_never_rougher_than_a_simulation_allows(monkeypatch: pytest.Mo
     assert asked and max(asked) < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blank_pictures")
 def test_hits_that_the_budget_left_unknown_end_with_code_one(
     stochvi: Run, monkeypatch: pytest.MonkeyPatch

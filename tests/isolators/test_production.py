@@ -102,6 +102,7 @@ def test_gaps_of_units_are_those_of_changed_scenes() -> None:
         assert float(farther[0, 0]) == pytest.approx(-moved, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_shares_of_variance_and_units_above_the_target_are_closed() -> None:
     std_db, std = 0.6, 6e-4
     spreads = {"level": Spread(std=std_db), "clearance": Spread(std=std)}
@@ -212,6 +213,7 @@ SEQUENCES = 8
 """Sequences of Sobol' points, each scrambled on its own: their scatter is the error of the mean."""
 
 
+@pytest.mark.slow
 @quick_cases("scene, spreads", SCENES, keep=(0,))
 def test_the_mean_over_units_is_that_of_each_unit_calculated(
     scene: Scene, spreads: dict[str, Spread], request: pytest.FixtureRequest,

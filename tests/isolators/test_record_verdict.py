@@ -220,6 +220,7 @@ def test_a_p_value_is_never_stated_as_zero() -> None:
     assert p_value_in_words(2e-7) == "p = 2e-07"
 
 
+@pytest.mark.slow
 def test_commands_say_it_first_and_end_with_1(tmp_path: Path, stochvi: Run) -> None:
     values = {
         "bad": spoilt("potholes", np.random.default_rng(7)),

@@ -160,6 +160,7 @@ def test_records_of_different_rates_are_judged_each(tmp_path: Path) -> None:
     assert not judged(box(records[0])).contradicts
 
 
+@pytest.mark.slow
 def test_sizing_a_box_says_that_the_record_contradicts(tmp_path: Path) -> None:
     random = np.random.default_rng(9)
 
@@ -181,6 +182,7 @@ def test_sizing_a_box_says_that_the_record_contradicts(tmp_path: Path) -> None:
     assert good.verdict().startswith("clearances: ")
 
 
+@pytest.mark.slow
 def test_commands_say_it_of_a_box(tmp_path: Path, stochvi: Run) -> None:
     values = {
         "bad": spoilt("potholes", np.random.default_rng(7)),

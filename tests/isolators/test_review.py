@@ -147,6 +147,7 @@ def test_the_only_stop_of_a_scene_brings_all_the_bursts_of_its_distance(sizing: 
 # Numbers of the page ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_peaks_for_which_no_time_is_left_cost_no_review(
     sizing: Sizing, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -46,6 +46,7 @@ def on_a_truck() -> tuple[Sizing, pd.DataFrame]:
     return sizing, sensitivity(sizing, seed=1).set_index("change")
 
 
+@pytest.mark.slow
 def test_a_level_scales_the_clearance(on_a_truck: tuple[Sizing, pd.DataFrame]) -> None:
     sizing, table = on_a_truck
     assert table.loc["none", "clearance_change"] == pytest.approx(0.0, abs=1e-3)

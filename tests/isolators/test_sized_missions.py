@@ -60,6 +60,7 @@ def sized(scene: Scene, **options: Any) -> MissionSizing:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", THREE)
 def test_the_sized_mission_has_the_probability_that_was_asked_for(name: str) -> None:
     found = sized(THREE[name])
@@ -127,6 +128,7 @@ def with_records(folder: Path, potholes: float) -> Scene:
     return mission(phases)
 
 
+@pytest.mark.slow
 def test_the_record_of_each_phase_is_judged(tmp_path: Path) -> None:
     found = sized(with_records(tmp_path, potholes=9.0))
     assert set(found.records) == {"smooth", "rough"} and set(found.doubtful) == {"rough"}
@@ -176,6 +178,7 @@ def bumpers() -> Scene:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("ratio", "equipment", "rel_error"),
     [(4.0, (60.0,), 0.3),
@@ -214,6 +217,7 @@ def test_the_sized_scene_has_the_damage_that_was_accepted(
     assert page.count("<figure") == 3
 
 
+@pytest.mark.slow
 def test_a_clearance_for_a_damage_is_that_of_the_mean_unit() -> None:
     stops = bumpers().impact_pairs[0]
     differing = stops.replace(lower=None, upper=None, clearance={"mean": 4e-3, "std": 1e-4})

@@ -429,6 +429,7 @@ def test_what_cannot_be_kept_says_why() -> None:
         size(still, probability=0.1)
 
 
+@pytest.mark.slow
 def test_the_chance_between_uneven_stops_is_that_of_their_first_passage() -> None:
     """Clusters on two even stops touch both: half of them for either side are too few."""
     mount = Isolator(frequency_hz=10.0, zeta=0.02)
@@ -501,6 +502,7 @@ def test_a_chance_is_told_where_hits_are_not_known(monkeypatch: pytest.MonkeyPat
     json.dumps(found.to_dict(), allow_nan=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mission", [0.5, pytest.param(1.0, marks=pytest.mark.verify)])
 def test_a_chance_near_one_falls_with_the_clearance_and_is_a_limit(mission: float) -> None:
     """Against records that are looked through from end to end."""
@@ -532,6 +534,7 @@ def soft_bumper() -> Scene:
     return Scene(structure=mount, impact_pairs=[stops], excitations=[noise])
 
 
+@pytest.mark.slow
 def test_a_soft_bumper_may_stand_closer_than_bursts_can_judge() -> None:
     """Where impacts follow each other without pauses, windows of the whole motion decide."""
     limit = 20.0 * STANDARD_GRAVITY

@@ -66,6 +66,7 @@ def test_a_resonance_that_meets_a_peak_is_found_inside_the_region() -> None:
     assert max(ends) < 0.7 * found
 
 
+@pytest.mark.slow
 def test_the_worst_case_is_sized_and_no_row_is_above_it() -> None:
     sizing = size(
         MOUNT, probability=0.01, mission=600.0, rel_error=0.2, tolerances=ALLOWED, threads=1
@@ -156,6 +157,7 @@ def test_each_pair_of_a_box_has_its_own_worst_place() -> None:
     assert np.all((grid < 0.98 * grid.max(axis=0)).any(axis=1))
 
 
+@pytest.mark.slow
 def test_a_mount_that_hangs_elsewhere_moves_towards_its_stops() -> None:
     """A load does not move with the mount: what the equilibrium moves by adds to the clearance."""
     mount = Scene(

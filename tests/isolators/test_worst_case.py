@@ -69,6 +69,7 @@ def test_the_worst_level_scales_the_clearance(sizing: Sizing) -> None:
     assert quiet == pytest.approx(10.0**-0.1, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_the_worst_combination_is_a_scene_of_its_own(sizing: Sizing) -> None:
     table = worst_case(sizing, Tolerances(frequency=0.05, damping=0.2, level_db=1.0), threads=1)
     last = table.iloc[-1]
@@ -127,6 +128,7 @@ def test_any_speed_at_all_is_the_chance_of_a_hit(sizing: Sizing) -> None:
     assert falling.is_monotonic_decreasing and falling.iloc[-1] < 0.2 * falling.iloc[0]
 
 
+@pytest.mark.slow
 def test_bursts_and_windows_agree(sizing: Sizing, monkeypatch: pytest.MonkeyPatch) -> None:
     place, limit = 3.6 * sizing.sigma, 0.3 * sizing.screening.velocity_std
     (burst,) = chances(place, marks=[limit]).query("mark").to_dict("records")

@@ -44,6 +44,7 @@ def test_the_cubic_of_a_gaussian_has_its_kurtosis() -> None:
         assert weights @ x**4 == pytest.approx(kurtosis, rel=1e-10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kurtosis", [3.5, 5.0, 8.0])
 @pytest.mark.parametrize("profile", BOUNDED)
 def test_kurtosis_in_is_kurtosis_out(profile: str, kurtosis: float) -> None:

@@ -297,6 +297,7 @@ def test_power_loss_counts_the_impacts_of_a_period():
         assert case.power_loss == pytest.approx(expected, rel=1e-14)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("restitution", "within"), [(0.9, 0.01), (0.8, 0.02), (0.5, 0.1)])
 def test_the_impact_loss_is_near_that_of_the_regime_that_a_sine_just_keeps_up(
     restitution: float, within: float

@@ -72,6 +72,7 @@ def simulated() -> dict[str, Any]:
     return {quantity: each for (_, quantity), each in found.estimates().items()}
 
 
+@pytest.mark.slow
 def test_a_function_without_losses_has_the_exact_law_of_its_shipped_twin(simulated) -> None:
     truth = values(exact(scene(-1.0, 1.0, Hertz(coefficient=100.0))))
     compared = [name for name, each in simulated.items() if name in truth and each.standard_error]
@@ -141,6 +142,7 @@ def plain(
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("several", [False, True])
 def test_a_replay_with_a_function_is_that_of_a_general_solver(several: bool) -> None:
     forces = 5.0 * np.random.default_rng(1).normal(size=(SAMPLES, 2 if several else 1))
@@ -208,6 +210,7 @@ def test_the_document_names_the_function_and_tells_versions_apart() -> None:
         scene_from(documents[0])
 
 
+@pytest.mark.slow
 def test_explain_says_what_flies_and_what_does_not() -> None:
     found = explain(scene(-1.0, 1.0, OWN))
     assert "function stop upper" in found.effects

@@ -116,6 +116,7 @@ def call(seed: int) -> None:
     assert spent < LONGEST, f"seed {seed}: {spent:.1f} s, {caller}"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_calls_with_wrong_arguments_end_in_sentences(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

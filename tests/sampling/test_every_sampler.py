@@ -290,6 +290,7 @@ class Remembers(ThreadPoolExecutor):
         return self.futures[-1]
 
 
+@pytest.mark.slow
 @samplers
 def test_neither_executor_nor_progress_shows_in_a_digit(sampler: Any) -> None:
     alone, told = sampler(threads=1), []
@@ -366,6 +367,7 @@ class Blocks:
         return self.done, found
 
 
+@pytest.mark.slow
 @samplers
 def test_killed_and_resumed_it_has_the_digits_of_a_run_that_never_stopped(
     sampler: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

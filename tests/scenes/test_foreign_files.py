@@ -44,6 +44,7 @@ def test_a_byte_that_makes_the_reader_crash_is_a_sentence(tmp_path: Path) -> Non
         of_record(path, unit="g", fs=100.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["mat", "uff", "npy", "npz"])
 def test_damaged_files_are_refused_in_a_sentence_or_read(tmp_path: Path, kind: str) -> None:
     path = tmp_path / f"run.{kind}"

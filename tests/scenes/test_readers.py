@@ -157,6 +157,7 @@ def test_any_text_gives_columns_or_a_sentence(tmp_path_factory, content) -> None
 
 
 # each of these is read by a process of its own; `make verify` has hundreds of damaged files
+@pytest.mark.slow
 @settings(max_examples=12, deadline=None)
 @given(content=ANYTHING, suffix=st.sampled_from([".uff", ".mat", ".unv"]))
 def test_any_file_gives_columns_or_a_sentence(tmp_path_factory, content, suffix) -> None:
@@ -194,6 +195,7 @@ def test_any_table_comes_back_from_its_text(tmp_path_factory, rows, parted, head
     assert list(zip(table.frequency_hz.tolist(), table.density.tolist(), strict=True)) == rows
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".uff", ".mat"])
 def test_a_truncated_file_gives_a_sentence(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"run{suffix}"

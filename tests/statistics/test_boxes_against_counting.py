@@ -119,6 +119,7 @@ def assert_agrees_with_counting(number: int, missions: int, rel_error: float) ->
         assert_agrees(both, counted)
 
 
+@pytest.mark.slow
 def test_a_box_against_counting() -> None:
     assert_agrees_with_counting(0, 300, 0.1)
 

@@ -170,6 +170,7 @@ def gains_of(frequency: float, q: float) -> tuple[object, object]:
     )
 
 
+@pytest.mark.slow
 def test_equipment_on_tones_is_that_of_closed_form() -> None:
     """Steady tones up to the fastest equipment: rms, peaks and damage of the exact response."""
     parts, q, b, frequencies = tones(3), 10.0, 6.0, (40.0, 200.0, 700.0, 2000.0)
@@ -412,6 +413,7 @@ def test_largest_of_rayleigh_windows_is_known() -> None:
 # Stops -----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_records_have_the_accelerations_of_a_history() -> None:
     scene = between(Viscoelastic(stiffness=2e5, damping_ratio=0.2), noise=WhiteNoise(intensity=1.0))
     step = 2e-4
@@ -494,6 +496,7 @@ def plain_records(scene: Scene, equipment: Equipment, sampler: DamageSampler, pa
     return total
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [Restitution(coefficient=0.7), Elastic(stiffness=2e5)], ids=str)
 def test_equipment_between_stops_is_that_of_a_plain_integration(law: object) -> None:
     scene, equipment = between(law, 3e-3), Equipment((40.0, 150.0, 1200.0), 10.0, 6.0)
@@ -519,6 +522,7 @@ FIVE = [
 white noise."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scene", [FIVE[1], *(pytest.param(each, marks=pytest.mark.verify) for each in FIVE)]
 )

@@ -142,6 +142,7 @@ def test_a_force_on_the_mass_is_in_its_acceleration() -> None:
     assert not [name for name in found.samples if name.startswith("base")]
 
 
+@pytest.mark.slow
 def test_two_masses_follow_their_springs_and_the_base() -> None:
     scene = Scene(structure=TWO, excitations=[SHAKEN, TONE])
     found = history(scene, duration=0.2, rate=2e4)

@@ -240,6 +240,7 @@ def test_energy_per_impact_is_that_of_a_kilogram_where_no_mass_is_given(mass, un
     assert math.isclose(pair.energy.value, 0.5 * (mass or 1.0) * 0.75 * square, rel_tol=1e-9)
 
 
+@pytest.mark.slow
 def test_exponents_of_very_lossy_stops_take_shorter_steps_near_them(monkeypatch) -> None:
     """Steps that are the usual share of what noise takes shift the power itself."""
 

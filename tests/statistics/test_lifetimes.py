@@ -96,6 +96,7 @@ def test_rest_lasts_as_long_as_in_a_plain_simulation() -> None:
     assert abs(math.log(plain / found.life_time)) < 4.0 * error + 0.05 / plain
 
 
+@pytest.mark.slow
 def test_a_budget_that_ends_early_makes_no_life_longer(monkeypatch: pytest.MonkeyPatch) -> None:
     """Paths that are watched for a part of their lives, and others until all of them have left.
 
@@ -192,6 +193,7 @@ def own_lives(intensity: float, paths: int, outside: float) -> Vector:
     return lives
 
 
+@pytest.mark.slow
 def test_a_short_life_is_that_of_paths_watched_until_all_have_left(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -288,6 +290,7 @@ def test_groups_that_begin_later_live_as_long(monkeypatch: pytest.MonkeyPatch) -
     assert abs(lives[0] - lives[1]) < 4.0 * error
 
 
+@pytest.mark.slow
 def test_regimes_hit_as_fast_as_in_a_simulation_of_the_sine_alone() -> None:
     with pytest.raises(NotConverged) as short:  # the clatter outlasts any budget
         lifetimes(mount(WhiteNoise(intensity=NOISE)), budget=3.0, threads=1)

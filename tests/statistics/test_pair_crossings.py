@@ -223,6 +223,7 @@ def test_random_structures_against_much_counting(number: int, rarity: float) -> 
     assert_counts_agree(scene, 20_000, number, 0.01)
 
 
+@pytest.mark.slow
 def test_independence_fails_where_pairs_move_together() -> None:
     """Two places of one stiff beam: the middle between them hardly moves on its own."""
     scene = Scene(
@@ -355,6 +356,7 @@ def test_hits_of_pairs_that_lose_nothing_are_those_of_the_exact_law() -> None:
         assert found.pairs[name].share_of_first_hits == pytest.approx(share, abs=0.03)
 
 
+@pytest.mark.slow
 def test_expected_hits_and_hard_hits_of_pairs() -> None:
     scene = uncoupled(pair("x", "x", 5.0), pair("z", "z", 5.0))
     found = reliability(scene, mission=MISSION, impact_speed=2.0, rel_error=0.4, seed=1)

@@ -76,6 +76,7 @@ def difference(first: Estimate, second: Estimate, factor: float = 1.0) -> Estima
     )
 
 
+@pytest.mark.slow
 @rel_errors(0.5, 0.15)
 def test_splitting_agrees_with_counting_and_bursts_with_the_whole_motion(rel_error: float) -> None:
     """Stops at two distances with two laws, so that one side cannot stand for the other."""
@@ -126,6 +127,7 @@ def test_a_seed_gives_the_same_digits_on_any_threads() -> None:
     assert one.lower < one.chance.value < one.upper
 
 
+@pytest.mark.slow
 def test_where_hits_hardly_pause_the_whole_motion_is_looked_at() -> None:
     scene = truck(1.5, 1.5, Restitution(coefficient=0.6))
     found = rare_hits(scene, "impact_speed", 0.45, mission=60.0, rel_error=0.5, threads=1)

@@ -93,6 +93,7 @@ def test_a_stationary_start_is_a_matter_of_first_crossings() -> None:
     assert (chance.lower, chance.upper) == pytest.approx(ends, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_missions_shorter_than_what_settles_them() -> None:
     """Fast impacts of 5 s meet a bound, and 12 times their probability is about that of a
     minute."""

@@ -466,6 +466,7 @@ def test_stops_that_give_way_push_on_every_coordinate_of_a_structure() -> None:
             assert density.tolist() == pytest.approx([(to / mass) ** 2] * 2)
 
 
+@pytest.mark.slow
 def test_bandwidth_and_degrees_of_freedom_are_what_the_scatter_shows() -> None:
     """The half-power bandwidth of an oscillator is b / (2 pi); over seeds the density scatters by
     2 / degrees of freedom of its square."""

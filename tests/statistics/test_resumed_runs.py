@@ -114,6 +114,7 @@ RUNS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("run", RUNS)
 def test_a_stopped_run_goes_on_to_the_digits_of_one_that_never_stopped(
     run: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -140,6 +141,7 @@ def test_a_stopped_run_goes_on_to_the_digits_of_one_that_never_stopped(
         assert digits(solve(scene, **asked | {"seed": 4})) != digits(whole)
 
 
+@pytest.mark.slow
 def test_a_budget_that_cuts_blocks_short_leaves_no_trace(tmp_path: Path) -> None:
     """Blocks that end with the budget are left out of the checkpoint, as they hold fewer paths."""
     scene, kept = oscillator(), tmp_path / "run"
@@ -152,6 +154,7 @@ def test_a_budget_that_cuts_blocks_short_leaves_no_trace(tmp_path: Path) -> None
     )
 
 
+@pytest.mark.slow
 def test_killed_it_goes_on(tmp_path: Path) -> None:
     """`kill -9` in the middle, and --resume of the command line."""
     scene, kept = tmp_path / "scene.toml", tmp_path / "run"

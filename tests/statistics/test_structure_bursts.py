@@ -258,6 +258,7 @@ def test_a_seed_gives_the_same_digits_on_any_number_of_threads() -> None:
     assert rates[0] == rates[1]
 
 
+@pytest.mark.slow
 def test_telling_of_the_progress_does_not_change_the_answer() -> None:
     """A block of a box has fewer paths than an error needs."""
     scene = snubbed(5.0, RUBBER, 2)

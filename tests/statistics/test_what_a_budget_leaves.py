@@ -247,6 +247,7 @@ DEAR = (
 """Questions of which an answer takes a second."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seeds", [5, pytest.param(200, marks=pytest.mark.verify)])
 def test_what_is_left_of_a_budget_holds_as_often_as_it_says(
     seeds: int, monkeypatch: pytest.MonkeyPatch

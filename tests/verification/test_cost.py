@@ -105,6 +105,7 @@ def near_exact(restitution: float) -> dict[str, float]:
     }
 
 
+@pytest.mark.slow
 def test_bias_at_the_longest_step_is_the_distance_from_near_exact_answers(
     lossy: WorkPrecision,
 ) -> None:

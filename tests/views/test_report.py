@@ -143,6 +143,7 @@ def html(folder: Path) -> str:
 # The page ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_the_page_refers_to_nothing_outside_itself(html: str) -> None:
     reader = read(html)
     inside = {f"#{name}" for name in reader.identifiers}

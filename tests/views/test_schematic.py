@@ -83,6 +83,7 @@ def test_a_preload_is_called_so():
     assert "preload of\n1 mm" in words(draw_problem(scene, {}))
 
 
+@pytest.mark.slow
 def test_gaps_of_a_box_have_a_line_each():
     box = stochvi.load_scene(shipped_scene("rigid-box"))
     rests = rests_of(box)

@@ -25,6 +25,7 @@ def shaken(structure: Beam | Plate, *pairs: ImpactPair) -> Scene:
     return Scene(structure=structure, impact_pairs=list(pairs), excitations=noise)
 
 
+@pytest.mark.slow
 def test_a_reed_is_drawn_where_it_touches_its_stop() -> None:
     scene = shaken(REED, ImpactPair(on="tip", upper=5e-4, law=SPRING))
     found = history(scene, duration=0.5, seed=1)
@@ -60,6 +61,7 @@ def test_what_has_no_shape_has_no_picture_of_it() -> None:
     assert not has_shape(history(blade, duration=0.1, seed=1), blade)
 
 
+@pytest.mark.slow
 def test_points_are_drawn_and_modal_coordinates_are_not(tmp_path) -> None:
     """A pair of weights has a panel of its own; so it has a row of an animation."""
     scene = shaken(
@@ -80,6 +82,7 @@ def test_points_are_drawn_and_modal_coordinates_are_not(tmp_path) -> None:
     plt.close("all")
 
 
+@pytest.mark.slow
 def test_one_mode_is_drawn_by_its_gap(tmp_path) -> None:
     one = REED.replace(modes=1)
     scene = shaken(one, ImpactPair(between=["tip", "middle"], upper=3e-4, law=SPRING))

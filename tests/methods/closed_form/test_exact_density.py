@@ -236,6 +236,7 @@ def test_what_a_spring_that_is_a_function_lacks_is_said():
     assert exact(scene(spring(lambda x: x, potential=lambda x: 5 + x**2 / 2)))
 
 
+@pytest.mark.slow
 @quick_cases(("upper", "told"), [(0.6, True), (-1.3, False), (-0.3, False)], keep=(0, 2))
 def test_the_peak_force_is_left_out_where_the_potential_falls_behind_the_stop(upper, told):
     """A stop before, in and behind the left of two wells; the right one is the deeper."""

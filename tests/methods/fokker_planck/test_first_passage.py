@@ -133,6 +133,7 @@ def test_a_stationary_start_leaves_at_rices_rate_at_first_and_never_faster() -> 
     assert (np.diff(rates) < 0.0).all()
 
 
+@pytest.mark.slow
 def test_rates_keep_their_digits_however_rare_and_approach_rices() -> None:
     """At 5.6 deviations the rate is 3e-8 of the frequency, at 7 it is 1e-12."""
     ratios = []

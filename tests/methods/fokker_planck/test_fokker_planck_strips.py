@@ -302,6 +302,7 @@ SOFT = stopped(-1.0, 1.0, Viscoelastic(stiffness=100.0, damping_ratio=0.2))
 THRESHOLD = 0.04
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [0.1, 0.02, 0.006])
 @pytest.mark.parametrize(
     ("law", "load"),

@@ -162,6 +162,7 @@ def energy(group: Moments, index: int) -> float:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", [0.3, pytest.param(0.8, marks=pytest.mark.verify)])
 def test_energy_is_gained_and_lost_as_noise_damping_and_impacts_say(restitution: float) -> None:
     """The balance of energy: d/dt E (v^2 + x^2) / 2 = S0 / 2 - b E v^2 - (1 - R^2) F2 / 2."""

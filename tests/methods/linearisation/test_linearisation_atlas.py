@@ -111,6 +111,7 @@ def held(
     return holding, given
 
 
+@pytest.mark.slow
 @quick_cases("variant", ["consistent", "box", "average"], keep=(0, 2))
 @pytest.mark.parametrize("table", ["held_out.csv", "held_out_asymmetric.csv"])
 def test_bounds_hold_where_none_was_made(table: str, variant: str) -> None:

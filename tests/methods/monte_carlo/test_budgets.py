@@ -257,6 +257,7 @@ def test_progress_does_not_go_back_where_the_step_is_halved(
     assert fractions[-1] > 0.9 and fractions == sorted(fractions)
 
 
+@pytest.mark.slow
 def test_the_seed_does_not_decide_the_scheme() -> None:
     """One stop at rest: the plain step leaves 1.6 % in F1, and rates that are 12 % too low."""
     scene, seeds, asked = oscillator(0.0, None, 0.3), range(6), 0.0125

@@ -108,6 +108,7 @@ CASES = {
 """Scenes whose density is known: of Gibbs, or by the Fokker-Planck equation."""
 
 
+@pytest.mark.slow
 @quick_cases("name", list(CASES), keep={2, 6, 11})
 def test_densities_are_those_of_other_methods(name: str) -> None:
     scene = CASES[name]
@@ -143,6 +144,7 @@ def paths_of(scene: Scene, step: float, steps: int = 100) -> np.ndarray:
     return np.array([columns["displacement of x"], columns["velocity of x"]])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("excitation", ["white", "filtered"])
 def test_a_linear_function_moves_as_the_linear_structure(excitation: str) -> None:
     noise = {
@@ -230,6 +232,7 @@ def plain_rope(paths: int, duration: float, h: float, restitution: float | None)
     return sums / counted
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", [None, 0.8])
 def test_wire_rope_moves_as_in_a_plain_integration(restitution: float | None) -> None:
     scene = scene_of([] if restitution is None else RIGID, spring=ROPE)
@@ -261,6 +264,7 @@ def test_the_order_of_the_step_is_two() -> None:
     assert abs(coarse) > 4.5 * coarse_error  # the bias is seen at all
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "noise",
     [
@@ -334,6 +338,7 @@ def test_explain_says_what_is_simulated() -> None:
     assert "hysteresis of kind 'bouc-wen'" in found.methods["fokker-planck"]
 
 
+@pytest.mark.slow
 def test_statistics_follow_functions() -> None:
     """Records, spectra and counts of impacts fly the plan of `simulate`."""
     mount = Isolator(mass=2.0, damping=0.2, stiffness=1.0, spring=DUFFING)

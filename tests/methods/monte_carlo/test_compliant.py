@@ -453,6 +453,7 @@ def test_what_has_no_stationary_state_here_is_refused(case, slow_impacts, words)
         plan_compliant(model_of(case), None, None, slow_impacts)
 
 
+@pytest.mark.slow
 def test_any_flow_ends_and_keeps_its_energy_or_loses_some() -> None:
     """Gaps from a micrometre on, preloads, no spring: nothing hangs, overflows or gains energy."""
     rng = np.random.default_rng(5)

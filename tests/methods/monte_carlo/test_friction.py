@@ -244,6 +244,7 @@ def test_a_box_rubs_on_its_snubber() -> None:
     assert smooth.value - rubbed.value > 4.5 * error
 
 
+@pytest.mark.slow
 def test_records_counts_and_pages_know_only_the_pairs() -> None:
     scene = scene_of(0.3)
     found = simulate(scene, paths=16, duration=10.0, seed=1)

@@ -65,6 +65,7 @@ def scene_of(law: CompliantLaw, coupled: float = 0.0, excitations: Any = WHITES)
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friction", [0.2, 1.5])
 def test_the_normal_motion_is_that_without_friction_where_nothing_couples(friction: float) -> None:
     """The exact law of the oscillator judges it."""
@@ -93,6 +94,7 @@ LAWS: list[CompliantLaw] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("coupled", [0.0, 0.7])
 def test_the_energy_balance_holds_and_not_without_the_loss_of_friction(
@@ -291,6 +293,7 @@ def test_friction_over_a_sub_step_is_that_of_many_small_parts() -> None:
         assert lost >= 0.0
 
 
+@pytest.mark.slow
 def test_tables_loads_and_statistics_go_beside_stops_that_rub() -> None:
     law = Viscoelastic(stiffness=400.0, damping_ratio=0.1, friction=0.4)
     band = {"frequency_hz": [0.1, 1.0], "density": [1.0, 1.0], "unit": "N2/Hz"}

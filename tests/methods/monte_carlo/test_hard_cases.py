@@ -86,6 +86,7 @@ def test_the_answer_is_finite_and_meets_the_balances(name: str, rel_error: float
         assert speed is not None and speed.value > 0.0
 
 
+@pytest.mark.slow
 def test_balances_fail_for_a_law_that_is_not_simulated() -> None:
     response = simulate(CASES["R = 0"], rel_error=0.01, seed=3)
     stops = {name: item.value for (_, name), item in response.estimates().items()}
@@ -142,6 +143,7 @@ def test_two_pairs_on_one_coordinate_are_one_pair_with_two_stops(rel_error: floa
         assert_agrees(rate, truth["collision_rate"] / 2.0)
 
 
+@pytest.mark.slow
 @rel_errors(0.1, 0.02)
 def test_free_absorber_between_elastic_stops(rel_error: float) -> None:
     response = answer("free absorber, R = 1", rel_error)

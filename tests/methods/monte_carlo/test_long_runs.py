@@ -485,6 +485,7 @@ def cpu_of_children() -> float:
     return used.children_user + used.children_system
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on(tmp_path: Path) -> None:
     (tmp_path / "scene.toml").write_text(SCENE)
     kept, asked = tmp_path / "run", {"paths": 40_000, "duration": 100.0, "seed": 11}

@@ -96,6 +96,7 @@ ELASTIC = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", ELASTIC.values(), ids=ELASTIC.keys())
 def test_one_mode_agrees_with_the_exact_law(case: dict) -> None:
     scene = oscillator(**case, restitution=1.0)
@@ -148,6 +149,7 @@ def test_a_path_equals_that_of_the_engine_for_one_oscillator() -> None:
 # ---- absorbers -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_an_elastic_absorber_in_a_box_obeys_the_exact_law() -> None:
     """E x1^2 = theta / k1, m2 E v2^2 = theta, uniform play, rate sigma_rel sqrt(2 / pi) / d."""
     response = simulate(absorber(), rel_error=0.02, seed=3)
@@ -348,6 +350,7 @@ SUMS = {
 FAINT = TabulatedNoise(frequency_hz=[0.1, 0.2], density=[1e-12, 1e-12], unit="N2/Hz")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", SUMS.values(), ids=SUMS.keys())
 def test_states_and_synthesis_agree(case: list) -> None:
     """A table too faint to matter sends the same scene to the response-domain engine."""

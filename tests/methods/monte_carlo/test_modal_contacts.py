@@ -287,6 +287,7 @@ SCENES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES.keys())
 def test_a_path_is_that_of_brute_force(scene: Scene) -> None:
     """Masses on a truck, all gaps narrow: the same smooth input, integrated naively."""

@@ -263,6 +263,7 @@ def compare(found: Any, twins: list[np.ndarray]) -> None:
         assert_agrees(difference, 0.0)
 
 
+@pytest.mark.slow
 def test_statistics_follow_modulations() -> None:
     """Records, spectra and counts of impacts fly the plan of `simulate`."""
     modulation = Modulation(of="stiffness", amplitude=0.5, frequency_hz=0.65)

@@ -181,6 +181,7 @@ LOSSY = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @rel_errors(0.01, 0.003)
 @pytest.mark.parametrize("case", LOSSY.values(), ids=LOSSY.keys())
 def test_balances_hold_where_stops_lose_energy(case: dict, rel_error: float) -> None:

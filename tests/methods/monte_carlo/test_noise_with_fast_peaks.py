@@ -61,6 +61,7 @@ def kurtosis_of(records: Array) -> tuple[float, float]:
     return float(each.mean()), float(each.std(ddof=1) / math.sqrt(len(each)))
 
 
+@pytest.mark.slow
 def test_a_stiff_mount_follows_the_noise_kurtosis_and_all() -> None:
     scene = shaken(kurtosis=5.0)
     (input_, error), (output, its_error) = (
@@ -74,6 +75,7 @@ def test_a_stiff_mount_follows_the_noise_kurtosis_and_all() -> None:
     assert abs(plain - 3.0) < 4.5 * error < abs(plain - 5.0) / 2.0
 
 
+@pytest.mark.slow
 def test_a_narrow_mount_averages_the_peaks_out() -> None:
     """To 3: a Gaussian answer is then right, whatever the kurtosis of the input."""
     narrow, error = kurtosis_of(flown(shaken(SOFT, kurtosis=5.0), 128, 60.0))

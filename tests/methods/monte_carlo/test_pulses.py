@@ -297,6 +297,7 @@ def test_stops_and_pulses_are_those_of_an_integrator_by_events() -> None:
                       float(known[3]))  # fmt: skip
 
 
+@pytest.mark.slow
 def test_many_small_pulses_are_white_noise() -> None:
     """Between elastic stops the exact law of white noise holds, and the spectrum is that of it."""
     intensity, rate = 0.6, 300.0
@@ -496,6 +497,7 @@ def test_other_methods_refuse_pulses(calculation: Any) -> None:
         calculation(scene)
 
 
+@pytest.mark.slow
 def test_statistics_follow_pulses() -> None:
     scene = scene_of(Pulses(rate=1.5, impulse=0.4), pairs=STOPS)
     known = simulate(scene, paths=256, duration=100.0, seed=7)
@@ -516,6 +518,7 @@ def touching(x: float, v: float) -> float:
     return 1.0 if abs(x) > 4e-3 else 0.0
 
 
+@pytest.mark.slow
 def test_parts_of_ones_own_move_six_modes_beside_a_stop_that_rubs() -> None:
     """A law, a drive and a statistic that are functions, pulses and friction, in one chain."""
     stiffness = np.diag(np.full(6, 1e4)) - 3e3 * (np.eye(6, k=1) + np.eye(6, k=-1))

@@ -217,6 +217,7 @@ def mean_alone(law: BetaDistribution, count: int = 1) -> tuple[Any, Any]:
     return np.full(count, law.mean), np.full(count, 1.0 / count)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["simulate", "fokker-planck", "balance"])
 def test_scatter_that_is_left_out_is_noticed(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """E R in the place of R: in the kernel, in the condition at the stop, and in the balance."""
@@ -251,6 +252,7 @@ def test_scatter_that_is_left_out_is_noticed(fault: str, monkeypatch: pytest.Mon
             assert_same(simulated, known)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [WIDE, {"mean": 0.9, "std": 0.25}, {"mean": 0.2, "std": 0.15}])
 def test_the_rule_of_fokker_planck_is_fine_enough(
     law: dict[str, float], monkeypatch: pytest.MonkeyPatch
@@ -289,6 +291,7 @@ def test_a_compliant_stop_may_lie_opposite(several: bool, rel_error: float) -> N
     assert_same(simulate(simulated, rel_error=rel_error, seed=2), known)
 
 
+@pytest.mark.slow
 @rel_errors(4e-2, 1e-2)
 def test_a_mass_that_is_pressed_on_a_stop_comes_to_rest(rel_error: float) -> None:
     """Chatter ends at rest, however the restitutions fall; E R gives what the rest adds to F1."""

@@ -77,6 +77,7 @@ CASES: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", list(CASES))
 def test_a_linear_response_has_the_moments_of_campbell(shape: str) -> None:
     """Mean, variance and fourth moment; that of a Gaussian motion is far away."""
@@ -127,6 +128,7 @@ def test_short_shocks_are_impulses() -> None:
     assert abs(one.value - rate.value) > math.hypot(one.reach(4.5), rate.reach(4.5))
 
 
+@pytest.mark.slow
 def test_a_shock_alone_is_that_of_a_replayed_record(tmp_path: Path) -> None:
     structure = Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0)
     fs, length, peak = 20_000.0, 0.011, 150.0

@@ -130,6 +130,7 @@ def test_splitting_meets_the_deterministic_solver_where_it_is_rare(
     assert_agrees(estimate(found), truth)
 
 
+@pytest.mark.slow
 def test_intervals_cover_and_a_count_of_the_last_level_does_not() -> None:
     plan = passage(3.0)
     levels = pilot_levels(plan, 5, 0, 64).levels

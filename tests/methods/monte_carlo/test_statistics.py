@@ -91,6 +91,7 @@ def test_velocities_are_taken_in_the_middle_of_a_kick(monkeypatch: pytest.Monkey
 TABLE = TabulatedNoise(frequency_hz=[0.05, 0.3], density=[0.4, 0.4], unit="N2/Hz")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [WhiteNoise(intensity=0.2), TABLE], ids=["white", "table"])
 def test_time_in_contact_is_that_of_the_contacts(noise: object) -> None:
     several = Matrices(

@@ -67,6 +67,7 @@ def mean_squares(of: str) -> tuple[float, float]:
     return float(found[0]), float(found[2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("of", ["stiffness", "damping"])
 def test_a_table_of_filtered_noise_has_the_mean_squares_of_its_equations(of: str) -> None:
     known = mean_squares(of)
@@ -82,6 +83,7 @@ def test_a_table_of_filtered_noise_has_the_mean_squares_of_its_equations(of: str
             assert_agrees(found.coordinates["x"]["velocity_mean_square"], S0 / M**2 / (2.0 * B))
 
 
+@pytest.mark.slow
 def test_stops_are_hit_as_under_filtered_noise() -> None:
     options: dict[str, Any] = {"paths": 512, "duration": 100.0, "seed": 3}
     table, filtered, still = (
@@ -100,6 +102,7 @@ def test_stops_are_hit_as_under_filtered_noise() -> None:
         assert abs(none.value - one.value) > error  # the control
 
 
+@pytest.mark.slow
 def test_growth_is_that_under_filtered_noise_and_under_white_noise_of_a_wide_table() -> None:
     def exponent(modulation: Modulation) -> Any:
         found = stability(scene_of(modulation, noise=0.0), rel_error=0.02, seed=2)
@@ -156,6 +159,7 @@ def test_samples_of_a_modulation_have_its_variance_and_nothing_shakes_the_modes(
     assert squares.mean() == pytest.approx(2.0 * np.pi * 0.6 * 0.08 / 1.6, abs=error)
 
 
+@pytest.mark.slow
 def test_other_tables_several_coordinates_records_and_spectra_go_beside_it() -> None:
     base = {"kind": "psd", "on": "a", "unit": "N2/Hz", "frequency_hz": [0.05, 2.0]}
     scene = Scene(

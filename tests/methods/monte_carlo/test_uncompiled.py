@@ -6,6 +6,7 @@ import pytest
 from support.uncompiled import averages, averages_without_the_compiler
 
 
+@pytest.mark.slow
 def test_kernels_give_the_same_numbers_without_the_compiler() -> None:
     compiled, plain = averages(), averages_without_the_compiler()
     assert compiled.keys() == plain.keys()

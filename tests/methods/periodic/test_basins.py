@@ -102,6 +102,7 @@ def mapped() -> Basins:
     return basins(mount(), plane(0.25, 24), threads=1)
 
 
+@pytest.mark.slow
 def test_starts_end_where_another_simulation_ends(mapped: Basins) -> None:
     assert mapped.undecided == 0.0
     assert {regime.impacts for regime in mapped.regimes} == {0, 2}
@@ -291,6 +292,7 @@ def test_a_motion_that_rests_on_a_stop_has_no_exponent() -> None:
         lyapunov_exponent(hammer(0.3, restitution=0.3))
 
 
+@pytest.mark.slow
 def test_a_sweep_doubles_its_period_where_the_exact_regime_does() -> None:
     values = np.linspace(2.6, 2.75, 16) / (2.0 * math.pi)
     exact = harmonic_response(hammer(2.6), values)

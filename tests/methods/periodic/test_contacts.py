@@ -127,6 +127,7 @@ def states(found: HarmonicResponse, value: float) -> list[tuple[Branch, int, np.
     ]  # fmt: skip
 
 
+@pytest.mark.slow
 @quick_cases(
     ("scene", "frequency"),
     [
@@ -198,6 +199,7 @@ def test_two_stops_of_hertz_press_at_once() -> None:
     assert end == pytest.approx(integrated(scene, start, 0.0, 2.0), abs=2e-9)
 
 
+@pytest.mark.slow
 def test_stiff_stops_lead_to_rigid_ones() -> None:
     """The difference shrinks as the time of a contact, that is with the root of the stiffness."""
     law = Viscoelastic(stiffness=1.0, damping_ratio=0.2)
@@ -228,6 +230,7 @@ def test_rigid_stops_beside_one_that_is_out_of_reach_have_their_own_regimes() ->
             np.testing.assert_allclose(a[column], b[column], rtol=tolerance)
 
 
+@pytest.mark.slow
 def test_a_contact_begins_where_the_motion_fills_the_gap() -> None:
     law = Elastic(stiffness=5.0)
     found = harmonic_response(mount(law, lower=None), np.linspace(0.18, 0.24, 7), most_impacts=1)
@@ -261,6 +264,7 @@ def test_the_largest_acceleration_is_that_in_the_stop() -> None:
         break
 
 
+@pytest.mark.slow
 def test_a_knot_on_a_straight_line_changes_nothing() -> None:
     spring = Elastic(stiffness=30.0)
     table = ForceTable(deflection=[0.01, 0.05, 0.3], force=[0.3, 1.5, 9.0])
@@ -270,6 +274,7 @@ def test_a_knot_on_a_straight_line_changes_nothing() -> None:
         np.testing.assert_allclose(one[column], other[column], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_key_of_a_tabulated_stop_can_be_varied() -> None:
     scene = mount(TABLE, lower=None)
     found = harmonic_response(scene, vary={"impact_pair.0.upper": [0.95, 1.0]}, most_impacts=1)
@@ -280,6 +285,7 @@ def test_a_key_of_a_tabulated_stop_can_be_varied() -> None:
     np.testing.assert_allclose(one[columns], other[columns], rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [Elastic(stiffness=100.0), TABLE], ids=lambda law: law.kind)
 def test_slow_sweeps_and_exponents_are_those_of_the_exact_regime(law: Law) -> None:
     scene, start = mount(law), {"velocity.x": 2.0}
@@ -296,6 +302,7 @@ def test_slow_sweeps_and_exponents_are_those_of_the_exact_regime(law: Law) -> No
         assert rate.standard_error < 0.1 * abs(expected)
 
 
+@pytest.mark.slow
 def test_a_jump_is_where_a_simulated_sweep_has_it_and_a_first_touch_is_none() -> None:
     """Downwards the motion touches the stops near 13.17 Hz and jumps at 13.15 Hz; upwards it
     touches them at 11.2 Hz and goes on, whatever the values that are asked for."""
@@ -315,6 +322,7 @@ def test_a_jump_is_where_a_simulated_sweep_has_it_and_a_first_touch_is_none() ->
         assert low <= jump.value <= high
 
 
+@pytest.mark.slow
 def test_a_resonance_between_the_values_that_are_drawn_is_found() -> None:
     """Its branch begins and ends at grazings, with a fold between them, on any grid."""
     scene = Scene(

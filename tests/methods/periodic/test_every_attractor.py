@@ -226,6 +226,7 @@ def both(seed: int) -> tuple[Case, HarmonicResponse, Seen]:
     return one, harmonic_response(one.scene, one.values), seen_by_flights(one, seed)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "seed",
     [

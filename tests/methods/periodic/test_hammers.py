@@ -52,6 +52,7 @@ def end_of_range(feed: float, restitution: float, *, above: bool) -> float:
     return math.sqrt(feed / (feed - sign * lossy))
 
 
+@pytest.mark.slow
 @quick_cases(
     ("feed", "restitution", "body", "above"),
     [(0.4, 0.5, 3.0, False), (0.8, 0.7, 0.7, False), (0.9, 0.3, 5.0, True), (1.2, 0.3, 5.0, True)],
@@ -82,6 +83,7 @@ def test_both_branches_exist_from_the_feed_of_the_book(
     assert len(single(found)) == branches
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_hammers_strike_as_an_event_driven_simulation(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -132,6 +134,7 @@ def test_a_crank_is_a_force_that_grows_with_the_spring_and_the_damper() -> None:
     assert model_of(scene).sines[0].phase == pytest.approx(math.atan(0.2 * omega))
 
 
+@pytest.mark.slow
 def test_where_no_regime_is_found_the_table_is_empty_and_has_its_columns() -> None:
     found = harmonic_response(hammer(5.0, 0.5, 3.0), hertz(0.9, 3.0), most_impacts=1)
     assert not found.branches

@@ -92,6 +92,7 @@ def response() -> object:
     return harmonic_response(scene_of(), np.linspace(1.4, 2.2, 161))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("idle_hz", "slope"), [(1.9, 0.004), (1.8, 0.01)])
 def test_a_motor_settles_where_the_table_says(
     idle_hz: float, slope: float, response: object

@@ -111,6 +111,7 @@ def test_a_regime_repeats_itself_impact_by_impact(seeds: range) -> None:
     assert sum(check_regimes(random_scene(seed)) for seed in seeds) > len(seeds) // 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", [0.0, 0.5, 0.8])
 def test_sizes_of_a_regime_are_those_of_its_sampled_motion(restitution: float) -> None:
     """Largest displacement and acceleration between impacts, and the first harmonic by Fourier's
@@ -147,6 +148,7 @@ def test_sizes_of_a_regime_are_those_of_its_sampled_motion(restitution: float) -
         assert found["amplitude"] < 0.99 * found["displacement_max"]
 
 
+@pytest.mark.slow
 def test_a_branch_that_ends_in_a_grazing_rest_has_no_multiplier_there() -> None:
     """A mass rests on its stop, and the branch ends where an impact of speed 0 joins."""
     (branch,) = harmonic_response(random_scene(33)).branches
@@ -218,6 +220,7 @@ def test_disturbances_grow_by_the_multiplier_or_die_away() -> None:
     assert seen == {True, False}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restitution", [0.5, 0.9])
 def test_every_symmetric_regime_between_two_stops_is_found(restitution: float) -> None:
     """Those of the closed form (B 3.17), in one and in three periods, fast and slow."""
@@ -246,6 +249,7 @@ def special(found: HarmonicResponse, name: str, stops: int, periods: int = 1) ->
     ]
 
 
+@pytest.mark.slow
 def test_grazings_and_folds_over_frequency_are_where_theory_has_them() -> None:
     """The amplitude without stops is the gap; the energy boundary (B 3.17) is the gap."""
     found = harmonic_response(mount(), [60.0, 90.0, 120.0])
@@ -264,6 +268,7 @@ def test_grazings_and_folds_over_frequency_are_where_theory_has_them() -> None:
     assert any(value == pytest.approx(free, rel=1e-6) for value in special(grazing, "grazing", 2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ratio", "printed"), [(1.2, 18.733), (1.6, 6.0479), (1.9, 1.7343)])
 def test_one_stop_exists_up_to_the_gap_of_the_book(ratio: float, printed: float) -> None:
     """Delta / a = sqrt(1 + 1 / B^2), B = (1 - R) tan(pi / ratio) / ((1 + R) ratio) (B 2.22)."""
@@ -280,6 +285,7 @@ def test_one_stop_exists_up_to_the_gap_of_the_book(ratio: float, printed: float)
     assert max(special(found, "fold", 1)) == pytest.approx(boundary, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("key", "values"),
     [
@@ -331,6 +337,7 @@ def test_a_period_doubling_has_a_multiplier_of_minus_one() -> None:
     assert np.min(np.abs(values + 1.0)) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_slow_sweep_jumps_where_its_regime_ends() -> None:
     """Up to the fold with impacts, down to where the motion without them meets the stops."""
     found = harmonic_response(mount(), [30.0, 45.0, 60.0, 120.0])
@@ -389,6 +396,7 @@ def test_strengths_of_a_sine_grow_with_the_frequency_as_they_should() -> None:
     assert rotor.peak == pytest.approx(0.3 * (4.0 * math.pi) ** 2)
 
 
+@pytest.mark.slow
 def test_a_sum_of_sines_is_one_periodic_force() -> None:
     """Its regimes repeat themselves; another phase of a harmonic is another force."""
     scene = mount()
@@ -430,6 +438,7 @@ def test_resonance_without_damping_and_stops_has_no_regime() -> None:
     assert beside.branches[0].displacement_max == pytest.approx(0.3 / (1.01**2 - 1.0))
 
 
+@pytest.mark.slow
 def test_rounding_of_motion_without_damping_is_no_change_of_stability() -> None:
     found = harmonic_response(undamped(None), np.linspace(0.05, 0.5, 12))
     assert len(found.branches) == 1
@@ -443,6 +452,7 @@ def test_forces_too_slow_and_ranges_too_wide_are_refused() -> None:
         harmonic_response(undamped(0.5), [1e-9, 1e9])
 
 
+@pytest.mark.slow
 def test_a_loose_mass_is_at_a_wall_at_every_impact_of_every_branch() -> None:
     """Also where the phases of impacts leave its place in the box all but undetermined."""
     scene = Scene(
@@ -486,6 +496,7 @@ def clatter(points: int) -> HarmonicResponse:
     return harmonic_response(scene, np.geomspace(0.1, 0.45, points), most_impacts=2)
 
 
+@pytest.mark.slow
 def test_special_points_and_jumps_do_not_depend_on_the_values_that_are_drawn() -> None:
     """Down: the symmetric regime loses its symmetry, and then jumps to one stop."""
     few, many = clatter(3), clatter(8)

@@ -118,6 +118,7 @@ def delayed(
     return speeds, times
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("restitution", "load", "delay"), [(0.5, 0.0, 0.03), (0.7, 3.0, 0.05), (0.6, 0.0, 0.1)]
 )
@@ -141,6 +142,7 @@ def test_a_delayed_drive_is_that_of_a_relay_that_sees_the_past(
     assert abs(at_once.forgotten - drive.forgotten) > 0.02
 
 
+@pytest.mark.slow
 def test_speeds_scatter_as_restitutions_do() -> None:
     drive = SwitchedDrive(restitution=0.6, force=10.0, switching=0.3, delay=0.04)
     std, paths, impacts = 0.03, 300, 20
