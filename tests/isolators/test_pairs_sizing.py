@@ -100,6 +100,7 @@ def test_uncoupled_pairs_share_the_risk(both: PairsSizing) -> None:
     assert x.value < z.value
 
 
+@pytest.mark.slow
 def test_the_clearances_keep_the_chance_that_they_are_sized_for(both: PairsSizing) -> None:
     places = np.array([[each.value for each in both.clearances.values()]])
     (again,) = pair_crossings(

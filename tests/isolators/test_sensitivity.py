@@ -64,6 +64,7 @@ def test_a_level_scales_the_clearance(on_a_truck: tuple[Sizing, pd.DataFrame]) -
     assert sizing.clearance.value == pytest.approx(table.loc["none", "clearance"], rel=1e-3)
 
 
+@pytest.mark.slow
 def test_a_case_that_fails_is_a_row_that_says_so(
     on_a_truck: tuple[Sizing, pd.DataFrame], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -70,6 +70,7 @@ def test_kurtosis_in_is_kurtosis_out(profile: str, kurtosis: float) -> None:
     assert abs(np.mean(plain) - kurtosis) > 0.01 * kurtosis + 3.0 * error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", BOUNDED)
 def test_the_density_is_that_of_the_table(profile: str) -> None:
     """Within 2 % in every tenth of the band, by Welch's method; a cubic alone has other ones."""

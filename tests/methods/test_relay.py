@@ -101,6 +101,7 @@ TWINS = {
 }
 
 
+@pytest.mark.slow
 @quick_cases("name", list(TWINS), keep=(1, 3))
 def test_simulation_has_the_motion_of_a_relay_that_sees_the_past(name: str) -> None:
     twin = TWINS[name]
@@ -157,6 +158,7 @@ def thrown(damping: float) -> float:
     return speed
 
 
+@pytest.mark.slow
 def test_in_weak_noise_a_striker_is_that_of_the_formula() -> None:
     """By an integrator, which has the speed of the formula without a damper."""
     drive = SwitchedDrive(restitution=0.5, force=10.0, switching=0.43)
@@ -166,6 +168,7 @@ def test_in_weak_noise_a_striker_is_that_of_the_formula() -> None:
     assert abs(thrown(1.0) / drive.impact_speed - 1.0) > 0.1  # the control: the damper matters
 
 
+@pytest.mark.slow
 def test_what_a_relay_is_and_who_refuses_it() -> None:
     late = scene_of(TWINS["late striker"])
     found = explain(late)

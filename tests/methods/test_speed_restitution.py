@@ -177,6 +177,7 @@ def test_the_loss_in_the_balance_is_that_of_each_speed() -> None:
     assert abs(0.1 - 0.1 * speed.value - constant) > 0.05 * 0.1
 
 
+@pytest.mark.slow
 def test_a_structure_follows_it_as_one_mass_does() -> None:
     """The oscillator beside another one that it does not know, under a law for each stop; beside a
     compliant stop impacts between contacts are summed as well."""

@@ -506,6 +506,7 @@ def test_fifty_kills_of_two_minutes(tmp_path: Path) -> None:
     killed_at_random(tmp_path, paths=2_500_000, kills=50, progress=2.4, interval=1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="no process can send Ctrl-C to another there")
 def test_control_c_ends_with_what_there_is(tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"

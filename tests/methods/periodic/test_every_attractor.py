@@ -238,6 +238,7 @@ def test_what_flights_end_in_and_where_they_jump_is_listed(seed: int) -> None:
     assert not compared(*both(seed)).wrong
 
 
+@pytest.mark.slow
 def test_an_answer_that_lacks_a_branch_or_a_jump_is_caught() -> None:
     """Also one with a jump too many, or at another place, or that hides motions on no branch."""
     one, found, seen = both(TWO_REGIMES)
