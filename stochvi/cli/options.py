@@ -374,6 +374,19 @@ def judged_record(scene: Scene) -> RecordVerdict | None:
     return record_verdict(scene)
 
 
+def judged_phase(scene: Scene) -> tuple[RecordVerdict | None, str]:
+    """The verdict on the record of a scene, or of the first phase whose record disagrees, and the
+    words that name this phase."""
+    phases = {f"phase {each.name}: ": each.of(scene) for each in scene.phases} or {"": scene}
+    verdicts = {
+        name: verdict
+        for name, each in phases.items()
+        if (verdict := judged_record(each)) is not None
+    }
+    where = min(verdicts, key=lambda name: verdicts[name].agrees, default="")
+    return verdicts.get(where), where
+
+
 def fail_unless_gaussian(record: RecordVerdict | None) -> None:
     """End with exit code 1 if a record contradicts Gaussian noise of its spectrum, or is too short
     to be judged."""

@@ -15,6 +15,7 @@ from stochvi.cli.options import (
     barriers,
     common,
     equipped,
+    judged_phase,
     judged_record,
     keeping,
     numbers,
@@ -144,8 +145,9 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
 @main.command()
 @click.argument("scene")
 @click.option(
-    "--mission", type=TIME, required=True, metavar="TIME", help="Duration: 600 (s) or 10h."
-)
+    "--mission", type=TIME, metavar="TIME",
+    help="Duration: 600 (s) or 10h [of a phase its own]; left out where the scene has phases.",
+)  # fmt: skip
 @equipped()
 @click.option(
     "--at", metavar="NAME",
@@ -163,6 +165,14 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
     "--rel-error", type=float, default=0.2, show_default=True,
     help="Median relative standard error of the damage.",
 )  # fmt: skip
+@click.option(
+    "--test-duration", type=TIME, metavar="TIME",
+    help="Duration of a random test that does the same damage; --out gets its profile.csv.",
+)  # fmt: skip
+@click.option(
+    "--breakpoints", type=int, default=12, show_default=True,
+    help="Largest number of breakpoints of its profile.",
+)  # fmt: skip
 @keeping
 @common("kept budget", "seed", "threads", "json", "out", "quiet")
 def damage(
@@ -172,11 +182,13 @@ def damage(
 
     Example: stochvi damage bumper.toml --mission 1h --equipment 20:2000 --q 10 --exponent 6
     """
-    from stochvi.scenes.scene import load_scene
+    from stochvi.scenes.scene import load_scene, phase_duration
     from stochvi.statistics.damage import damage as solve
     from stochvi.views.damage import draw_damage, print_damage
+    from stochvi.views.files import write_table
 
     loaded = load_scene(scene)
+    asked["mission"] = asked["mission"] or phase_duration(scene)
     counted = () if levels is None else numbers("--levels", levels, "m/s^2")
 
     def found() -> Damage:
@@ -187,7 +199,9 @@ def damage(
             )  # fmt: skip
 
     def show(answer: Damage) -> None:
-        options.show(answer, print_damage, "damage", record=judged_record(loaded))
+        options.show(answer, print_damage, "damage", None, *judged_phase(loaded))
+        if options.out is not None and answer.test is not None:
+            write_table(answer.test.to_frame(), options.out / "profile.csv")
         options.draw("damage", lambda: draw_damage(answer, loaded.title))
 
     shown(found, show, asked)
@@ -312,7 +326,6 @@ def reliability(
     if spreads and (conditions := unmet(loaded)):
         raise NotApplicable("production", conditions)
     deadline = options.until(options.budget)
-    phases = {f"phase {each.name}: ": each.of(loaded) for each in loaded.phases} or {"": loaded}
     units: list[Production] = []
     limit_in_g = peak_acceleration if (peak_acceleration or "").endswith("g") else None
 
@@ -328,13 +341,7 @@ def reliability(
                 **asked,
             )
 
-    verdicts = {
-        name: verdict
-        for name, each in phases.items()
-        if (verdict := judged_record(each)) is not None
-    }
-    judged_in = min(verdicts, key=lambda name: verdicts[name].agrees, default="")
-    record = verdicts.get(judged_in)
+    record, judged_in = judged_phase(loaded)
 
     def tell(console: Console, answer: Reliability) -> None:
         print_reliability(console, answer, limit_in_g)
@@ -362,7 +369,8 @@ def reliability(
             from stochvi.isolators.scene_at_rest import scene_at_rest
             from stochvi.views.report import write_reliability_report
 
-            origin, first = options.origin(scene, answer.provenance), next(iter(phases.values()))
+            origin = options.origin(scene, answer.provenance)
+            first = loaded.phases[0].of(loaded) if loaded.phases else loaded
             write_reliability_report(
                 answer, loaded, scene_at_rest(first), record, options.out, origin, *units,
             )  # fmt: skip

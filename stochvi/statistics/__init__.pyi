@@ -1,6 +1,6 @@
 from .bursts import Bursts
 from .crossing_ages import FirstCrossings
-from .damage import Damage, EquipmentSpectra, Shocks, SpectrumValues
+from .damage import Damage, EquipmentSpectra, Shocks, SpectrumValues, TailoredTest
 from .histories import History
 from .impacts import Exponent, Histogram, ImpactStatistics, PairStatistics, Rate
 from .lifetimes import Destination, LifeTime, LifeTimes, lifetimes
@@ -28,5 +28,6 @@ __all__ = [
     "Shocks",
     "SpectrumValues",
     "Stability",
+    "TailoredTest",
     "lifetimes",
 ]

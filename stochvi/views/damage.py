@@ -31,7 +31,7 @@ from stochvi.views.tables import (
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from stochvi.statistics.damage import Damage, SpectrumValues
+    from stochvi.statistics.damage import Damage, SpectrumValues, TailoredTest
 
 ROWS = 12
 """Largest number of frequencies of the table on a terminal; the file has all of them."""
@@ -80,9 +80,25 @@ def print_damage(console: Console, found: Damage) -> None:
     for line in hits_in_words(found):
         print_line(console, line)
     console.print(found.summary(), highlight=False)
+    if found.test is not None:
+        _print_test(console, found, found.test)
     print_assumptions(console, found.assumptions)
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def _print_test(console: Console, found: Damage, test: TailoredTest) -> None:
+    """Print the profile of a test."""
+    print_line(
+        console,
+        f"random test of {spoken_mission(test.duration)} with the damage of "
+        f"{spoken_mission(found.mission)}, at {test.exaggeration:.3g} times the rms:",
+    )
+    table = new_table("", ["Hz", str(DENSITY)])
+    for frequency, density in zip(test.frequency_hz, test.density, strict=True):
+        table.add_row(f"{frequency:.4g}", f"{DENSITY(density):.3g}")
+    print_table(console, table)
+    console.print(test.summary(), highlight=False)
 
 
 def hits_in_words(found: Damage) -> list[str]:
@@ -127,6 +143,11 @@ def draw_damage(found: Damage, title: str = "") -> Axes:
     plot_extremes(found, axes[0])
     plot_fatigue(found, axes[1])
     _curve(axes[2], found, found.equivalent_density, WITH, "same damage without stops", DENSITY)
+    if found.test is not None:
+        words = f"test of {spoken_mission(found.test.duration)}"
+        points = found.test.frequency_hz, DENSITY(found.test.density)
+        axes[2].plot(*points, "o-", color=SHOCK, markersize=3, label=words)
+        axes[2].legend(frameon=False, fontsize="small")
     axes[2].set_ylabel(f"equivalent density\n({DENSITY}, one-sided)")
     axes[2].set_yscale("log")
     plain_ticks(axes[2])

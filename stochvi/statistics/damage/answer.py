@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.shown_units import ACCELERATION
+from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
 
@@ -42,6 +44,14 @@ class SpectrumValues:
                 self.value.flat, self.standard_error.flat, self.bias.flat, strict=True
             )
         ]
+
+
+def ratio_of(above: SpectrumValues, below: SpectrumValues) -> SpectrumValues:
+    """Ratio of two independent quantities."""
+    value = above.value / below.value
+    errors = np.hypot(above.standard_error / above.value, below.standard_error / below.value)
+    biases = above.bias / above.value + below.bias / below.value
+    return SpectrumValues(value=value, standard_error=value * errors, bias=value * biases)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,6 +123,65 @@ class Shocks:
     windows: int
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TailoredTest:
+    """A random test of another duration that does the fatigue damage of the mission.
+
+    Parameters
+    ----------
+    duration
+        Of the test, s.
+    frequency_hz, density
+        Breakpoints of its profile, one-sided, (m/s^2)^2/Hz; straight in logarithms between them.
+    rms
+        Rms acceleration of the profile, m/s^2.
+    exaggeration
+        Factor of the rms for the other duration, (mission / duration)^(1 / b).
+    equal_density
+        (F,) density of equal damage in the duration, which the profile nowhere falls below.
+    damage_ratio, damage_ratio_error
+        (F,): damage of the profile without stops over that of the mission, and the relative error
+        of the formula for the former.
+    extreme_ratio
+        (F,): expected largest response of the test over that of the mission. Below 1 the test has
+        smaller shocks than the mission.
+
+    See Also
+    --------
+    stochvi.damage : The calculation.
+    """
+
+    duration: float
+    frequency_hz: Vector
+    density: Vector
+    rms: float
+    exaggeration: float
+    equal_density: SpectrumValues
+    damage_ratio: Vector
+    damage_ratio_error: Vector
+    extreme_ratio: Vector
+
+    def to_frame(self) -> pd.DataFrame:
+        """The breakpoints as the columns of a file of a profile, in Hz and g^2/Hz."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            {
+                "frequency_hz": self.frequency_hz,
+                "density_g2_per_hz": self.density / STANDARD_GRAVITY**2,
+            }
+        )
+
+    def summary(self) -> str:
+        """The profile in a sentence."""
+        least, most = float(self.extreme_ratio.min()), float(self.extreme_ratio.max())
+        return (
+            f"{len(self.density)} breakpoints of {ACCELERATION.text(self.rms)} rms do at least the "
+            f"fatigue damage of the mission, up to {float(self.damage_ratio.max()):.3g} times it; "
+            f"their largest responses are {least:.3g} to {most:.3g} times those of the mission"
+        )
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Damage(Result):
     """What a mission does to equipment at a place of a scene.
@@ -151,6 +220,8 @@ class Damage(Result):
         How the spectra were found: "simulation", "clusters" or "density".
     scene_without_mass
         Whether the scene gives no mass; energies are then those of 1 kg.
+    test
+        The test of equal damage in the duration that was asked for; None where none was.
 
     See Also
     --------
@@ -174,6 +245,7 @@ class Damage(Result):
     way: str
     way_without: str | None
     scene_without_mass: bool = False
+    test: TailoredTest | None = None
     assumptions: Sequence[str] = ()
 
     @property

@@ -8,6 +8,7 @@ import numpy as np
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.spectra import Table
+from stochvi.statistics.damage.answer import SpectrumValues
 from stochvi.statistics.damage.equipment import Equipment
 from stochvi.statistics.damage.gaussian import GaussianEquipment
 
@@ -40,3 +41,14 @@ def equivalent_density(equipment: Equipment, rate: Vector) -> tuple[Vector, Vect
             break
         density = np.maximum(density * (rate / now) ** (2.0 / b), LEAST_DENSITY * density.max())
     return density, left, error
+
+
+def equivalent_values(
+    equipment: Equipment, damage: SpectrumValues, duration: float
+) -> SpectrumValues:
+    """The density that does a damage in a duration (s) without stops, with its errors."""
+    density, left, formula = equivalent_density(equipment, damage.value / duration)
+    share = 2.0 / equipment.exponent
+    relative = share * damage.standard_error / damage.value
+    bias = share * (damage.bias / damage.value + left + formula)
+    return SpectrumValues(value=density, standard_error=density * relative, bias=density * bias)

@@ -18,7 +18,7 @@ from stochvi.model.calculations import calculation
 from stochvi.model.coverage import modulated, rubbing
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model, model_of
-from stochvi.results.errors import NotApplicable
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import provenance
 from stochvi.results.intervals import (
     events_suffice,
@@ -33,7 +33,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.statistics.accelerations import places_shaken, why_no_acceleration
 from stochvi.statistics.bursts import UNFINISHED
 from stochvi.statistics.cluster_paths import ClusterPaths
-from stochvi.statistics.damage.answer import Damage, EquipmentSpectra, SpectrumValues
+from stochvi.statistics.damage.answer import Damage, EquipmentSpectra, SpectrumValues, ratio_of
 from stochvi.statistics.damage.clusters import (
     ClusterPart,
     Clusters,
@@ -41,10 +41,11 @@ from stochvi.statistics.damage.clusters import (
     joined_clusters,
 )
 from stochvi.statistics.damage.equipment import SAMPLES_PER_PERIOD, Equipment
-from stochvi.statistics.damage.equivalent import equivalent_density
+from stochvi.statistics.damage.equivalent import equivalent_values
 from stochvi.statistics.damage.extremes import largest_of_mission
 from stochvi.statistics.damage.gaussian import GaussianAcceleration, GaussianEquipment
 from stochvi.statistics.damage.hits import Hits, Records, hits_of_clusters
+from stochvi.statistics.damage.phases import of_phases
 from stochvi.statistics.damage.records import (
     CONTACT_SAMPLES,
     DamageSampler,
@@ -53,6 +54,7 @@ from stochvi.statistics.damage.records import (
     joined,
     sampled_for,
 )
+from stochvi.statistics.damage.tailoring import check_test, tailored_test
 
 PER_OCTAVE = 6.0
 """Number of frequencies of the equipment in an octave, where its ends alone are given."""
@@ -87,13 +89,15 @@ MOST_QUALITY, MOST_EXPONENT = 1e4, 30.0
 def damage(
     scene: Scene,
     *,
-    mission: float,
+    mission: float | None = None,
     equipment: Sequence[float] = (20.0, 2000.0),
     q: float = 10.0,
     exponent: float = 6.0,
     at: str | None = None,
     levels: Sequence[float] = (),
     way: Way | None = None,
+    test_duration: float | None = None,
+    breakpoints: int = 12,
     **options: Unpack[AccuracyOptions],
 ) -> Damage:
     """Response, fatigue and shock spectra of equipment on a place, with stops and without.
@@ -111,7 +115,7 @@ def damage(
         Any scene that `simulate` covers whose acceleration is known: shaken by its base, or by
         tables of force.
     mission
-        Duration, s.
+        Duration, s; left out where the scene has phases, whose damage adds up.
     equipment
         Lowest and highest natural frequency, Hz, with six frequencies per octave between them; or
         one frequency, or three and more in rising order.
@@ -124,6 +128,9 @@ def damage(
     way
         "simulation" of everything, or "clusters" of impacts, simulated from their first one on and
         added to the Gaussian motion. By default clusters, where impacts are rare.
+    test_duration, breakpoints
+        Duration, s, of a random test that does the same damage to the equipment, and the largest
+        number of breakpoints of its profile, from 2 to 100.
     **options
         `AccuracyOptions`: `rel_error` is the median relative standard error of the damage, by
         default 0.2, which is 3 % of the stress at b = 6; `seed`, `threads`, `executor`, `budget`,
@@ -158,33 +165,32 @@ def damage(
     [12.5, 11.7, 11.6]
     """
     asked = Equipment(_frequencies(equipment), float(q), float(exponent))
-    _check(mission, q, exponent, levels)
-    model = model_of(scene)
-    place = _place(model, at)
-    driven = _driven(scene, model)
+    _check(q, exponent, levels)
+    check_test(test_duration, breakpoints)
     run = Run.of(options)
-    question = _Question(scene, model, place, asked, float(mission), driven, tuple(levels), run)
-    gaussian = question.gaussian()
-    if gaussian is not None and not model.pairs:
-        spectra = question.by_density(gaussian)
-        return question.answer(spectra, spectra, ("density", "density"))
-    without, way_without = None, None
-    if gaussian is not None:
-        without, way_without = question.by_density(gaussian), "density"
-    elif model.pairs:
-        without = question.without_stops()
-        way_without = None if without is None else "simulation"
-    if (found := question.by_clusters(gaussian, without, way)) is not None:
+    if bool(scene.phases) == (mission is not None) or not 0.0 < (mission or 1.0) < math.inf:
+        needed = "left out where the scene has phases" if scene.phases else "a number of seconds"
+        raise ValueError(f"mission must be {needed}, got {mission}")
+
+    def of_part(part: Scene, duration: float, its_run: Run) -> Damage:
+        model = model_of(part)
+        place, driven = _place(model, at), _driven(part, model)
+        question = _Question(part, model, place, asked, duration, driven, tuple(levels), its_run)
+        return question.solved(way)
+
+    try:
+        if mission is None:
+            found = of_phases(scene, of_part, run)
+        else:
+            found = of_part(scene, float(mission), run)
+    except (NotConverged, Interrupted) as reason:
+        if reason.partial is not None and test_duration is not None:
+            test = tailored_test(reason.partial, test_duration, breakpoints)
+            reason.partial = replace(reason.partial, test=test)
+        raise
+    if test_duration is None:
         return found
-    sampler, taken = question.simulated(scene, model)
-    records = Records(sampler, joined(taken.sample))
-    spectra = question.of_records(*records)
-    if not model.pairs:
-        without, way_without = spectra, "simulation"
-    hits = records.hits(question.levels) if model.pairs else None
-    return question.told(
-        question.answer(spectra, without, ("simulation", way_without), hits, records.work), taken
-    )
+    return replace(found, test=tailored_test(found, test_duration, breakpoints))
 
 
 @dataclass(frozen=True)
@@ -205,6 +211,30 @@ class _Question:
         """The place as row . q."""
         model = self.model
         return np.asarray(model.output_rows[model.outputs.index(self.place)])
+
+    def solved(self, way: Way | None) -> Damage:
+        """The answer, by the density, by clusters, or by simulation."""
+        gaussian = self.gaussian()
+        if gaussian is not None and not self.model.pairs:
+            spectra = self.by_density(gaussian)
+            return self.answer(spectra, spectra, ("density", "density"))
+        without, way_without = None, None
+        if gaussian is not None:
+            without, way_without = self.by_density(gaussian), "density"
+        elif self.model.pairs:
+            without = self.without_stops()
+            way_without = None if without is None else "simulation"
+        if (found := self.by_clusters(gaussian, without, way)) is not None:
+            return found
+        sampler, taken = self.simulated(self.scene, self.model)
+        records = Records(sampler, joined(taken.sample))
+        spectra = self.of_records(*records)
+        if not self.model.pairs:
+            without, way_without = spectra, "simulation"
+        hits = records.hits(self.levels) if self.model.pairs else None
+        return self.told(
+            self.answer(spectra, without, ("simulation", way_without), hits, records.work), taken
+        )
 
     def gaussian(self) -> GaussianEquipment | None:
         """Equipment on the Gaussian motion without stops; None where there is none."""
@@ -435,7 +465,9 @@ class _Question:
             damage_ratio=None if without is None else ratio_of(
                 spectra.fatigue_damage, without.fatigue_damage
             ),
-            equivalent_density=self._equivalent(spectra.fatigue_damage),
+            equivalent_density=equivalent_values(
+                self.equipment, spectra.fatigue_damage, self.mission
+            ),
             shocks=hits and hits.shocks,
             impacts_per_hour=hits and hits.impacts_per_hour,
             contacts_above={} if hits is None else hits.contacts_above,
@@ -447,23 +479,6 @@ class _Question:
             cost=self.run.cost(**work),
             provenance=provenance(self.scene.document(), self.run.seed),
         )  # fmt: skip
-
-    def _equivalent(self, wear: SpectrumValues) -> SpectrumValues:
-        """The density that does this damage without stops."""
-        rate = wear.value / self.mission
-        density, left, formula = equivalent_density(self.equipment, rate)
-        share = 2.0 / self.equipment.exponent
-        relative = share * wear.standard_error / wear.value
-        bias = share * (wear.bias / wear.value + left + formula)
-        return SpectrumValues(value=density, standard_error=density * relative, bias=density * bias)
-
-
-def ratio_of(above: SpectrumValues, below: SpectrumValues) -> SpectrumValues:
-    """Ratio of two independent quantities."""
-    value = above.value / below.value
-    errors = np.hypot(above.standard_error / above.value, below.standard_error / below.value)
-    biases = above.bias / above.value + below.bias / below.value
-    return SpectrumValues(value=value, standard_error=value * errors, bias=value * biases)
 
 
 def _frequencies(equipment: Sequence[float]) -> tuple[float, ...]:
@@ -483,9 +498,7 @@ def _frequencies(equipment: Sequence[float]) -> tuple[float, ...]:
     return tuple(float(f) for f in given)
 
 
-def _check(mission: float, q: float, exponent: float, levels: Sequence[float]) -> None:
-    if not 0.0 < mission < math.inf:
-        raise ValueError(f"mission must be a positive number of seconds, got {mission}")
+def _check(q: float, exponent: float, levels: Sequence[float]) -> None:
     if not 0.5 < q <= MOST_QUALITY:
         raise ValueError(f"q must be in (0.5, {MOST_QUALITY:g}], got {q}")
     if not 1.0 <= exponent <= MOST_EXPONENT:
