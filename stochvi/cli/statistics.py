@@ -154,8 +154,9 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
     help="Coordinate or named point on which it stands; default: the first coordinate.",
 )  # fmt: skip
 @click.option(
-    "--way", type=click.Choice(["simulation", "clusters"]),
-    help="Simulate everything, or clusters of impacts alone; by default where they are rare.",
+    "--way", type=click.Choice(["simulation", "clusters", "record"]),
+    help="Simulate everything, or clusters of impacts alone; by default where they are rare. "
+    "record: follow a measured record itself, with its potholes.",
 )  # fmt: skip
 @click.option(
     "--levels", metavar="A,A,...",
@@ -199,7 +200,8 @@ def damage(
             )  # fmt: skip
 
     def show(answer: Damage) -> None:
-        options.show(answer, print_damage, "damage", None, *judged_phase(loaded))
+        judged = (None, "") if asked["way"] == "record" else judged_phase(loaded)
+        options.show(answer, print_damage, "damage", None, *judged)
         if options.out is not None and answer.test is not None:
             write_table(answer.test.to_frame(), options.out / "profile.csv")
         options.draw("damage", lambda: draw_damage(answer, loaded.title))

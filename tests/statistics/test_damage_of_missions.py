@@ -119,7 +119,7 @@ def test_impacts_of_a_mission_are_those_of_its_phases() -> None:
 def test_what_a_mission_may_not_be_asked() -> None:
     with pytest.raises(ValueError, match="mission must be left out where the scene has phases"):
         damage(halves(FREE), mission=60.0)
-    with pytest.raises(ValueError, match="mission must be a number of seconds, got None"):
+    with pytest.raises(ValueError, match="mission must be a positive number of seconds, got None"):
         damage(FREE)
     for wrong in (0.0, -1.0, math.inf, math.nan):
         with pytest.raises(ValueError, match="test_duration must be a positive number"):

@@ -144,7 +144,7 @@ def replay(
     return Replay(
         clearances=found,
         duration=float(sum(each.step * len(each.base) for each in segments)),
-        assumptions=_assumptions(scene, model, len(segments), seed),
+        assumptions=assumptions_of(scene, model, len(segments), seed),
         warnings=(
             *_without_samples(numbers, keep),
             *_without_mean(scene, model, found[-1]),
@@ -388,7 +388,8 @@ def _without_mean(scene: Scene, model: Model, answer: ReplayAt) -> list[str]:
     return found
 
 
-def _assumptions(scene: Scene, model: Model, segments: int, seed: int) -> tuple[str, ...]:
+def assumptions_of(scene: Scene, model: Model, segments: int, seed: int) -> tuple[str, ...]:
+    """What a replay takes for granted, in sentences."""
     found = [
         "The record is linear between its samples, and its mean is taken off.",
         "The motion starts from rest"

@@ -14,6 +14,7 @@ from stochvi.mathematics.arguments import shown
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
 from stochvi.methods.monte_carlo.prices import check_price
+from stochvi.methods.replay.method import assumptions_of
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import modulated, rubbing
 from stochvi.model.free_motion import free_motion
@@ -54,6 +55,7 @@ from stochvi.statistics.damage.records import (
     joined,
     sampled_for,
 )
+from stochvi.statistics.damage.replayed import Replayed
 from stochvi.statistics.damage.tailoring import check_test, tailored_test
 
 PER_OCTAVE = 6.0
@@ -62,7 +64,7 @@ PER_OCTAVE = 6.0
 MOST_FREQUENCIES = 1000
 """Largest number of frequencies of the equipment."""
 
-Way = Literal["simulation", "clusters"]
+Way = Literal["simulation", "clusters", "record"]
 
 FEWEST_CLUSTER_PATHS = 16
 """Smallest number of paths of clusters, each with some ten of them."""
@@ -115,7 +117,8 @@ def damage(
         Any scene that `simulate` covers whose acceleration is known: shaken by its base, or by
         tables of force.
     mission
-        Duration, s; left out where the scene has phases, whose damage adds up.
+        Duration, s; left out where the scene has phases, whose damage adds up. By the record
+        itself, which the mission repeats, it is the length of the record if left out.
     equipment
         Lowest and highest natural frequency, Hz, with six frequencies per octave between them; or
         one frequency, or three and more in rising order.
@@ -127,7 +130,8 @@ def damage(
         Accelerations, m/s^2: contacts with compliant stops above each of them are counted.
     way
         "simulation" of everything, or "clusters" of impacts, simulated from their first one on and
-        added to the Gaussian motion. By default clusters, where impacts are rare.
+        added to the Gaussian motion. By default clusters, where impacts are rare. "record" follows
+        a measured record itself, sample by sample, and takes it for no noise.
     test_duration, breakpoints
         Duration, s, of a random test that does the same damage to the equipment, and the largest
         number of breakpoints of its profile, from 2 to 100.
@@ -168,9 +172,11 @@ def damage(
     _check(q, exponent, levels)
     check_test(test_duration, breakpoints)
     run = Run.of(options)
-    if bool(scene.phases) == (mission is not None) or not 0.0 < (mission or 1.0) < math.inf:
-        needed = "left out where the scene has phases" if scene.phases else "a number of seconds"
-        raise ValueError(f"mission must be {needed}, got {mission}")
+    if scene.phases and mission is not None:
+        raise ValueError(f"mission must be left out where the scene has phases, got {mission}")
+    known = mission is not None and 0.0 < mission < math.inf
+    if not (scene.phases or known or (mission is None and way == "record")):
+        raise ValueError(f"mission must be a positive number of seconds, got {mission}")
 
     def of_part(part: Scene, duration: float, its_run: Run) -> Damage:
         model = model_of(part)
@@ -179,10 +185,10 @@ def damage(
         return question.solved(way)
 
     try:
-        if mission is None:
+        if scene.phases:
             found = of_phases(scene, of_part, run)
         else:
-            found = of_part(scene, float(mission), run)
+            found = of_part(scene, float(mission or 0.0), run)
     except (NotConverged, Interrupted) as reason:
         if reason.partial is not None and test_duration is not None:
             test = tailored_test(reason.partial, test_duration, breakpoints)
@@ -212,8 +218,39 @@ class _Question:
         model = self.model
         return np.asarray(model.output_rows[model.outputs.index(self.place)])
 
+    def by_record(self) -> Damage:
+        """The answer of the record itself, which the mission repeats."""
+        with_stops = Replayed(self.scene, self.model, self.place, self.equipment)
+        resolved = self._amplitude_error_at(with_stops.step)
+        records = with_stops.records()
+        question = replace(self, mission=self.mission or with_stops.duration)
+        spectra, shocks = with_stops.spectra(records, question.mission, resolved)
+        hits, without = None, spectra
+        if self.model.pairs:
+            hits = with_stops.hits(records, self.levels, shocks)
+            free = self.scene.replace(impact_pairs=())
+            alone = Replayed(free, model_of(free), self.place, self.equipment)
+            error = self._amplitude_error_at(alone.step)
+            without, _ = alone.spectra(alone.records(), question.mission, error)
+        work = {
+            "paths": 1,
+            "steps": sum(len(each.acceleration) for each in records),
+            "impacts": sum(len(each.impacts) for each in records),
+        }
+        found = question.answer(spectra, without, ("record", "record"), hits, work)
+        known = assumptions_of(self.scene, self.model, len(records), 0)
+        return replace(
+            found, warnings=(),
+            assumptions=(
+                "the mission repeats this record: another one of the same road differs",
+                *(each[0].lower() + each[1:].rstrip(".") for each in known),
+            ),
+        )  # fmt: skip
+
     def solved(self, way: Way | None) -> Damage:
-        """The answer, by the density, by clusters, or by simulation."""
+        """The answer, by the record, by the density, by clusters, or by simulation."""
+        if way == "record":
+            return self.by_record()
         gaussian = self.gaussian()
         if gaussian is not None and not self.model.pairs:
             spectra = self.by_density(gaussian)

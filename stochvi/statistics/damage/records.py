@@ -136,14 +136,7 @@ class DamageSampler(ListSampler):
         records = found.smooth[:, self._counted]
         if found.jumps is not None:
             records = records + found.jumps[:, self._counted] / self.plan.step
-        count = records.shape[1]
-        taper = np.sqrt(2.0 / 3.0) * (1.0 - np.cos(2.0 * math.pi * np.arange(count) / count))
-        size = next_fast_len(count, real=True)
-        powers = np.abs(rfft(records * taper, size, axis=1)) ** 2 * (2.0 / (size * count))
-        powers[:, 0] *= 0.5
-        total = np.cumsum(powers, axis=1)
-        bins = np.array(self.equipment.frequency_hz) * size * self.plan.step
-        return np.array([np.interp(bins, np.arange(powers.shape[1]), each) for each in total])
+        return squares_below(records, self.equipment.frequency_hz, self.plan.step)
 
     def _impacts(
         self, found: Accelerations, paths: int
@@ -176,6 +169,18 @@ class DamageSampler(ListSampler):
                     pushed[self._counted], moved[self._counted], self.levels
                 )
         return above
+
+
+def squares_below(records: Matrix, frequency_hz: Sequence[float], step: float) -> Matrix:
+    """Mean squares of records (paths, samples) below frequencies, by Hann's window."""
+    count = records.shape[1]
+    taper = np.sqrt(2.0 / 3.0) * (1.0 - np.cos(2.0 * math.pi * np.arange(count) / count))
+    size = next_fast_len(count, real=True)
+    powers = np.abs(rfft(records * taper, size, axis=1)) ** 2 * (2.0 / (size * count))
+    powers[:, 0] *= 0.5
+    total = np.cumsum(powers, axis=1)
+    bins = np.array(frequency_hz) * size * step
+    return np.array([np.interp(bins, np.arange(powers.shape[1]), each) for each in total])
 
 
 def contacts_above(force: Vector, acceleration: Vector, levels: Sequence[float]) -> Vector:
