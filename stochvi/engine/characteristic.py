@@ -9,8 +9,8 @@ A kick changes the rate v while x stays: v' = k x + c v + f - pull. The affine f
 of the linear structure, and a kick takes it out again. `kicked` solves this equation; by default v
 does not enter the force. A part whose force depends on v says so by `damps`.
 
-A force with hysteresis has a memory z that changes with x alone, by `moved`. What sees the motion
-in time changes its memory in each kick, by `watched`, before it acts.
+A force with hysteresis has a memory z that changes with x alone, by `moved`, whose rate is `slope`.
+What sees the motion in time changes its memory in each kick, by `watched`, before it acts.
 """
 
 from __future__ import annotations
@@ -59,6 +59,11 @@ def moved(part, z, way):
 
 
 @generic
+def slope(part, z, way):
+    """Slope of the memory over the displacement, 1/m, in the direction of `way`."""
+
+
+@generic
 def watched(part, x, v, z, h):
     """Memory in a kick of the time h (s), at the displacement x and the rate v."""
 
@@ -81,6 +86,11 @@ def _(part):
 @moved.of(object)
 def _(part, z, way):
     return z
+
+
+@slope.of(object)
+def _(part, z, way):
+    return 0.0
 
 
 @watched.of(object)

@@ -12,12 +12,12 @@ from numba.core import config, types
 from numpy.typing import NDArray
 
 from stochvi.engine.calls import call_by_address
-from stochvi.engine.characteristic import Affine, kicked, moved, pull, read, watched
+from stochvi.engine.characteristic import Affine, kicked, moved, pull, read, slope, watched
 from stochvi.engine.compiled_laws import address_of, row_of_numbers
 from stochvi.engine.compiling import kernel
 from stochvi.engine.drive import drive_of
 
-KICK, PULL, MOVE = range(3)
+KICK, PULL, MOVE, SLOPE = range(4)
 """Questions to a part."""
 
 Rows = types.float64[:, ::1]
@@ -49,6 +49,9 @@ def function_of_class(part):
             for i in range(lanes):
                 linear = stiffness * x[row, i] + damping * v[row, i] + force
                 v[row, i] = pull(own, x[row, i], v[row, i], state[memory, i]) - linear
+        elif what == SLOPE:
+            for i in range(lanes):
+                v[row, i] = slope(own, state[memory, i], v[row, i])
         else:
             for i in range(lanes):
                 z = moved(own, state[memory, i], x[row, i])

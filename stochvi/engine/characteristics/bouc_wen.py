@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from stochvi.engine.characteristic import moved, pull, read, remembers
+from stochvi.engine.characteristic import moved, pull, read, remembers, slope
 from stochvi.engine.compiling import kernel
 
 LONGEST_WAY = 0.25
@@ -29,7 +29,7 @@ class BoucWen(NamedTuple):
 
 
 @kernel
-def slope(part, z, step):
+def relative_slope(part, z, step):
     """length dz/dx of a way in the direction of `step`."""
     side = part.beta if z * step > 0.0 else -part.beta
     return 1.0 - (1.0 - part.beta + side) * abs(z) ** part.exponent
@@ -50,12 +50,17 @@ def _(part, z, way):
     count = math.ceil(abs(way) / (part.length * LONGEST_WAY))
     for _ in range(count):
         step = way / part.length / count
-        a = slope(part, z, step)
-        b = slope(part, z + 0.5 * step * a, step)
-        c = slope(part, z + 0.5 * step * b, step)
-        d = slope(part, z + step * c, step)
+        a = relative_slope(part, z, step)
+        b = relative_slope(part, z + 0.5 * step * a, step)
+        c = relative_slope(part, z + 0.5 * step * b, step)
+        d = relative_slope(part, z + step * c, step)
         z += step * (a + 2.0 * b + 2.0 * c + d) / 6.0
     return z
+
+
+@slope.of(BoucWen)
+def _(part, z, way):
+    return relative_slope(part, z, way) / part.length
 
 
 @read.of(BoucWen)

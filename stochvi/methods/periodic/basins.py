@@ -23,8 +23,8 @@ from stochvi.methods.periodic.attractors import (
     KnownMotions,
     exponent,
 )
-from stochvi.methods.periodic.contact_branches import finder_of
 from stochvi.methods.periodic.family import Family, unmet
+from stochvi.methods.periodic.function_branches import finder_of
 from stochvi.methods.periodic.kernels import flights, solver
 from stochvi.methods.periodic.method import MARGIN, noise_left_out, too_slow, varied
 from stochvi.methods.periodic.states import States

@@ -22,8 +22,9 @@ from stochvi.methods.periodic.attractors import (
 )
 from stochvi.methods.periodic.basins import Place, rate_of
 from stochvi.methods.periodic.branches import Finder
-from stochvi.methods.periodic.contact_branches import ContactFinder, finder_of
+from stochvi.methods.periodic.contact_branches import ContactFinder
 from stochvi.methods.periodic.family import Family
+from stochvi.methods.periodic.function_branches import finder_of
 from stochvi.methods.periodic.kernels import flights
 from stochvi.methods.periodic.method import (
     SWEEPS,

@@ -172,6 +172,14 @@ class Finder:
         self._in_vain: list[Regime] = []
         self.rests = Rests(self.motion, self.grid, family.span, deadline)
 
+    @property
+    def size(self) -> int:
+        """Numbers of a state."""
+        return 2 * self.family.sizes[0]
+
+    stable = 1.0 + 1e-9
+    """Largest multiplier of a stable regime; without damping and loss it is 1 but for rounding."""
+
     def find(self) -> list[Track]:
         """All branches that were found."""
         self.tracks += self.without_impacts()
@@ -308,8 +316,8 @@ class Finder:
         found = [self.at_rest(0.5)]
         for stop, speed in itertools.product(range(m), (0.3, 1.0, 3.0)):
             row = motion.rows[stop]
-            state = np.zeros(2 * n)
-            state[n:] = speed * motion.omega * row / (row @ row)
+            state = np.zeros(self.size)
+            state[n : 2 * n] = speed * motion.omega * row / (row @ row)
             found.append(state)
         return np.array(found[: 1 + 8])
 

@@ -20,12 +20,10 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic import continuation
 from stochvi.methods.periodic.branches import LOOKED_AT, SUBHARMONICS, Finder
 from stochvi.methods.periodic.continuation import GRAZING, Problem
-from stochvi.methods.periodic.family import Family
 from stochvi.methods.periodic.kernels import contact_flow, solver
 from stochvi.methods.periodic.regimes import unstruck
 from stochvi.methods.periodic.simulations import MOST_KEPT, REPEATS, SETTLING, FinalMotion
 from stochvi.methods.periodic.tracks import SAME, OnBranch, Track
-from stochvi.results.deadline import NEVER, Deadline
 
 CHANGE = 1e-6
 """Step of sigma over which the flow is differenced."""
@@ -103,11 +101,11 @@ class ContactFinder(Finder):
 
     random_starts = 96
 
+    converged = CONVERGED
+
     def find(self) -> list[Track]:
         """All branches that were found."""
-        free = Finder(self.family, self.grid, 1, self.deadline)
-        free.tracks = free.without_impacts()
-        chosen = self.seeds = free.seeds
+        chosen = self.seeds = self.places()
         edges = chosen[:: max(1, (len(chosen) - 1) // (MOST_EDGES - 1))]
         for sigma in chosen:
             for orbit in self._orbits(sigma, edges=sigma in edges):
@@ -115,6 +113,12 @@ class ContactFinder(Finder):
                     return self.tracks
                 self._added(orbit)
         return self.tracks
+
+    def places(self) -> list[float]:
+        """The places of the range at which regimes are looked for."""
+        free = Finder(self.family, self.grid, 1, self.deadline)
+        free.tracks = free.without_impacts()
+        return free.seeds
 
     @property
     def looked_for(self) -> tuple[str, str]:
@@ -212,7 +216,7 @@ class ContactFinder(Finder):
                 yield orbit
         random = np.random.default_rng(0)
         for periods in SUBHARMONICS:
-            for start in size * random.normal(size=(RANDOM_STARTS, 2 * self.family.sizes[0])):
+            for start in size * random.normal(size=(RANDOM_STARTS, self.size)):
                 if self.deadline.passed():
                     return
                 if (orbit := self.orbit(start, periods, sigma, reach=REACH * size)) is not None:
@@ -262,7 +266,7 @@ class ContactFinder(Finder):
             if change is None or not np.abs(state + change).max() < reach:
                 return None
             state = state + change
-            if np.abs(change).max() < CONVERGED * (1.0 + np.abs(state).max()):
+            if np.abs(change).max() < self.converged * (1.0 + np.abs(state).max()):
                 ends = np.concatenate([state[None], motion.ends[1:-1]])
                 for shorter in range(1, periods):
                     if periods % shorter == 0 and np.abs(ends[shorter] - state).max() < SAME:
@@ -345,7 +349,7 @@ class ContactFinder(Finder):
         *, whole: bool = True,
     ) -> Track:  # fmt: skip
         """The branch, up to the deadline where it need not be `whole`."""
-        number, count, two = len(points), len(stops), 2 * self.family.sizes[0]
+        number, count, two = len(points), len(stops), self.size
         sizes, factors = np.zeros((number, 2)), np.zeros((number, two, two))
         speeds, phases = np.zeros((number, count)), np.zeros((number, count))
         starts = np.array(points[:, :-1])
@@ -399,7 +403,7 @@ class Shooting:
             at = at + change
             if not -BEYOND < at[-1] / solver.WEIGHT < 1.0 + BEYOND:
                 return None
-            if np.abs(change).max() < CONVERGED * (1.0 + np.abs(at).max()):
+            if np.abs(change).max() < finder.converged * (1.0 + np.abs(at).max()):
                 tangent = _solved(matrix, np.append(np.zeros(len(slope)), 1.0))
                 if tangent is None:
                     return None
@@ -455,11 +459,3 @@ def _solved(matrix: Matrix, right: Vector) -> Vector | None:
     except np.linalg.LinAlgError:
         return None
     return np.asarray(found) if np.all(np.isfinite(found)) else None
-
-
-def finder_of(
-    family: Family, grid: Vector, most_impacts: int, deadline: Deadline = NEVER
-) -> Finder:
-    """The finder of a family: of rigid stops, or of some that are compliant."""
-    kind = ContactFinder if any(family.pieces) else Finder
-    return kind(family, grid, most_impacts, deadline)

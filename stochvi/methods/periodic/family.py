@@ -11,8 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Matrix, Vector, Waves
+from stochvi.methods.periodic.functions import (
+    FunctionsOfFamily,
+    not_followed,
+    numbers_of_functions,
+    widths_of,
+)
 from stochvi.methods.periodic.kernels import contact_flow, solver
-from stochvi.model.coverage import functions, scattered
+from stochvi.model.coverage import (
+    functions,
+    rubbing,
+    scattered,
+    speed_restitutions,
+)
 from stochvi.model.model import Model, Pair, Stop
 from stochvi.results.errors import NotApplicable
 
@@ -157,10 +168,15 @@ def forced(parts: Mapping[str, Matrix], omega: Vector, force: Waves) -> Waves:
     return np.asarray(np.linalg.solve(matrix, force[:, :, None])[:, :, 0])
 
 
-def unmet(model: Model, *, compliant: bool = False) -> list[str]:
+def unmet(model: Model, *, compliant: bool = False, with_functions: bool = False) -> list[str]:
     """The conditions of periodic regimes that a model does not meet, in sentences; `compliant`
-    says that stops need not be rigid."""
-    found = [*functions(model), *scattered(model)]
+    says that stops need not be rigid, and `with_functions` that springs and dampers may be
+    functions."""
+    if with_functions:
+        found = not_followed(model) + speed_restitutions(model) + rubbing(model)
+    else:
+        found = functions(model)
+    found = [*found, *scattered(model)]
     kinds = "one whose force a simulation follows" if compliant else "'restitution'"
     found += [
         f"law.kind must be {kinds}, got {stop.law.kind!r} at the {stop.name} stop of {pair.name}"
@@ -190,11 +206,16 @@ def multiples(model: Model) -> tuple[int, ...] | None:
     return None
 
 
+def whitening_of(model: Model) -> Matrix:
+    """Matrix to coordinates with unit masses."""
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(model.mass)))
+
+
 def numbers_of(model: Model, output: int) -> Numbers:
     """The numbers of a model; the output is one of its coordinates or points."""
     orders = multiples(model)
     assert orders is not None
-    whitening = np.linalg.inv(np.linalg.cholesky(model.mass))
+    whitening = whitening_of(model)
     row, columns = model.output_rows[output], 2 * max(orders) + 1
     forces, base = np.zeros((len(whitening), columns)), np.zeros(columns)
     for sine, order in zip(model.sines, orders, strict=True):
@@ -243,6 +264,8 @@ class Family:
         "pair side" of each stop.
     length, time
         The units of the kernels, m and s.
+    functions
+        Springs and dampers that are functions; None without any.
     """
 
     low: float
@@ -254,6 +277,7 @@ class Family:
     stops: tuple[str, ...]
     length: float
     time: float
+    functions: FunctionsOfFamily | None = None
 
     @classmethod
     def of(
@@ -262,8 +286,10 @@ class Family:
         low: float,
         high: float,
         coordinate: str | None,
+        *,
+        with_functions: bool = False,
     ) -> Family:
-        """The family of the models at the values of a range.
+        """The family of the models at the values of a range; `with_functions` as in `unmet`.
 
         Raises
         ------
@@ -271,7 +297,7 @@ class Family:
             If a model is not covered.
         """
         middle = model_at(_value(low, high, 0.5))
-        if conditions := unmet(middle, compliant=True):
+        if conditions := unmet(middle, compliant=True, with_functions=with_functions):
             raise NotApplicable("sine", conditions)
         number = 0 if coordinate is None else _place(middle, coordinate)
         numbers = numbers_of(middle, number)
@@ -280,23 +306,33 @@ class Family:
         reach = float(units.rows.flat[0]) if units.rows.size else 1.0
         forces = _forces(middle, length, time)
         most = max((len(force.pieces) for force in forces), default=0)
+        widths, unit = widths_of(middle), length / reach
+
+        def parts_at(model: Model) -> Vector:
+            return numbers_of_functions(model, whitening_of(model), unit, time, widths)
 
         def at(x: float) -> Vector:
             model = model_at(_value(low, high, 0.5 * (1.0 + x)))
             laws = _laws(_forces(model, length, time), reach, most)
-            return np.concatenate([numbers_of(model, number).flat / scale, laws.ravel()])
+            flat = numbers_of(model, number).flat / scale
+            return np.concatenate([flat, laws.ravel(), parts_at(model)])
 
         series = _series(at)
+        ends = np.cumsum([len(scale), len(forces) * (2 + 3 * most)])
+        own = None
+        if middle.functions:
+            own = FunctionsOfFamily.of(middle, parts_at(middle), series[:, ends[1] :], widths, time)
         return cls(
             low=low,
             high=high,
-            series=np.ascontiguousarray(series[:, : len(scale)]),
-            laws=series[:, len(scale) :],
+            series=np.ascontiguousarray(series[:, : ends[0]]),
+            laws=series[:, ends[0] : ends[1]],
             pieces=tuple(len(force.pieces) for force in forces),
             sizes=numbers.sizes,
             stops=tuple(f"{pair.name} {stop.name}" for pair in middle.pairs for stop in pair.stops),
             length=length,
             time=time,
+            functions=own,
         )
 
     @property
@@ -312,8 +348,9 @@ class Family:
     def laws_at(self, sigma: float) -> contact_flow.Laws:
         """The forces of the stops at a place of the range."""
         numbers = np.polynomial.chebyshev.chebval(2.0 * sigma - 1.0, self.laws)
-        rows = np.reshape(numbers, (len(self.pieces), -1))
-        pieces = np.ascontiguousarray(rows[:, 2:]).reshape(len(rows), -1, 3)
+        # damper, Hertz's coefficient and pieces of each stop; there may be none
+        rows = np.reshape(numbers, (len(self.pieces), -1)) if self.pieces else np.zeros((0, 2))
+        pieces = np.ascontiguousarray(rows[:, 2:]).reshape(len(rows), (rows.shape[1] - 2) // 3, 3)
         return contact_flow.Laws(
             np.array(self.pieces), pieces, rows[:, 0].copy(), rows[:, 1].copy()
         )
@@ -339,7 +376,7 @@ class Family:
     def states(self, starts: Matrix, sigma: Vector) -> dict[str, Matrix]:
         """Displacements (m) and velocities (m/s) of the coordinates, from states of the kernels."""
         n, shapes = self.sizes[0], parts_of(self.flat(sigma), self.sizes)["shapes"]
-        moved, moving = starts[:, :n], starts[:, n:]
+        moved, moving = starts[:, :n], starts[:, n : 2 * n]
         return {
             "displacement": self.length * np.einsum("kij,kj->ki", shapes, moved),
             "velocity": self.speed * np.einsum("kij,kj->ki", shapes, moving),

@@ -18,10 +18,10 @@ from stochvi.methods.periodic.answer import (
     SpecialPoint,
 )
 from stochvi.methods.periodic.branches import DEFAULT_IMPACTS, Finder, Scattered
-from stochvi.methods.periodic.contact_branches import finder_of
 from stochvi.methods.periodic.continuation import NODE, POINT
 from stochvi.methods.periodic.even import MOST_STEPS
 from stochvi.methods.periodic.family import Family, unmet
+from stochvi.methods.periodic.function_branches import finder_of
 from stochvi.methods.periodic.jumps import Step, Sweep
 from stochvi.methods.periodic.kernels import solver
 from stochvi.methods.periodic.linearised import FORMS, linearised, not_covered
@@ -48,9 +48,6 @@ give the lowest ones to 1e-8."""
 MOST_VALUES = 100_000
 """Largest number of values of the varied number."""
 
-STABLE = 1.0 + 1e-9
-"""Largest multiplier of a stable regime; without damping and loss it is 1 but for rounding."""
-
 
 @calculation
 def harmonic_response(
@@ -64,7 +61,7 @@ def harmonic_response(
     sweep: str | None = None,
     budget: float | None = None,
 ) -> HarmonicResponse:
-    """The periodic regimes of a linear structure with stops under a sine or a sum of sines.
+    """The periodic regimes of a structure with stops under a sine or a sum of sines.
 
     Between impacts the motion is linear and exact. Newton's iteration finds regimes with a given
     order of impacts in a number of periods from the phases of the impacts. Branches are followed by
@@ -76,13 +73,17 @@ def harmonic_response(
     to themselves. Flights from several states and from random ones look for them, slow sweeps up
     and down, and Newton's iteration. All search over the range of the values; the values say only
     where branches are drawn. Chatter that ends at rest on a rigid stop is followed by flights.
+    Where springs or dampers are functions, all motion is integrated by extrapolation of order 8,
+    which ends at each kink; friction holds a mass at rest, and hysteresis keeps its memory.
+
     Percussion machines, free bodies under a feed, are among the structures: their impact speed (B
     4.20), the range of their regimes (B 4.21) and of both branches (B 4.12, 4.28).
 
     Parameters
     ----------
     scene
-        A linear structure under constant loads and sines whose frequencies are multiples of one.
+        A structure under constant loads and sines whose frequencies are multiples of one; its
+        springs and dampers may be functions of the motion.
         Its stops may have any law whose numbers are given, and any gap or preload. Noise is left
         out, with a warning.
     frequency_hz
@@ -148,7 +149,11 @@ def harmonic_response(
     deadline = Deadline.after(budget)
     key, values, scene_at = varied(scene, frequency_hz, vary)
     model = model_of(scene_at(float(values[0])))
-    if conditions := unmet(model, compliant=True) if form == "exact" else not_covered(model):
+    if (
+        conditions := unmet(model, compliant=True, with_functions=True)
+        if form == "exact"
+        else not_covered(model)
+    ):
         raise NotApplicable("sine" if form == "exact" else f"sine:{form}", conditions)
     low, high = float(values[0]), float(values[-1])
     if key == FREQUENCY and high > WIDEST * low:
@@ -161,7 +166,9 @@ def harmonic_response(
         low, high = low - wide, high + wide
     shown = (each for each in scene.expanded.structure.shown if each in model.outputs)
     coordinate = coordinate or next(shown, model.outputs[0])
-    family = Family.of(lambda value: model_of(scene_at(value)), low, high, coordinate)
+    family = Family.of(
+        lambda value: model_of(scene_at(value)), low, high, coordinate, with_functions=True
+    )
     finder = finder_of(family, family.sigma(values), most_impacts, deadline)
     if slow := too_slow(finder):
         raise NotApplicable("sine", [slow])
@@ -235,7 +242,7 @@ def varied(
         return key, _checked(key, given), lambda value: changed_scene(document, ((key, value),))
     sines = [each.frequency_hz for each in scene.excitations if isinstance(each, Sine)]
     if not sines:
-        raise NotApplicable("sine", unmet(model_of(scene), compliant=True))
+        raise NotApplicable("sine", unmet(model_of(scene), compliant=True, with_functions=True))
     lowest = min(sines)
     values = _checked(FREQUENCY, [lowest] if frequency_hz is None else frequency_hz)
     if not values[0] > 0.0:
@@ -299,7 +306,7 @@ def _branch(finder: Finder, values: Vector, track: Track) -> Branch:
         **family.states(track.starts, sigma),
         impact_speed=track.speeds * family.speed,
         multiplier=multiplier,
-        stable=multiplier < STABLE,
+        stable=multiplier < finder.stable,
         admissible=track.admissible,
         names=tuple(POINT if name == NODE else name for name in track.names),
     )

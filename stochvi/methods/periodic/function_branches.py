@@ -1,0 +1,106 @@
+"""Branches of periodic regimes where springs and dampers are functions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stochvi.mathematics.arrays import Vector
+from stochvi.methods.periodic.branches import Finder
+from stochvi.methods.periodic.contact_branches import ContactFinder, Motion
+from stochvi.methods.periodic.family import Family
+from stochvi.methods.periodic.kernels import contact_flow, function_flow
+from stochvi.methods.periodic.simulations import MOST_KEPT
+from stochvi.results.deadline import NEVER, Deadline
+
+CHANGE = 1e-5
+"""Change of a state, in the units of the kernels, over which the flow is differenced."""
+
+SMALLEST = 1e-12
+"""Size of an impact speed relative to the vibration that is a rounding error."""
+
+
+class FunctionFinder(ContactFinder):
+    """Finds the branches of a family whose springs and dampers are functions.
+
+    A state holds the memories of hysteresis after displacements and velocities. Factors of small
+    perturbations are differences of the flow.
+    """
+
+    random_starts = 32
+    converged = 1e-9
+    stable = 1.0 + 1e-6
+
+    @property
+    def size(self) -> int:
+        assert self.family.functions is not None
+        return super().size + self.family.functions.remembering
+
+    def places(self) -> list[float]:
+        return self.seeds
+
+    def flown(
+        self, sigma: float, state: Vector, periods: int, phase: float = 0.0, *, factors: bool = True
+    ) -> Motion | None:
+        system = self.system(sigma)
+        motion = self._flown(system, state, periods, phase)
+        if motion is None or not factors:
+            return motion
+        grown = np.empty((self.size, self.size))
+        for column, way in enumerate(CHANGE * np.eye(self.size)):
+            sides = [self._flown(system, state + side * way, periods, phase) for side in (-1, 1)]
+            if sides[0] is None or sides[1] is None:
+                return None
+            grown[:, column] = (sides[1].ends[-1] - sides[0].ends[-1]) / (2.0 * CHANGE)
+        return motion._replace(factors=grown)
+
+    def _flown(
+        self, system: function_flow.System, state: Vector, periods: int, phase: float
+    ) -> Motion | None:
+        ends, log = np.empty((periods + 1, self.size)), np.zeros((MOST_KEPT, 3 + self.size))
+        none = np.empty((0, 0))
+        hits, *sizes = function_flow.flow(
+            system, np.ascontiguousarray(state), phase, contact_flow.Record(ends, log, none)
+        )
+        if hits < 0 or not np.all(np.isfinite(ends)):
+            return None
+        kept = log[: min(hits, MOST_KEPT)]
+        return Motion(ends, none, kept[np.argsort(kept[:, 0], kind="stable")], *sizes)
+
+    def system(self, sigma: float) -> function_flow.System:
+        """The scene at a place of the range."""
+        if self._system is None or self._system[0] != sigma:
+            assert self.family.functions is not None
+            found = function_flow.System(
+                self.motion(sigma), self.family.laws_at(sigma), self.family.functions.at(sigma)
+            )
+            self._system = sigma, found
+        return self._system[1]
+
+    _system: tuple[float, function_flow.System] | None = None
+
+    # Starts, with memories
+
+    def at_rest(self, sigma: float) -> Vector:
+        return np.append(super().at_rest(sigma), self._unloaded)
+
+    def _random_start(self, sigma: float, random: np.random.Generator) -> Vector:
+        memories = random.uniform(-1.0, 1.0, len(self._unloaded))
+        return np.append(super()._random_start(sigma, random), memories)
+
+    def _still(self, sigma: float) -> Vector | None:
+        state = super()._still(sigma)
+        return None if state is None else np.append(state, self._unloaded)
+
+    @property
+    def _unloaded(self) -> Vector:
+        return np.zeros(self.size - super().size)
+
+
+def finder_of(
+    family: Family, grid: Vector, most_impacts: int, deadline: Deadline = NEVER
+) -> Finder:
+    """The finder of a family: of functions, of rigid stops, or of some that are compliant."""
+    if family.functions is not None:
+        return FunctionFinder(family, grid, most_impacts, deadline)
+    kind = ContactFinder if any(family.pieces) else Finder
+    return kind(family, grid, most_impacts, deadline)

@@ -1,0 +1,698 @@
+"""Flow of a structure whose springs and dampers are functions, by extrapolation.
+
+A step is that of the midpoint rule with 2, 4, 6 and 8 parts, extrapolated to infinitely many
+(Gragg's method): of order 8 for any function. It ends at each event. These are the events of
+stops, as in `contact_flow`, and the places at which a function has a kink: a knot of a table, a
+rate that turns, a memory that passes 0. A damper that sticks holds the rate of its displacement
+at 0 while its force suffices.
+
+Symbols as in `contact_flow`; a state y = (q, q', z) has the memories z of the functions at its end.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from stochvi.engine.borrowed import borrowed, hold
+from stochvi.engine.characteristic_calls import PULL, SLOPE, Characteristics, ask, call_of_part
+from stochvi.engine.compiling import kernel
+from stochvi.methods.periodic.kernels.contact_flow import AWAY, FOLLOWING
+from stochvi.methods.periodic.kernels.solver import (
+    MOST_IMPACTS,
+    distance_of,
+    force_state,
+    output_of,
+    put,
+    strike,
+    swing,
+)
+
+COLUMNS = 4
+"""Number of midpoint rules that a step extrapolates."""
+
+LONGEST = 0.125
+"""Longest step times the fastest frequency of the linear structure, rad."""
+
+ACCURATE = 1e-9
+"""Change by the last extrapolation, in the units of the kernels, up to which a step is taken: the
+error of the step is some hundred times smaller."""
+
+SHORTEST = 1e-9
+"""Shortest step over the longest one: a function of a user's own may have jumps."""
+
+AT_REST = 1e-12
+"""Rate of a displacement, in the units of the kernels, up to which a damper may stick."""
+
+STILL = 1e-6
+"""Speed of an impact on a rigid stop, relative to the fastest one, up to which it counts as the end
+of chatter: a rest on the stop is not followed."""
+
+LARGEST = 1e7
+"""Size of a state beyond which a motion has escaped."""
+
+NEAR_TOP = 0.02
+"""Distance from an edge, relative to the size of the distances in a step, from which on the place
+is found where a motion turns just before the edge."""
+
+INSIDE = 1e-3
+"""Way from an edge, in units of displacements or of a memory, over which a function is differenced
+to go straight on beyond it."""
+
+FAR = 1e300
+"""Place of a knot that is not there, m."""
+
+PROBE = 1e-4
+"""Share of a step over which an acceleration is differenced."""
+
+TOUCHED = 1e-11
+"""Distance from an edge, in the units of the kernels, up to which a motion is on it."""
+
+MEASURED = 8
+"""Number of the last periods over which the largest acceleration is found."""
+
+SMOOTH, TURNS, STICKS = 0, 1, 2
+"""What a function does where its rate passes 0: nothing, have a kink, or hold."""
+
+ABOVE, BELOW, RATE, MEMORY = 0, 1, 2, 3
+"""Edges of a function: the knots around its displacement, its rate and its memory. While a damper
+sticks, the first two of them are the forces at which it slips."""
+
+
+class Functions(NamedTuple):
+    """Springs and dampers that are functions.
+
+    Parameters
+    ----------
+    calls : how they are called; their rows give displacements, m, and their changes accelerations.
+    pace : 1/s, rate of a displacement per unit of its rate in the time of the kernels.
+    widths : (parts,), m, unit of each displacement.
+    knots : (parts, most), m, rising displacements of kinks, FAR beyond the last one.
+    kinds : (parts,), SMOOTH, TURNS or STICKS.
+    """
+
+    calls: Characteristics
+    pace: float
+    widths: np.ndarray
+    knots: np.ndarray
+    kinds: np.ndarray
+
+
+class System(NamedTuple):
+    """A motion, the laws of its stops (`contact_flow.Laws`), and its functions."""
+
+    motion: tuple
+    laws: tuple
+    functions: Functions
+
+
+class Modes(NamedTuple):
+    """Smooth pieces in which a motion is.
+
+    Parameters
+    ----------
+    stops : (m,), as in `contact_flow`.
+    cells : (parts,), number of knots below each displacement.
+    sides : (parts,), sign of each rate, 0 of one that is held.
+    signs : (parts,), sign of each memory.
+    """
+
+    stops: np.ndarray
+    cells: np.ndarray
+    sides: np.ndarray
+    signs: np.ndarray
+
+
+class Work(NamedTuple):
+    """Arrays for intermediate results: displacements, rates (parts, 1) and memories (memories, 1)
+    of functions, the force w, and states of the extrapolation."""
+
+    x: np.ndarray
+    v: np.ndarray
+    z: np.ndarray
+    w: np.ndarray
+    table: np.ndarray
+    midpoints: np.ndarray
+    ahead: np.ndarray
+    slopes: np.ndarray
+    states: np.ndarray
+
+
+@kernel
+def displaced(functions, j, y, n):
+    """Displacement (m) of a function and its rate in the time of the kernels."""
+    x, v = 0.0, 0.0
+    for i in range(n):
+        x += functions.calls.rows[j, i] * y[i]
+        v += functions.calls.rows[j, i] * y[n + i]
+    return x, v
+
+
+@kernel
+def pulled(functions, j, x, v, work):
+    """Force of a function per unit of its reduced mass, m/s^2, at a rate in m/s."""
+    calls = functions.calls
+    work.x[j, 0], work.v[j, 0] = x, v
+    call_of_part(
+        calls.functions[j],
+        (
+            PULL, calls.numbers, j, work.x, work.v, work.z, max(calls.memories[j], 0), 0.0, 0.0,
+            0.0, 0.0, 1,
+        ),
+    )  # fmt: skip
+    return work.v[j, 0]
+
+
+@kernel
+def pulled_in_cell(functions, modes, j, x, v, work):
+    """Force of a function, between the knots of its cell; straight on beyond them."""
+    cell, most = modes.cells[j], functions.knots.shape[1]
+    low = functions.knots[j, cell - 1] if cell > 0 else -FAR
+    high = functions.knots[j, cell] if cell < most else FAR
+    if low <= x <= high:
+        return pulled(functions, j, x, v, work)
+    edge = low if x < low else high
+    way = min(high - low, functions.widths[j]) * (INSIDE if x < low else -INSIDE)
+    force = pulled(functions, j, edge, v, work)
+    return force + (pulled(functions, j, edge + way, v, work) - force) / way * (x - edge)
+
+
+@kernel
+def slope_of_memory(functions, modes, j, work):
+    """Slope of a memory over the displacement, 1/m, on the sides where memory and rate are."""
+    calls, side = functions.calls, modes.sides[j]
+    k = calls.memories[j]
+    z, beyond = work.z[k, 0], 0.0
+    if z * modes.signs[j] < 0.0:
+        work.z[k, 0], beyond = modes.signs[j] * INSIDE, z / (modes.signs[j] * INSIDE)
+    work.v[j, 0] = side
+    ask(calls, SLOPE, j, work.x, work.v, work.z, 0.0, 1)
+    slope = work.v[j, 0]
+    if beyond != 0.0:
+        work.z[k, 0], work.v[j, 0] = 0.0, side
+        ask(calls, SLOPE, j, work.x, work.v, work.z, 0.0, 1)
+        slope = work.v[j, 0] + beyond * (slope - work.v[j, 0])
+        work.z[k, 0] = z
+    return slope
+
+
+@kernel
+def sided(functions, modes, j, v):
+    """Rate of a function, m/s, on the side where it is."""
+    v *= functions.pace
+    if functions.kinds[j] == STICKS and v * modes.sides[j] <= 0.0:
+        return modes.sides[j] * 1e-300
+    return v
+
+
+@kernel
+def mobility(functions, j):
+    """Acceleration of a displacement, m per square of the time of the kernels, per unit of the
+    force on it."""
+    total = 0.0
+    for i in range(functions.calls.rows.shape[1]):
+        total += functions.calls.rows[j, i] * functions.calls.changes[j, i]
+    return total
+
+
+@kernel
+def rates_of(system, modes, y, phase, work, out):
+    """Rates of a state. Returns the force that holds what sticks, per unit of its reduced mass."""
+    motion, laws, functions = system
+    n, size = motion.rows.shape[1], len(motion.generator)
+    calls = functions.calls
+    force_state(motion, phase, work.w)
+    for i in range(n):
+        out[i] = y[n + i]
+        total = 0.0
+        for j in range(2 * n):
+            total += motion.generator[n + i, j] * y[j]
+        for j in range(2 * n, size):
+            total += motion.generator[n + i, j] * work.w[j - 2 * n]
+        out[n + i] = total
+    for s in range(len(modes.stops)):
+        state = modes.stops[s]
+        if state < 0 or laws.counts[s] == 0:
+            continue
+        deep, speed = distance_of(motion, s, y)
+        piece = laws.pieces[s, state]
+        push = piece[1] + piece[2] * (deep - piece[0]) + laws.dampers[s] * speed
+        if laws.hertz[s] > 0.0:
+            push += laws.hertz[s] * max(deep, 0.0) ** 1.5
+        for i in range(n):
+            out[n + i] -= push * motion.rows[s, i]
+    for k in range(2 * n, len(y)):
+        work.z[k - 2 * n, 0] = y[k]
+    stuck = -1
+    for j in range(len(functions.kinds)):
+        x, v = displaced(functions, j, y, n)
+        if calls.memories[j] >= 0:
+            out[2 * n + calls.memories[j]] = slope_of_memory(functions, modes, j, work) * v
+        if functions.kinds[j] == STICKS and modes.sides[j] == 0:
+            stuck = j
+            continue
+        force = pulled_in_cell(functions, modes, j, x, sided(functions, modes, j, v), work)
+        for i in range(n):
+            out[n + i] -= calls.changes[j, i] * force
+    if stuck < 0:
+        return 0.0
+    grip = 0.0
+    for i in range(n):
+        grip += calls.rows[stuck, i] * out[n + i]
+    grip /= mobility(functions, stuck)
+    for i in range(n):
+        out[n + i] -= calls.changes[stuck, i] * grip
+    return grip
+
+
+@kernel
+def leap(system, modes, y, rates, phase, h, work, out):
+    """Write the state a step h after y, where its rates are known; returns the change by the last
+    extrapolation."""
+    omega, size = system.motion.omega, len(y)
+    before, now, fresh = work.midpoints[0], work.midpoints[1], work.midpoints[2]
+    for k in range(COLUMNS):
+        count = 2 * (k + 1)
+        part = h / count
+        for i in range(size):
+            before[i] = y[i]
+            now[i] = y[i] + part * rates[i]
+        for step in range(1, count):
+            rates_of(system, modes, now, phase + omega * part * step, work, work.slopes)
+            for i in range(size):
+                fresh[i] = before[i] + 2.0 * part * work.slopes[i]
+                before[i] = now[i]
+                now[i] = fresh[i]
+        put(now, work.table[k, 0])
+        for back in range(1, k + 1):
+            ratio = count / (count - 2.0 * back)
+            for i in range(size):
+                last = work.table[k, back - 1, i]
+                change = (last - work.table[k - 1, back - 1, i]) / (ratio * ratio - 1.0)
+                work.table[k, back, i] = last + change
+    error = 0.0
+    for i in range(size):
+        out[i] = work.table[COLUMNS - 1, COLUMNS - 1, i]
+        change = abs(out[i] - work.table[COLUMNS - 1, COLUMNS - 2, i])
+        error = change if not change <= error else error
+    return error
+
+
+@kernel
+def edge_of(system, modes, number, y, rates, grip, work):
+    """Distance beyond an edge, above 0 there, and its rate; whether it is one of a place, which
+    a motion may touch. Edges that are not there are at -1, at rest."""
+    motion, laws, functions = system
+    n, m = motion.rows.shape[1], len(modes.stops)
+    if number < 2 * m:
+        s, up = number // 2, number % 2
+        state, c = modes.stops[s], laws.dampers[s]
+        deep, speed = distance_of(motion, s, y)
+        if state == AWAY and up == 0:
+            return deep, speed, True
+        if state == FOLLOWING and up == 0:
+            return -deep, -speed, True
+        if c > 0.0 and up == (0 if state >= 0 else 1) and state != AWAY:
+            sign, k, pull = (-1.0 if state >= 0 else 1.0), laws.pieces[s, 0, 2], 0.0
+            for i in range(n):
+                pull += motion.rows[s, i] * rates[n + i]
+            return sign * (k * deep + c * speed), sign * (k * speed + c * pull), False
+        if c == 0.0 and state >= 0 and up == 0:
+            return laws.pieces[s, state, 0] - deep, -speed, True
+        if c == 0.0 and 0 <= state < laws.counts[s] - 1 and up == 1:
+            return deep - laws.pieces[s, state + 1, 0], speed, True
+        return -1.0, 0.0, False
+    j, kind = (number - 2 * m) // 4, (number - 2 * m) % 4
+    x, v = displaced(functions, j, y, n)
+    width = functions.widths[j]
+    sticking = functions.kinds[j] == STICKS and modes.sides[j] == 0
+    if sticking and kind <= BELOW:
+        side = 1.0 if kind == ABOVE else -1.0
+        limit = pulled(functions, j, x, side * 1e-300, work)
+        return side * (grip - limit) / max(abs(limit), 1e-300), 0.0, False
+    if kind == ABOVE and modes.cells[j] < functions.knots.shape[1]:
+        knot = functions.knots[j, modes.cells[j]]
+        if knot < FAR:
+            return (x - knot) / width, v / width, True
+    if kind == BELOW and modes.cells[j] > 0:
+        return (functions.knots[j, modes.cells[j] - 1] - x) / width, -v / width, True
+    if kind == RATE and functions.kinds[j] != SMOOTH and not sticking:
+        faster = 0.0
+        for i in range(n):
+            faster += functions.calls.rows[j, i] * rates[n + i]
+        return -modes.sides[j] * v / width, -modes.sides[j] * faster / width, False
+    memory = functions.calls.memories[j]
+    if kind == MEMORY and memory >= 0:
+        k = 2 * n + memory
+        return -modes.signs[j] * y[k], -modes.signs[j] * rates[k], False
+    return -1.0, 0.0, False
+
+
+@kernel
+def turning_time(ends, rates, h):
+    """The first time in a step at which the cubic through two values and rates turns; -1 where it
+    does not."""
+    p, q, rise = rates[0] * h, rates[1] * h, ends[1] - ends[0]
+    c2, c3 = 3.0 * rise - 2.0 * p - q, p + q - 2.0 * rise
+    root = math.sqrt(max(c2 * c2 - 3.0 * c3 * p, 0.0))
+    first = 2.0
+    for sign in (-1.0, 1.0):
+        s = -p / (c2 + sign * root) if c2 + sign * root != 0.0 else -1.0
+        if 0.0 < s < 1.0:
+            first = min(first, s)
+    return first * h if first < 1.0 else -1.0
+
+
+@kernel
+def landed(system, modes, number, top, y, rates, phase, low, high, work, out, out_rates):
+    """The time in (low, high) at which an edge is passed or, for `top`, at which the motion turns
+    before it; the state and its rates then."""
+    below, above = -1.0, -1.0
+    time, last = 0.5 * (low + high), -1
+    while high - low > 1e-15 * high:
+        leap(system, modes, y, rates, phase, time, work, out)
+        grip = rates_of(system, modes, out, phase + system.motion.omega * time, work, out_rates)
+        value, slope, _ = edge_of(system, modes, number, out, out_rates, grip, work)
+        if top:
+            value = -slope
+        if value == 0.0:
+            break
+        side = 1 if value > 0.0 else 0
+        if side == 1:
+            high, above = time, value
+            below *= 0.5 if last == 1 else 1.0
+        else:
+            low, below = time, value
+            above *= 0.5 if last == 0 else 1.0
+        last = side
+        before = time
+        # Newton's step; false position, halved where one end stays, without a slope
+        if not top and slope != 0.0:
+            time -= value / slope
+        elif below < 0.0 < above:
+            time = low - below * (high - low) / (above - below)
+        if not low < time < high:
+            time = 0.5 * (low + high)
+        if abs(time - before) <= (1e-8 if top else 2e-16) * high:
+            break
+    leap(system, modes, y, rates, phase, time, work, out)
+    rates_of(system, modes, out, phase + system.motion.omega * time, work, out_rates)
+    return time
+
+
+@kernel
+def enter(system, modes, number, y, phase, work, rates):
+    """Take a motion over an edge, in the place of its state and modes; the stop and the speed of a
+    touch, and -1 for none."""
+    motion, laws, functions = system
+    m = len(modes.stops)
+    if number < 2 * m:
+        s, up = number // 2, number % 2
+        state = modes.stops[s]
+        _, speed = distance_of(motion, s, y)
+        if laws.counts[s] == 0:
+            strike(motion, s, y)
+        elif state == AWAY:
+            modes.stops[s] = 0
+        elif state == FOLLOWING:
+            modes.stops[s] = AWAY if up == 0 else 0
+        elif laws.dampers[s] > 0.0:
+            modes.stops[s] = FOLLOWING
+        else:
+            # below the first piece the gap is open
+            modes.stops[s] = state + 1 if up == 1 else state - 1
+        return (s, speed) if state == AWAY else (-1, 0.0)
+    j, kind = (number - 2 * m) // 4, (number - 2 * m) % 4
+    if kind == MEMORY:
+        modes.signs[j] = -modes.signs[j]
+    elif functions.kinds[j] == STICKS and modes.sides[j] == 0:
+        modes.sides[j] = 1 if kind == ABOVE else -1
+    elif kind == RATE:
+        turn_rate(system, modes, j, y, phase, work, rates)
+    else:
+        modes.cells[j] += 1 if kind == ABOVE else -1
+    return -1, 0.0
+
+
+@kernel
+def turn_rate(system, modes, j, y, phase, work, rates):
+    """Set the side of a rate that is 0: that to which its acceleration leads, or none where the
+    damper holds it."""
+    functions, n = system.functions, system.motion.rows.shape[1]
+    if functions.kinds[j] != STICKS:
+        modes.sides[j] = -modes.sides[j]
+        return
+    x, v = displaced(functions, j, y, n)
+    modes.sides[j] = 0
+    grip = rates_of(system, modes, y, phase, work, rates)
+    if grip > pulled(functions, j, x, 1e-300, work):
+        modes.sides[j] = 1
+    elif grip < pulled(functions, j, x, -1e-300, work):
+        modes.sides[j] = -1
+    else:
+        ease = v / mobility(functions, j)
+        for i in range(n):
+            y[n + i] -= functions.calls.changes[j, i] * ease
+
+
+@kernel
+def first_modes(system, modes, y, phase, work, rates):
+    """Set the modes of a state."""
+    motion, laws, functions = system
+    n = motion.rows.shape[1]
+    for s in range(len(modes.stops)):
+        deep, speed = distance_of(motion, s, y)
+        modes.stops[s] = AWAY
+        if laws.counts[s] == 0 or deep <= 0.0:
+            continue
+        state = 0
+        while state + 1 < laws.counts[s] and laws.pieces[s, state + 1, 0] < deep:
+            state += 1
+        modes.stops[s] = state
+        if laws.pieces[s, 0, 2] * deep + laws.dampers[s] * speed < 0.0:
+            modes.stops[s] = FOLLOWING
+    held = -1
+    for j in range(len(functions.kinds)):
+        x, v = displaced(functions, j, y, n)
+        cell = 0
+        while cell < functions.knots.shape[1] and functions.knots[j, cell] < x:
+            cell += 1
+        modes.cells[j] = cell
+        modes.sides[j] = 1 if v >= 0.0 else -1
+        memory = functions.calls.memories[j]
+        modes.signs[j] = 1 if memory < 0 or y[2 * n + memory] >= 0.0 else -1
+        if functions.kinds[j] == STICKS and abs(v) <= AT_REST * functions.widths[j]:
+            held = j
+    if held >= 0:
+        turn_rate(system, modes, held, y, phase, work, rates)
+
+
+@kernel
+def edges_at(system, modes, y, rates, grip, work, out):
+    """Write distance beyond each edge, its rate, and 1 for one of a place, (edges, 3)."""
+    for number in range(len(out)):
+        out[number, 0], out[number, 1], place = edge_of(system, modes, number, y, rates, grip, work)
+        out[number, 2] = 1.0 if place else 0.0
+
+
+@kernel
+def next_edge(starts, ends, h, passed, turned):
+    """The edge that is passed first in a step, by cubics: its number, or -1, about when, and from
+    when on to look for it; and whether to look for a turn just before it instead. The edges that
+    are known to be passed at the end, and to be turned before there, are left out."""
+    found, at, low, turn = -1, h, 0.0, False
+    for number in range(len(starts)):
+        start, rate = starts[number, 0], starts[number, 1]
+        end, last = ends[number, 0], ends[number, 1]
+        if abs(start) <= TOUCHED:
+            start = 0.0
+        if number == passed:
+            continue
+        if end > 0.0:
+            time, begin = 0.0, 0.0
+            if start < 0.0:
+                time = h * start / (start - end)
+            elif rate < 0.0:
+                # back to an edge that the step starts from
+                time = max(turning_time((0.0, end), (rate, last), h), 0.0)
+                begin = time
+            if found < 0 or time < at:
+                found, at, low, turn = number, time, begin, False
+        elif start < 0.0 < rate and last < 0.0 and ends[number, 2] > 0.0 and number != turned:
+            top = turning_time((start, end), (rate, last), h)
+            near = top > 0.0 and swing((0.0, end - start), (rate, last), h) + start > -NEAR_TOP * (
+                abs(start) + abs(end) + h * rate
+            )
+            if near and (found < 0 or top < at):
+                found, at, low, turn = number, top, 0.0, True
+    return found, at, low, turn
+
+
+@kernel
+def acceleration_of(system, modes, y, rates, phase, time, work):
+    """Absolute acceleration of the output, and its rate by differences over twice a time."""
+    motion, n = system.motion, system.motion.rows.shape[1]
+    value, slope = 0.0, 0.0
+    for turn in range(3):
+        # on either side for the rate, and last at the state itself
+        shift = 0.0 if turn == 2 else (time if turn == 1 else -time)
+        for i in range(len(y)):
+            work.ahead[i] = y[i] + shift * rates[i]
+        rates_of(system, modes, work.ahead, phase + motion.omega * shift, work, work.slopes)
+        value = 0.0
+        for i in range(n):
+            value += motion.output[i] * work.slopes[n + i]
+        for i in range(len(motion.base)):
+            value += motion.base[i] * work.w[i]
+        if turn < 2:
+            slope += value / (2.0 * shift)
+    return value, slope
+
+
+@kernel
+def longest_step(motion):
+    """Longest step, which resolves the linear structure and the force."""
+    n = motion.rows.shape[1]
+    h = (len(motion.generator) - 2 * n - 1) // 2
+    stiffness = 0.0
+    for i in range(n):
+        stiff = 0.0
+        for j in range(n):
+            stiff += abs(motion.generator[n + i, j])
+        stiffness = max(stiffness, stiff)
+    return LONGEST / max(max(h, 1) * motion.omega, math.sqrt(stiffness))
+
+
+@kernel
+def advance(system, modes, y, rates, phase, step, limit, places, work, out, later):
+    """Write the state after a step, or at the first edge in it. Returns its length, the edge that
+    is passed at its end, or -1, and the change by the last extrapolation. Where that is beyond a
+    limit nothing else is found."""
+    starts, ends = places
+    omega = system.motion.omega
+    error = leap(system, modes, y, rates, phase, step, work, out)
+    if not error <= limit:
+        return step, -1, error
+    passed, turned, high = -1, -1, step
+    for _ in range(2 * len(starts)):
+        grip = rates_of(system, modes, out, phase + omega * high, work, later)
+        edges_at(system, modes, out, later, grip, work, ends)
+        found, at, low, turn = next_edge(starts, ends, high, passed, turned)
+        if found < 0:
+            break
+        if at <= 0.0:
+            put(y, out)
+            put(rates, later)
+            return 0.0, found, error
+        # a place where a motion turns before an edge is no event, unless the edge is passed there
+        high = landed(system, modes, found, turn, y, rates, phase, low, high, work, out, later)
+        passed, turned = (-1, found) if turn else (found, turned)
+    return high, passed, error
+
+
+@kernel
+def flow(system, start, phase, record):
+    """Follow a motion over whole periods of the force from a phase of it, as `contact_flow.flow`.
+    Factors of perturbations are not found."""
+    motion, size, parts = system.motion, len(start), len(system.functions.kinds)
+    n, m = motion.rows.shape[1], len(motion.positions)
+    work = Work(
+        np.zeros((parts, 1)), np.zeros((parts, 1)), np.zeros((max(size - 2 * n, 1), 1)),
+        np.empty(len(motion.generator) - 2 * n), np.empty((COLUMNS, COLUMNS, size)),
+        np.empty((3, size)), np.empty(size), np.empty(size), np.empty((4, size)),
+    )  # fmt: skip
+    modes = Modes(
+        np.zeros(m, np.int64), np.zeros(parts, np.int64), np.zeros(parts, np.int64),
+        np.zeros(parts, np.int64),
+    )  # fmt: skip
+    places = np.zeros((2, 2 * m + 4 * parts, 3))
+    found = follow(
+        borrowed(system), borrowed(modes), start, phase, record, borrowed(work), borrowed(places)
+    )
+    hold(system)
+    hold(modes)
+    hold(work)
+    hold(places)
+    return found
+
+
+@kernel
+def follow(system, modes, start, phase, record, work, places):
+    """`flow`, in arrays of which no owners are counted."""
+    motion, functions = system.motion, system.functions
+    ends, log, _ = record
+    periods, size, parts = len(ends) - 1, len(start), len(functions.kinds)
+    y, fresh, rates, later = work.states[0], work.states[1], work.states[2], work.states[3]
+    put(start, y)
+    put(start, ends[0])
+    first_modes(system, modes, y, phase, work, rates)
+    longest = longest_step(motion)
+    shortest, probe, most = SHORTEST * longest, PROBE * longest, MOST_IMPACTS * (2 + parts)
+    hits, displacement, acceleration, even, odd, wanted = 0, 0.0, 0.0, 0.0, 0.0, longest
+    fastest = 0.0
+    for period in range(periods):
+        events, left = 0, 2.0 * math.pi / motion.omega
+        while left > 0.0:
+            now = phase + 2.0 * math.pi * (period + 1) - motion.omega * left
+            grip = rates_of(system, modes, y, now, work, rates)
+            edges_at(system, modes, y, rates, grip, work, places[0])
+            limit = ACCURATE if wanted > shortest else np.inf
+            length, passed, error = advance(
+                system, modes, y, rates, now, min(wanted, left), limit, places, work, fresh, later
+            )
+            if not error <= limit:
+                wanted = 0.5 * min(wanted, left)
+                events += 1
+                if events > most:
+                    return -1, displacement, acceleration, 0.0
+                continue
+            if error <= 1e-3 * ACCURATE:
+                wanted = min(2.0 * wanted, longest)
+            largest = 0.0
+            for i in range(size):
+                largest = abs(fresh[i]) if not abs(fresh[i]) <= largest else largest
+            if not largest < LARGEST:
+                return -1, displacement, acceleration, 0.0
+            then = now + motion.omega * length
+            place, moving = output_of(motion, y)
+            place_, moving_ = output_of(motion, fresh)
+            displacement = max(displacement, swing((place, place_), (moving, moving_), length))
+            if length > 0.0 and period >= periods - MEASURED:
+                push, jerk = acceleration_of(system, modes, y, rates, now, probe, work)
+                push_, jerk_ = acceleration_of(system, modes, fresh, later, then, probe, work)
+                acceleration = max(acceleration, swing((push, push_), (jerk, jerk_), length))
+            for number in range(2):
+                # cosine and sine; each product by its values and slopes
+                angle, angle_ = now - 0.5 * math.pi * number, then - 0.5 * math.pi * number
+                wave, wave_ = math.cos(angle), math.cos(angle_)
+                turning, turning_ = (
+                    -motion.omega * math.sin(angle),
+                    -motion.omega * math.sin(angle_),
+                )
+                bend = moving * wave + place * turning - moving_ * wave_ - place_ * turning_
+                part = 0.5 * length * (place * wave + place_ * wave_) + length**2 / 12.0 * bend
+                if number == 0:
+                    even += part
+                else:
+                    odd += part
+            put(fresh, y)
+            left -= length
+            if left < 1e-13:
+                left = 0.0
+            if passed < 0:
+                continue
+            events += 1
+            if events > most:
+                return -1, displacement, acceleration, 0.0
+            stop, speed = enter(system, modes, passed, y, then, work, rates)
+            if stop >= 0:
+                slot = hits % len(log)
+                log[slot, 0], log[slot, 1], log[slot, 2] = then, stop, speed
+                put(fresh, log[slot, 3:])
+                hits += 1
+                fastest = max(fastest, speed)
+                if system.laws.counts[stop] == 0 and speed <= STILL * fastest:
+                    return -1, displacement, acceleration, 0.0
+        put(y, ends[period + 1])
+    amplitude = motion.omega / (math.pi * periods) * math.hypot(even, odd)
+    return hits, displacement, acceleration, amplitude
