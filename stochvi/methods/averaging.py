@@ -48,7 +48,9 @@ def average(
 
         D J G' + b J G + sum over E_i < E of integral of G from E to E_i + (E - E_i) / R_i^2 = 0,
 
-    which goes over into the first for R near 1. The variant "unfolded" is that of V. F. Zhuravlev's
+    which goes over into the first for R near 1. A restitution that depends on the speed takes its
+    value at sqrt(2 (E - E_i)); the last integral then goes over all energies from which an impact
+    ends below E. The variant "unfolded" is that of V. F. Zhuravlev's
     transformation (Mech. Solids 11 (1976) 23): mirrored at its stops the motion is smooth but for a
     jump (1 - R) v at each passage of one. A damper (1 - R) v |v| delta(x - c) in place of the
     stop stands for the jump; then L = sum_i 2 (1 - R_i)(E - E_i), too much by the factor 2 / (1 +
@@ -192,7 +194,7 @@ def unmet(model: Model) -> list[str]:
     >>> unmet(model)
     []
     """
-    found = beyond_one_oscillator(model, white_only=True)
+    found = beyond_one_oscillator(model, white_only=True, with_speeds=True)
     if found:
         return found
     found = [*model.not_rigid(), *not_white(model), *without_dissipation(model)]

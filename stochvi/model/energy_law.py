@@ -23,9 +23,10 @@ import numpy as np
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.impact_rates import NO_STOP, StopStatistics
 from stochvi.mathematics.quadrature import gauss_legendre
+from stochvi.model.barriers import AnyBarrier, barrier_of
 from stochvi.model.gap import Gap
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.impact_laws import Restitution
+from stochvi.scenes.impact_laws import Restitution, SpeedRestitution
 
 CONTINUOUS, FINITE_JUMPS, UNFOLDED = "continuous", "finite jumps", "unfolded"
 VARIANTS = (CONTINUOUS, FINITE_JUMPS, UNFOLDED)
@@ -53,14 +54,6 @@ stop."""
 UNREACHED = 600.0
 """Largest energy of a stop, in multiples of theta, with which the stop is kept: the density there,
 e^-600 of its largest value, no longer counts in double precision."""
-
-LEAST_RESTITUTION = 1e-4
-"""Smallest restitution of a stop on which the mass rests. The law converges as R falls to 0, but at
-0 itself G has no integral over small energies. From 1e-3 to this number the standard deviations
-change by a relative 1e-6, the rates by 1e-3 (measured); below it the quadrature loses digits."""
-
-RULE = 12
-"""Number of restitutions that stand for one that scatters: Gauss's rule of its distribution."""
 
 MOST_DOUBLINGS = 200
 """Largest number of times that the largest energy is doubled, or the first panels are halved."""
@@ -166,19 +159,6 @@ class Well:
         )
 
 
-class Barrier(NamedTuple):
-    """A stop that orbits of a higher energy than E_i reach, and what it keeps of what is beyond.
-
-    `rebounds` are the values of R_i^2, each with its probability: one, or a rule for a restitution
-    that scatters. `restitution` and `mean_square` are E R_i and E R_i^2.
-    """
-
-    energy: float
-    restitution: float
-    mean_square: float
-    rebounds: tuple[tuple[float, float], ...]
-
-
 @dataclass(frozen=True, kw_only=True)
 class EnergyLaw:
     """G at nodes in panels between the energies of the stops, with E = E_k + s^2 above each E_k.
@@ -190,7 +170,7 @@ class EnergyLaw:
     well: Well
     diffusion: float
     damping: float
-    stops: dict[str, Barrier]
+    stops: dict[str, AnyBarrier]
     span: float
     variant: str
     halvings: tuple[int, ...]
@@ -278,7 +258,8 @@ class EnergyLaw:
         loss = np.zeros_like(energy)
         for stop in self.stops.values():
             above = np.maximum(energy - stop.energy, 0.0)
-            kept = 2.0 * stop.restitution - 1.0 if self.variant == UNFOLDED else stop.mean_square
+            unfolded = self.variant == UNFOLDED
+            kept = 2.0 * stop.returned(above) - 1.0 if unfolded else stop.kept(above)
             loss += (1.0 - kept) * above
         rate = (self.damping + loss / self.orbits.action) / self.diffusion
         below = self.integrals_above(energy) @ rate
@@ -290,14 +271,12 @@ class EnergyLaw:
         above = self.integrals_above(energy)
         jumps = np.zeros_like(above)
         for stop in self.stops.values():
-            if stop.restitution == 1.0:
+            if stop.lossless:
                 continue
             over = energy > stop.energy
             jumps[over] += above[over]
-            for kept, probability in stop.rebounds:
-                if kept > 0.0:
-                    start = stop.energy + (energy[over] - stop.energy) / kept
-                    jumps[over] -= probability * self.integrals_above(start)
+            for starts, weights in stop.returns(energy[over] - stop.energy):
+                jumps[over] += weights[:, None] * self.integrals_above(stop.energy + starts)
         falls = self.damping * np.eye(len(energy)) + jumps / self.orbits.action[:, None]
         kernel = above @ falls / self.diffusion
         return np.asarray(np.linalg.solve(np.eye(len(energy)) - kernel, np.ones(len(energy))))
@@ -366,8 +345,11 @@ def energy_law(gap: Gap, variant: str = FINITE_JUMPS) -> EnergyLaw:
     stops = {}
     for stop in gap.stops:
         energy = well.energy(stop.position)
-        if isinstance(stop.law, Restitution) and damping * energy <= UNREACHED * diffusion:
-            stops[stop.name] = _barrier(stop.law, energy)
+        if (
+            isinstance(stop.law, Restitution | SpeedRestitution)
+            and damping * energy <= UNREACHED * diffusion
+        ):
+            stops[stop.name] = barrier_of(stop.law, energy)
     span = _span(diffusion, damping, well, stops)
     halvings = (0,) * len(_starts(stops))
     for _ in range(MOST_DOUBLINGS):
@@ -387,24 +369,12 @@ def energy_law(gap: Gap, variant: str = FINITE_JUMPS) -> EnergyLaw:
     )
 
 
-def _barrier(law: Restitution, energy: float) -> Barrier:
-    least = 0.0 if energy else LEAST_RESTITUTION
-    if law.scatter is None:
-        r = max(law.restitution, least)
-        return Barrier(energy, r, r**2, ((r**2, 1.0),))
-    nodes, weights = law.scatter.rule(RULE)
-    kept = np.maximum(nodes, least) ** 2
-    return Barrier(
-        energy, law.restitution, float(weights @ kept), tuple(zip(kept, weights, strict=True))
-    )
-
-
-def _starts(stops: dict[str, Barrier]) -> list[float]:
+def _starts(stops: dict[str, AnyBarrier]) -> list[float]:
     """Energies at which orbits change their form: the lowest one, and those of the stops."""
     return sorted({0.0, *(stop.energy for stop in stops.values())})
 
 
-def _span(diffusion: float, damping: float, well: Well, stops: dict[str, Barrier]) -> float:
+def _span(diffusion: float, damping: float, well: Well, stops: dict[str, AnyBarrier]) -> float:
     """A first guess of the energy above the last stop: where the losses of a cycle exceed CUT
     times the gain, or a hundredth of where damping alone would end it."""
     top = max([0.0, *(stop.energy for stop in stops.values())])

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
+from stochvi.model.coverage import speed_restitutions
 from stochvi.model.model import Model
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
@@ -163,6 +164,8 @@ def place_of(model: Model) -> Place | str:
         return "the atlas knows rigid stops"
     if model.scattered:
         return "the atlas knows restitutions that do not scatter"
+    if speed_restitutions(model):
+        return "the atlas knows restitutions that do not depend on the speed"
     if model.omega == 0.0 or model.damping_rate == 0.0:
         return "the atlas knows no mass without a spring or a damper"
     deviation = math.sqrt(model.intensity / (2.0 * model.damping_rate)) / model.omega

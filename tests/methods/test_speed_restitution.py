@@ -23,7 +23,6 @@ from stochvi import (
     SceneError,
     SpeedRestitution,
     WhiteNoise,
-    average,
     exact,
     fokker_planck,
     linearise,
@@ -227,7 +226,7 @@ def test_a_replay_loses_at_each_impact_what_its_speed_says(tmp_path: Path) -> No
 # ---- those that refuse it, and files -------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", [exact, linearise, average])
+@pytest.mark.parametrize("method", [exact, linearise])
 def test_methods_for_a_number_refuse_it_by_name(method: Any) -> None:
     with pytest.raises(NotApplicable, match="got a function of speed at the lower stop"):
         method(scene_of(law_of("list")))

@@ -11,11 +11,14 @@ from scipy.integrate import quad
 from stochvi.methods.averaging import VARIANTS, average
 from stochvi.methods.closed_form import exact
 from stochvi.methods.fokker_planck import fokker_planck
+from stochvi.methods.monte_carlo import simulate
+from stochvi.model.barriers import barrier_of
 from stochvi.model.energy_law import CONTINUOUS, FINITE_JUMPS, UNFOLDED, Well
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
 from stochvi.scenes.excitations import WhiteNoise
-from stochvi.scenes.impact_laws import Elastic, SpeedRestitution
+from stochvi.scenes.impact_laws import Elastic, Restitution, SpeedRestitution
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Oscillator
 from stochvi.testing import assert_agrees
@@ -195,7 +198,6 @@ def test_what_cannot_be_averaged_is_said():
     noise = [WhiteNoise(intensity=0.2)]
     for law, words in [
         (Elastic(stiffness=9.0), "stops must be rigid"),
-        (SpeedRestitution(coefficient=lambda w: 0.5), "a function of speed"),
     ]:
         pairs = [ImpactPair(upper=1.0, law=law)]
         with pytest.raises(NotApplicable, match=words):
@@ -254,3 +256,87 @@ def test_a_spring_or_a_damper_makes_averaging_better_than_warned(variant, scene)
     said = float(answer.warnings[0].split("to a factor of ")[1].split(",")[0])
     spread = [one.estimates()["x", "displacement_std"].value for one in (answer, truth)]
     assert 1.0 < spread[0] / spread[1] < said
+
+
+# Restitutions that depend on the speed
+
+JUDGED = ("displacement_std", "velocity_std", "impact_speed_rate", "impact_speed_square_rate")
+
+
+def lightly_damped(law: Restitution | SpeedRestitution, zeta: float = 0.02) -> Scene:
+    """Uneven stops at about the standard deviation without them, 1 m."""
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=2.0 * zeta, stiffness=1.0),
+        impact_pairs=[ImpactPair(lower=-0.6, upper=0.9, law=law)],
+        excitations=[WhiteNoise(intensity=2.0 * zeta)],
+    )
+
+
+def judged(response: Response) -> np.ndarray:
+    known = {**response.coordinates["x"], **response.impact_pairs["stops"]}
+    return np.array([known[name].value for name in JUDGED])
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_a_restitution_that_is_the_same_at_every_speed_is_a_number(variant: str) -> None:
+    number = average(lightly_damped(Restitution(coefficient=0.7)), variant=variant)
+    by_speed = SpeedRestitution(speed=[0.1, 1.0], coefficient=[0.7, 0.7])
+    found = average(lightly_damped(by_speed), variant=variant)
+    assert judged(found) == pytest.approx(judged(number), rel=1e-12)
+    if variant == FINITE_JUMPS:
+        assert "do not depend on the speed" in found.coordinates["x"]["displacement_std"].how
+
+
+def test_the_error_of_a_restitution_by_speed_falls_with_the_losses() -> None:
+    errors = []
+    for restitution in (0.8, 0.95, 0.99):
+        law = SpeedRestitution(coefficient=restitution, at_speed=0.8, body="hunt-crossley")
+        scene = lightly_damped(law, zeta=0.01)
+        errors.append(np.abs(judged(average(scene)) / judged(fokker_planck(scene)) - 1.0).max())
+    assert errors[0] < 0.02
+    assert errors[0] > errors[1] > errors[2]
+
+
+FALLING = SpeedRestitution(speed=[0.1, 0.5, 2.0], coefficient=[0.95, 0.7, 0.3])
+"""A restitution so steep that the fastest impacts rebound more slowly than slower ones."""
+
+
+def test_rebounds_that_slow_down_at_high_speeds_are_averaged() -> None:
+    scene = lightly_damped(FALLING)
+    known = judged(fokker_planck(scene))
+    error = np.abs(judged(average(scene)) / known - 1.0).max()
+    # that of one number, at the error of averaging for such a loss
+    number = lightly_damped(Restitution(coefficient=0.7))
+    usual = np.abs(judged(average(number)) / judged(fokker_planck(number)) - 1.0).max()
+    assert error < 1.5 * usual
+    # the control: the number at 1 m/s
+    middle = Restitution(coefficient=float(FALLING.restitution_at([1.0])[0]))
+    wrong = np.abs(judged(average(lightly_damped(middle))) / known - 1.0).max()
+    assert wrong > 2.0 * error
+
+
+def test_impacts_return_from_where_quadrature_finds_them() -> None:
+    """The probability that an impact from a higher energy ends below one, by counting."""
+    barrier = barrier_of(FALLING, 0.3)
+    above = np.array([0.005, 0.05, 0.12, 0.2, 1.0])
+    found = list(barrier.returns(above))
+    assert len(found) >= 2
+    energies = np.linspace(0.0, 30.0, 300_001)
+    after = energies * FALLING.restitution_at(np.sqrt(2.0 * energies)) ** 2
+    for k, energy in enumerate(above):
+        ends_below = (energies > energy) & (after <= energy)
+        counted = float(np.sum(np.exp(-energies[ends_below])) * 1e-4)
+        exact_ = math.exp(-energy) + sum(
+            each.weights[k] * math.exp(-each.starts[k]) for each in found
+        )
+        assert exact_ == pytest.approx(counted, abs=3e-4)
+
+
+def test_a_simulation_has_the_averages_of_a_restitution_by_speed() -> None:
+    law = SpeedRestitution(coefficient=0.95, at_speed=0.8, body="viscoelastic")
+    scene = lightly_damped(law, zeta=0.01)
+    found, simulated = average(scene), simulate(scene, rel_error=0.01, seed=4)
+    for name in JUDGED[:2]:
+        estimate = simulated.coordinates["x"][name]
+        value = found.coordinates["x"][name].value
+        assert abs(value / estimate.value - 1.0) < 0.015 + 4.0 * estimate.standard_error / value

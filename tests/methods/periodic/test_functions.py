@@ -346,24 +346,25 @@ def test_jumps_of_a_duffing_oscillator_are_those_of_slow_sweeps() -> None:
         leap = int(np.argmax(np.abs(np.diff(rows[:, 1])) / rows[1:, 1]))
         assert rows[leap, 0] == pytest.approx(jump.value, rel=1e-3)
         before, after = jump.displacement_max
-        assert rows[leap, 1] == pytest.approx(before, rel=0.02)
-        assert rows[leap + 1, 1] == pytest.approx(after, rel=0.02)
+        # at a fold a displacement moves by the root of the distance, sqrt(5e-4) = 0.02
+        assert rows[leap, 1] == pytest.approx(before, rel=0.05)
+        assert rows[leap + 1, 1] == pytest.approx(after, rel=0.01)
 
 
 @pytest.mark.verify
 def test_a_weak_cubic_follows_harmonic_balance() -> None:
-    """((1 + 3/4 c A^2 - w^2)^2 + (b w)^2) A^2 = F^2; the next order is (c A^2)^2."""
+    """((1 + 3/4 c A^2 - w^2)^2 + (b w)^2) A^2 = F^2; the next order is 3/128 (c A^2)^2."""
     cubic, amplitude = 0.02, 0.1
     found = harmonic_response(duffing(cubic, 0.1, amplitude), np.linspace(0.12, 0.2, 9))
     (branch,) = found.branches
     drawn = np.array([not name for name in branch.names])
     a, w = branch.amplitude[drawn], 2.0 * math.pi * branch.value[drawn]
     force = a * np.hypot(K + 0.75 * cubic * a**2 - w**2, C * w)
-    order = (cubic * a.max() ** 2) ** 2
-    assert np.abs(force / amplitude - 1.0).max() < order / C
+    order = 3.0 / 128.0 * (cubic * a.max() ** 2) ** 2 / C
+    assert np.abs(force / amplitude - 1.0).max() < 2.0 * order
     # and the term itself is seen
     linear = a * np.hypot(K - w**2, C * w)
-    assert np.abs(linear / amplitude - 1.0).max() > 10.0 * order / C
+    assert np.abs(linear / amplitude - 1.0).max() > 100.0 * order
 
 
 def test_a_straight_table_is_a_linear_spring() -> None:
