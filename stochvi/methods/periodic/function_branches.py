@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.branches import Finder
 from stochvi.methods.periodic.contact_branches import ContactFinder, Motion
 from stochvi.methods.periodic.family import Family
@@ -15,8 +15,8 @@ from stochvi.results.deadline import NEVER, Deadline
 CHANGE = 1e-5
 """Change of a state, in the units of the kernels, over which the flow is differenced."""
 
-SMALLEST = 1e-12
-"""Size of an impact speed relative to the vibration that is a rounding error."""
+SPEEDS = 1.0, 3.0, 10.0
+"""Speeds from which simulations start: lengths of the kernels times the frequency of the force."""
 
 
 class FunctionFinder(ContactFinder):
@@ -79,6 +79,18 @@ class FunctionFinder(ContactFinder):
     _system: tuple[float, function_flow.System] | None = None
 
     # Starts, with memories
+
+    def starts(self) -> Matrix:
+        """As for stops, and speeds of the first function: without stops, too, there are large
+        motions beside small ones."""
+        found, n = list(super().starts()), self.family.sizes[0]
+        motion, functions = self.motion(0.5), self.system(0.5).functions
+        row = functions.calls.rows[0] / functions.widths[0]
+        for speed in SPEEDS:
+            state = np.zeros(self.size)
+            state[n : 2 * n] = speed * motion.omega * row
+            found.append(state)
+        return np.array(found)
 
     def at_rest(self, sigma: float) -> Vector:
         return np.append(super().at_rest(sigma), self._unloaded)
