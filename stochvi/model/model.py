@@ -21,7 +21,7 @@ from stochvi.mathematics.spectra import Filter, Table
 from stochvi.model.modal import ModalForm, modal_form
 from stochvi.results.errors import SceneError
 from stochvi.scenes.characteristics import Characteristic
-from stochvi.scenes.cross_densities import independent_sources
+from stochvi.scenes.cross_densities import independent_sources, white_correlations
 from stochvi.scenes.drawn_force import DrawnForce
 from stochvi.scenes.drift import without_drift
 from stochvi.scenes.excitations import (
@@ -795,7 +795,7 @@ def _build_model(scene: Scene) -> Model:
         mass=mass,
         damping=damping,
         stiffness=stiffness,
-        whites=tuple((e.si_intensity, d) for e, d in shaken if isinstance(e, WhiteNoise)),
+        whites=tuple(_whites(scene, shaken)),
         constants=tuple(_constants(scene, shaken)),
         signals=tuple(_signals(scene, shaken)),
         tables=tuple(_tables(scene, shaken)),
@@ -1082,6 +1082,30 @@ def _crank_force(scene: Scene, sine: Sine, direction: Vector) -> complex:
     return complex(-sine.crank * (stiffness[first, second] + rate * damping[first, second]))
 
 
+def _whites(
+    scene: Scene, shaken: Sequence[tuple[Excitation, Vector]]
+) -> Iterator[tuple[float, Vector]]:
+    """Intensities of independent white noises, with the forces per unit of each.
+
+    Correlated ones of the covariance L L' are those of unit intensity that act by the columns of L.
+    """
+    together = scene.correlated_whites()
+    own = {id(each) for each in together.values()}
+    for excitation, direction in shaken:
+        if isinstance(excitation, WhiteNoise) and id(excitation) not in own:
+            yield excitation.si_intensity, direction
+    if not together:
+        return
+    directions = {id(excitation): direction for excitation, direction in shaken}
+    rows = np.array([directions[id(each)] for each in together.values()])
+    sizes = np.sqrt([each.si_intensity for each in together.values()])
+    correlations = white_correlations(scene.white_crosses, tuple(together))
+    values, vectors = np.linalg.eigh(sizes[:, None] * correlations * sizes)
+    for value, vector in zip(values, vectors.T, strict=True):
+        if value > MATCHED * values[-1]:
+            yield float(value), vector @ rows
+
+
 def _tables(
     scene: Scene, shaken: Sequence[tuple[Excitation, Vector]]
 ) -> Iterator[tuple[Table, Force]]:
@@ -1089,12 +1113,12 @@ def _tables(
     sources."""
     together = scene.correlated()
     tables = {name: scene.table_of(each) for name, each in together.items()}
-    sources = independent_sources(scene.cross_densities, tables)
+    sources = independent_sources(scene.coloured, tables)
     directions = {id(excitation): direction for excitation, direction in shaken}
     rows = np.array([directions[id(each)] for each in together.values()]).T
     breaks = [
         *(table.frequency_hz for table in tables.values()),
-        *(cross.places for cross in scene.cross_densities),
+        *(cross.places for cross in scene.coloured),
     ]
     names = {id(each): name for name, each in together.items()}
     for excitation, direction in shaken:

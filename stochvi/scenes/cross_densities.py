@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BeforeValidator, Field, model_validator
 
-from stochvi.mathematics.arrays import Vector, Waves
+from stochvi.mathematics.arrays import Matrix, Vector, Waves
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import DENSITIES, power_ratio, unit
 from stochvi.results.errors import SceneError
@@ -28,10 +28,11 @@ def _listed(value: Any) -> Any:
 
 
 class CrossDensity(Checked):
-    """How two noises with a density depend on each other.
+    """How two noises depend on each other.
 
     They are excitations of the scene by their `name`, or the axes of the base of a rigid body. The
-    correlation is given by the complex cross density, or by coherence and phase.
+    correlation is given by the complex cross density, or by coherence and phase. Two white noises
+    take one coherence and a phase of 0 or 180 degrees, with which they stay white.
 
     The cross density is one-sided per hertz, G_ab = 2 E conj(A) B / T for a, b = `between`, as
     scipy.signal.csd(a, b) estimates it. The ordinary coherence is |G_ab|^2 / (G_aa G_bb), and the
@@ -155,6 +156,15 @@ class CrossDensity(Checked):
         )
         return np.asarray(np.where(moved, real + 1j * imaginary, 0.0))
 
+    @property
+    def real_correlation(self) -> float | None:
+        """Correlation of two white noises, from -1 to 1; None where they would not stay white."""
+        if self.coherence is None or len(self.coherence) > 1 or self.frequency_hz is not None:
+            return None
+        (phase,) = self.phase_deg or (0.0,)
+        sign = {0.0: 1.0, 180.0: -1.0}.get(phase % 360.0)
+        return None if sign is None else sign * math.sqrt(self.coherence[0])
+
     def louder(self, level_db: float) -> CrossDensity:
         """The correlation of both noises when they are raised by a level in dB."""
         if self.real is None or self.imaginary is None:
@@ -164,6 +174,22 @@ class CrossDensity(Checked):
             name: [factor * each for each in getattr(self, name)] for name in ("real", "imaginary")
         }
         return type(self)(**(self.model_dump(exclude_none=True) | parts))
+
+
+def white_correlations(crosses: tuple[CrossDensity, ...], names: tuple[str, ...]) -> Matrix:
+    """Correlations of white noises, in the order of their names."""
+    found = np.eye(len(names))
+    for cross in crosses:
+        a, b = (names.index(name) for name in cross.between)
+        found[a, b] = found[b, a] = cross.real_correlation or 0.0
+    return found
+
+
+def impossible_whites(crosses: tuple[CrossDensity, ...], names: tuple[str, ...]) -> bool:
+    """Whether no white noises have these correlations."""
+    return bool(len(names)) and bool(
+        np.linalg.eigvalsh(white_correlations(crosses, names))[0] < -COHERENT
+    )
 
 
 def coherences(

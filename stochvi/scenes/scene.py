@@ -18,7 +18,7 @@ from stochvi.mathematics.spectra import Table
 from stochvi.results.errors import SceneError, toml_remedy
 from stochvi.scenes.absorbers import Absorber, absorbers_of, on_oscillator
 from stochvi.scenes.between_units import VariedNumber, VariedPositive, mean_unit, varied
-from stochvi.scenes.cross_densities import CrossDensity, impossible
+from stochvi.scenes.cross_densities import CrossDensity, impossible, impossible_whites
 from stochvi.scenes.drift import drifts
 from stochvi.scenes.excitations import (
     BASE,
@@ -28,9 +28,11 @@ from stochvi.scenes.excitations import (
     DrawnExcitation,
     Excitation,
     Excitations,
+    FilteredNoise,
     Modulation,
     RoadNoise,
     Sine,
+    WhiteNoise,
     check_unit,
 )
 from stochvi.scenes.excitations.base import Density, StrengthNoise
@@ -484,12 +486,24 @@ class Scene(Checked):
         pairs of a structure of kind `matrices`; the scene itself where it has none."""
         absorbers = self._short_absorbers
         if not absorbers:
-            return self._with_sides_apart()
+            return self._with_sides_apart()._with_densities()
         mean = mean_unit(self)
         return Scene(
             title=self.title,
             **on_oscillator(absorbers, mean.structure, mean.impact_pairs, mean.excitations),
         )
+
+    def _with_densities(self) -> Scene:
+        """The same scene with filtered noises by their density where a cross density names them."""
+        named = {name for cross in self.cross_densities for name in cross.between}
+        found = tuple(
+            each.with_density
+            if isinstance(each, FilteredNoise) and named & {each.name, each.axis}
+            else each
+            for each in self.excitations
+        )
+        same = all(one is other for one, other in zip(found, self.excitations, strict=True))
+        return self if same else self.model_copy(update={"excitations": found})
 
     def _with_sides_apart(self) -> Scene:
         """The same scene with the two sides of a pair as pairs of their own where its stops move:
@@ -769,13 +783,14 @@ class Scene(Checked):
         SceneError
             Where a name has no noise with a density, or several, which could not be told apart.
         """
-        named = dict.fromkeys(name for cross in self.cross_densities for name in cross.between)
+        named = dict.fromkeys(name for cross in self.coloured for name in cross.between)
         found: dict[str, DensityNoise] = {}
         for name in sorted(named, key=lambda name: (*AXES, name).index(name)):
             called = [
-                each for each in self.excitations
-                if isinstance(each, DensityNoise) and name in (each.name, each.axis)
-            ]  # fmt: skip
+                each.with_density if isinstance(each, FilteredNoise) else each
+                for each in self._called(name)
+                if isinstance(each, DensityNoise | FilteredNoise)
+            ]
             if len(called) != 1:
                 known = [each.name for each in self.excitations if each.name is not None]
                 have = f"; names of excitations are {', '.join(known)}" if known else ""
@@ -785,6 +800,62 @@ class Scene(Checked):
                 )
                 raise SceneError([("cross_density", sentence)])
             found[name] = called[0]
+        return found
+
+    def _called(self, name: str) -> list[Excitation]:
+        """The excitations of a name or along an axis."""
+        return [each for each in self.excitations if name in (each.name, each.axis)]
+
+    def _white(self, name: str) -> bool:
+        """Whether a name or an axis is that of white noise."""
+        return any(isinstance(each, WhiteNoise) for each in self._called(name))
+
+    @property
+    def coloured(self) -> tuple[CrossDensity, ...]:
+        """The cross densities between noises that are not white."""
+        return tuple(
+            cross for cross in self.cross_densities if not any(map(self._white, cross.between))
+        )
+
+    @property
+    def white_crosses(self) -> tuple[CrossDensity, ...]:
+        """The cross densities between white noises."""
+        return tuple(
+            cross for cross in self.cross_densities if all(map(self._white, cross.between))
+        )
+
+    def correlated_whites(self) -> dict[str, WhiteNoise]:
+        """The white noises that cross densities name, by their names or axes.
+
+        Raises
+        ------
+        SceneError
+            Where a cross density does not leave them white, or several noises have the name.
+        """
+        found: dict[str, WhiteNoise] = {}
+        for cross in self.cross_densities:
+            whites = [name for name in cross.between if self._white(name)]
+            words = " and ".join(map(repr, cross.between))
+            if len(whites) == 1:
+                sentence = (
+                    f"must join white noise with white noise alone, got {words}; give "
+                    f"{whites[0]!r} as kind = 'psd' over the band of the structure"
+                )
+                raise SceneError([("cross_density", sentence)])
+            if whites and cross.real_correlation is None:
+                sentence = (
+                    "must have one coherence, and phase_deg of 0 or 180, between white noises, "
+                    f"which then stay white, got others between {words}; give both as kind = 'psd'"
+                )
+                raise SceneError([("cross_density", sentence)])
+            for name in whites:
+                called = self._called(name)
+                if len(called) != 1:
+                    sentence = f"needs one excitation for each name, got {len(called)} of {name!r}"
+                    raise SceneError([("cross_density", sentence)])
+                (each,) = called
+                assert isinstance(each, WhiteNoise)
+                found[name] = each
         return found
 
     def _uneven_levels(self) -> list[tuple[str, str]]:
@@ -843,7 +914,12 @@ class Scene(Checked):
         if not pairs:
             return []
         try:
+            if impossible_whites(self.white_crosses, tuple(self.correlated_whites())):
+                sentence = "must be possible: white noises so correlated do not exist"
+                return [("cross_density", sentence)]
             noises = self.correlated()
+            if not noises:
+                return []
             for name, noise in noises.items():
                 if noise.has_fast_peaks:
                     sentence = (
@@ -852,7 +928,7 @@ class Scene(Checked):
                     )
                     return [("cross_density", sentence)]
             tables = {name: self.table_of(each) for name, each in noises.items()}
-            sentence = impossible(self.cross_densities, tables)
+            sentence = impossible(self.coloured, tables)
         except SceneError as error:
             return error.problems
         return [("cross_density", sentence)] if sentence else []

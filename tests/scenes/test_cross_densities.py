@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.linalg import solve_continuous_lyapunov
 from scipy.signal import csd
 
 from stochvi import (
+    FilteredNoise,
     ImpactPair,
     Isolator,
     Matrices,
@@ -16,11 +18,14 @@ from stochvi import (
     Scene,
     SceneError,
     TabulatedNoise,
+    TransferFunctionNoise,
+    WhiteNoise,
     exact,
     history,
     simulate,
 )
 from stochvi.scenes.cross_densities import CrossDensity
+from stochvi.scenes.excitations import Excitation
 from stochvi.testing import assert_agrees
 from support.boxes import box, direct_matrices, tables
 
@@ -194,3 +199,95 @@ def test_names_of_excitations_are_told_apart() -> None:
     twice = [each.model_copy(update={"name": "first"}) for each in scene.excitations]
     with pytest.raises(SceneError, match="needs a name of its own"):
         scene.replace(excitations=twice)
+
+
+# White noise, and noise through a resonance
+
+
+def shaken(crosses: list[CrossDensity], *noises: Excitation) -> Scene:
+    return pushed([]).replace(excitations=noises, cross_densities=tuple(crosses))
+
+
+def whites(*names: str) -> list[WhiteNoise]:
+    return [
+        WhiteNoise(on=on, name=name, intensity=size)
+        for on, name, size in zip(("left", "right"), names, (0.3, 0.1), strict=True)
+    ]
+
+
+@pytest.mark.parametrize(("coherence", "phase"), [(0.64, 0.0), (0.64, 180.0), (1.0, 0.0)])
+def test_white_forces_have_the_covariance_of_their_lyapunov_equation(
+    coherence: float, phase: float
+) -> None:
+    cross = CrossDensity(between=["first", "second"], coherence=coherence, phase_deg=phase)
+    scene = shaken([cross], *whites("first", "second"))
+    mass, damping, stiffness = (np.array(each) for each in scene.structure.matrices)
+    inverse = np.linalg.inv(mass)
+    drift = np.block([[np.zeros((2, 2)), np.eye(2)], [-inverse @ stiffness, -inverse @ damping]])
+
+    def expected(sign: float) -> np.ndarray:
+        shared = sign * math.sqrt(coherence * 0.3 * 0.1)
+        noise = np.zeros((4, 4))
+        noise[2:, 2:] = inverse @ np.array([[0.3, shared], [shared, 0.1]]) @ inverse
+        return np.sqrt(np.diag(solve_continuous_lyapunov(drift, -noise))[:2])
+
+    sign = 1.0 if phase == 0.0 else -1.0
+    assert rms(scene) == pytest.approx(expected(sign), rel=1e-9)
+    assert rms(scene) != pytest.approx(expected(-sign), rel=1e-2)
+
+
+def test_white_forces_of_coherence_one_are_simulated_as_one_force() -> None:
+    cross = CrossDensity(between=["first", "second"], coherence=1.0)
+    wall = (ImpactPair(on="left", upper=0.05, law=Restitution(coefficient=0.5)),)
+    scene = shaken([cross], *whites("first", "second")).replace(impact_pairs=wall)
+    weights = {"left": 1.0, "right": math.sqrt(1.0 / 3.0)}
+    one = shaken([], WhiteNoise(weights=weights, intensity=0.3)).replace(impact_pairs=wall)
+    found, single = (simulate(each, rel_error=0.02, seed=3) for each in (scene, one))
+    for name, estimate in found.coordinates.items():
+        other = single.coordinates[name].displacement_std
+        # both have errors, of one size
+        assert_agrees(estimate.displacement_std, other.value, z=6.0)
+
+
+def test_a_resonance_may_be_correlated() -> None:
+    keys = {"intensity": 0.2, "frequency_hz": 1.1, "zeta": 0.2}
+    table = TabulatedNoise(
+        on="right", name="second", frequency_hz=[0.2, 3.0], density=[0.3, 0.1], unit="N2/Hz"
+    )
+    resonance = FilteredNoise(on="left", name="first", **keys)
+    square = (2.0 * math.pi * 1.1) ** 2
+    denominator = [1.0, 0.4 * math.sqrt(square), square]
+    shaped = TransferFunctionNoise(
+        on="left", name="first", numerator=[square], denominator=denominator, intensity=0.2
+    )
+    cross = CrossDensity(between=["first", "second"], coherence=0.8, phase_deg=40.0)
+    assert rms(shaken([cross], resonance, table)) == pytest.approx(
+        rms(shaken([cross], shaped, table)), rel=1e-12
+    )
+    apart = CrossDensity(between=["first", "second"], coherence=0.0)
+    free = rms(shaken([], resonance, table))
+    assert rms(shaken([apart], resonance, table)) == pytest.approx(free, rel=1e-5)
+    assert rms(shaken([cross], resonance, table)) != pytest.approx(free, rel=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"coherence": 0.5, "phase_deg": 30.0}, "phase_deg of 0 or 180, between white noises"),
+        ({"coherence": [0.5, 0.2], "frequency_hz": [1.0, 2.0]}, "one coherence"),
+    ],
+)
+def test_white_noises_that_would_not_stay_white_are_refused(
+    keys: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(SceneError, match=words):
+        shaken([CrossDensity(between=["first", "second"], **keys)], *whites("first", "second"))
+
+
+def test_white_noise_is_joined_with_white_noise_alone() -> None:
+    table = TabulatedNoise(
+        on="right", name="second", frequency_hz=[0.2, 3.0], density=[0.3, 0.1], unit="N2/Hz"
+    )
+    cross = CrossDensity(between=["first", "second"], coherence=0.5)
+    with pytest.raises(SceneError, match="white noise with white noise alone"):
+        shaken([cross], WhiteNoise(on="left", name="first", intensity=0.2), table)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import ClassVar, Literal
 
 from stochvi.mathematics.spectra import Filter
 from stochvi.scenes.excitations.base import Density, StrengthNoise
+from stochvi.scenes.excitations.shaped import TransferFunctionNoise
 from stochvi.scenes.validation import Positive
 
 
@@ -55,6 +57,14 @@ class FilteredNoise(StrengthNoise):
     def variance(self) -> float:
         """E f^2, in N^2 or (m/s^2)^2."""
         return self.omega * self.si_intensity / (4.0 * self.zeta)
+
+    @cached_property
+    def with_density(self) -> TransferFunctionNoise:
+        """The same noise by its density, as a cross density needs it."""
+        square = self.omega**2
+        keys = self.model_dump(exclude={"kind", "frequency_hz", "zeta"}, exclude_none=True)
+        denominator = [1.0, 2.0 * self.zeta * self.omega, square]
+        return TransferFunctionNoise(**keys, numerator=[square], denominator=denominator)
 
     def density_for(self, omega: float, damping_rate: float) -> Density:
         return Filter(self.omega, 2.0 * self.zeta * self.omega, self.si_intensity).__call__
