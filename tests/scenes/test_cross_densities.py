@@ -236,6 +236,7 @@ def test_white_forces_have_the_covariance_of_their_lyapunov_equation(
     assert rms(scene) != pytest.approx(expected(-sign), rel=1e-2)
 
 
+@pytest.mark.slow
 def test_white_forces_of_coherence_one_are_simulated_as_one_force() -> None:
     cross = CrossDensity(between=["first", "second"], coherence=1.0)
     wall = (ImpactPair(on="left", upper=0.05, law=Restitution(coefficient=0.5)),)

@@ -287,6 +287,7 @@ def test_a_restitution_that_is_the_same_at_every_speed_is_a_number(variant: str)
         assert "do not depend on the speed" in found.coordinates["x"]["displacement_std"].how
 
 
+@pytest.mark.slow
 def test_the_error_of_a_restitution_by_speed_falls_with_the_losses() -> None:
     errors = []
     for restitution in (0.8, 0.95, 0.99):
@@ -301,6 +302,7 @@ FALLING = SpeedRestitution(speed=[0.1, 0.5, 2.0], coefficient=[0.95, 0.7, 0.3])
 """A restitution so steep that the fastest impacts rebound more slowly than slower ones."""
 
 
+@pytest.mark.slow
 def test_rebounds_that_slow_down_at_high_speeds_are_averaged() -> None:
     scene = lightly_damped(FALLING)
     known = judged(fokker_planck(scene))
@@ -332,6 +334,7 @@ def test_impacts_return_from_where_quadrature_finds_them() -> None:
         assert exact_ == pytest.approx(counted, abs=3e-4)
 
 
+@pytest.mark.slow
 def test_a_simulation_has_the_averages_of_a_restitution_by_speed() -> None:
     law = SpeedRestitution(coefficient=0.95, at_speed=0.8, body="viscoelastic")
     scene = lightly_damped(law, zeta=0.01)

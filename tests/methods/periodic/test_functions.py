@@ -213,6 +213,7 @@ FREQUENCIES = np.random.default_rng(5).uniform(0.1, 0.35, (len(CASES), len(STOPS
 GRID = [(name, stops) for name in CASES for stops in STOPS]
 
 
+@pytest.mark.slow
 @quick_cases(
     ("name", "stops"), GRID,
     keep=[GRID.index(each) for each in (("duffing", "rigid"), ("table", "viscoelastic"))],
@@ -224,6 +225,7 @@ def test_every_stable_regime_is_a_motion_of_another_integrator(name: str, stops:
     assert max(differences) < 2e-6
 
 
+@pytest.mark.slow
 def test_a_force_that_is_one_per_cent_off_is_noticed() -> None:
     assert min(compared("duffing", "no stops", 0.2, factor=1.01)) > 1e-4
 
@@ -239,6 +241,7 @@ def rubbed(ratio: float, share: float) -> Scene:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ratio", "share"), [(0.75, 0.3), (1.4, 0.4)])
 def test_friction_has_the_amplitude_of_den_hartog(ratio: float, share: float) -> None:
     """Sliding without a halt, x = sqrt(V^2 - (f / F)^2 U^2) F / k with V = 1 / (1 - r^2) and
@@ -287,6 +290,7 @@ def stuck_and_slipped(ratio: float, share: float, periods: int) -> tuple[float, 
     return largest, rested / period
 
 
+@pytest.mark.slow
 def test_a_mass_that_halts_twice_in_a_period_slips_as_another_integrator_says() -> None:
     largest, rested = stuck_and_slipped(0.3, 0.6, 6)
     assert rested > 0.2
@@ -367,6 +371,7 @@ def test_a_weak_cubic_follows_harmonic_balance() -> None:
     assert np.abs(linear / amplitude - 1.0).max() > 100.0 * order
 
 
+@pytest.mark.slow
 def test_a_straight_table_is_a_linear_spring() -> None:
     frequency, stop = 0.19, [ImpactPair(upper=0.3, law=Restitution(coefficient=0.6))]
     table = SpringTable(deflection=[-1.0, 0.1, 1.0], force=[-0.6, 0.06, 0.6])
@@ -388,6 +393,7 @@ def test_a_straight_table_is_a_linear_spring() -> None:
     assert one == pytest.approx(other, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_functions_of_two_masses_pass_another_integrator() -> None:
     """A cubic spring between two masses, hysteresis under one, and a stop for the other."""
     rope = BoucWen(stiffness=2.0, yield_displacement=0.2, exponent=1.5, beta=0.7, on="a")
