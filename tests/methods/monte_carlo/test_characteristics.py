@@ -29,7 +29,6 @@ from stochvi import (
     explain,
     first_passage,
     fokker_planck,
-    harmonic_response,
     history,
     impacts,
     reliability,
@@ -374,7 +373,6 @@ def test_hysteresis_leaves_out_what_follows_from_the_past() -> None:
         lambda scene: first_passage(scene, 10.0),
         lambda scene: reliability(scene, mission=10.0),
         lambda scene: size(scene, probability=0.01, mission=10.0),
-        lambda scene: harmonic_response(scene, [0.1, 0.2]),
         lambda scene: StructureResonance.of(scene, frequency_hz=1.0),
     ],
 )  # fmt: skip
