@@ -48,7 +48,7 @@ def replay(options: Common, scene: str, clearances: str | None) -> None:
         write_table(found.impacts, options.out / "impacts.csv")
         if found.histories is not None:
             write_table(found.histories.to_frame(), options.out / "histories.csv")
-    if found.single is None or found.histories is not None:
+    if found.only is None or found.histories is not None:
         options.draw("replay", picture)
     if options.out is not None:
         from stochvi.views.report import write_replay_report

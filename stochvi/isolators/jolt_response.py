@@ -20,7 +20,7 @@ from stochvi.methods.monte_carlo.modal import ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_contacts import plan_modal_contacts
 from stochvi.methods.periodic.resonance import HarmonicResonance
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import functions, scattered
+from stochvi.model.coverage import beyond_one_oscillator, functions, scattered
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline, graceful_interrupt
@@ -351,7 +351,8 @@ def _resonance(scene: Scene, sine: Sine) -> HarmonicResonance | None:
     """Regimes of the sine alone of one mass, where both of its stops are alike, rigid, and evenly
     about the mean."""
     model = model_of(scene)
-    if not model.single or model.lower is None or model.upper is None or not model.pairs[0].rigid:
+    one = not beyond_one_oscillator(model, with_filters=True, with_sines=True)
+    if not (one and model.rigid) or model.lower is None or model.upper is None:
         return None
     laws = {stop.law.restitution for stop in model.stops}
     low, high = model.lower.position, model.upper.position

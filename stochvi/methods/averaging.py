@@ -10,7 +10,7 @@ import numpy as np
 
 from stochvi.model.build_response import StationaryMoments
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import beyond_one_oscillator, not_white, without_dissipation
+from stochvi.model.coverage import beyond_one_oscillator, compliant, not_white, without_dissipation
 from stochvi.model.energy_law import (
     CONTINUOUS,
     FINITE_JUMPS,
@@ -197,7 +197,7 @@ def unmet(model: Model) -> list[str]:
     found = beyond_one_oscillator(model, white_only=True, with_speeds=True)
     if found:
         return found
-    found = [*model.not_rigid(), *not_white(model), *without_dissipation(model)]
+    found = [*compliant(model), *not_white(model), *without_dissipation(model)]
     if not model.held:
         found.append("stiffness must be positive where stops do not hold the mass, got 0")
     return found

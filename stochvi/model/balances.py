@@ -104,7 +104,7 @@ def residuals(
             ),
         ],
     }  # fmt: skip
-    if model.not_rigid() or rubs:
+    if rubs or not model.rigid:
         del balances["virial"]
     return {name: sum(terms) / _scale(terms) for name, terms in balances.items()} | found
 

@@ -17,6 +17,16 @@ def functions(model: Model) -> list[str]:
     return nonlinear(model) + speed_restitutions(model) + rubbing(model)
 
 
+def compliant(model: Model) -> list[str]:
+    """A sentence for each compliant stop, for methods whose stops are rigid."""
+    return [
+        f"stops must be rigid (law.kind = 'restitution'), got {stop.law.kind!r} at the {stop.name} "
+        "stop"
+        for stop in model.stops
+        if not stop.rigid
+    ]
+
+
 def rubbing(model: Model) -> list[str]:
     """A sentence for each stop that rubs, for methods without motion along stops."""
     return [

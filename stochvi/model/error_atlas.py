@@ -160,7 +160,7 @@ def place_of(model: Model) -> Place | str:
     """Where a scene lies, or the reason why it has no place."""
     if model.tables or model.filters:
         return "the atlas knows white noise alone"
-    if model.not_rigid():
+    if not model.rigid:
         return "the atlas knows rigid stops"
     if model.scattered:
         return "the atlas knows restitutions that do not scatter"

@@ -42,7 +42,6 @@ from stochvi.scenes.impact_laws import (
     Law,
     Restitution,
     RigidLaw,
-    not_rigid,
 )
 from stochvi.scenes.modulated_force import ModulatedForce, changed_by
 from stochvi.scenes.scene import ImpactPair, Scene
@@ -459,6 +458,11 @@ class Model:
         return tuple(stop for pair in self.pairs for stop in pair.stops)
 
     @property
+    def rigid(self) -> bool:
+        """Whether every stop is rigid, as where there is none."""
+        return all(stop.rigid for stop in self.stops)
+
+    @property
     def elastic(self) -> bool:
         """Whether no stop loses energy."""
         laws = [stop.law for stop in self.stops]
@@ -600,10 +604,6 @@ class Model:
             or any(intensity for intensity, _ in self.whites)
             or any(signal.intensity for signal in self.signals)
         )
-
-    def not_rigid(self) -> list[str]:
-        """The conditions of a method for rigid stops that this model does not meet."""
-        return not_rigid((stop.name, stop.law) for stop in self.stops)
 
     @cached_property
     def temperature(self) -> float | None:

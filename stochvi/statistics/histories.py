@@ -535,7 +535,7 @@ def _slow_impacts(usual: Plan, source: Plan) -> list[str]:
             "path is another realisation than that of the usual step of `simulate`"
         ]
     remedy = "a higher rate resolves more of them"
-    if usual.model.single and isinstance(usual, WhitePlan):
+    if isinstance(usual, WhitePlan):
         # noise brings the speed of the slowest counted impact in twice this time
         enough = 2.0 * usual.model.intensity / max(usual.threshold, 1e-3 * usual.speed) ** 2
         if source.step * enough <= 1.0:

@@ -269,7 +269,7 @@ def plot_motion(found: History, ax: Axes | None = None) -> Axes:
 def plot_replay(found: Replay, ax: Axes | None = None) -> Axes:
     """x(t) at one clearance, where its samples were kept; else impacts and speeds over
     clearances."""
-    single = found.single
+    single = found.only
     if single is None or single.histories is None:
         return plot_clearances(found, ax)
     return plot_history(single, ax)

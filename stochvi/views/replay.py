@@ -60,8 +60,8 @@ def print_replay(console: Console, found: Replay, record: RecordVerdict | None) 
     """Print the clearance that the record needs, then its effect at one clearance, or a row per
     clearance."""
     console.print(headline(found, record), style="bold", highlight=False)
-    if found.single is not None:
-        _print_one(console, found.single)
+    if found.only is not None:
+        _print_one(console, found.only)
     else:
         _print_many(console, found)
     for line in found.assumptions:
@@ -191,7 +191,7 @@ def draw_replay(found: Replay, title: str = "") -> Axes:
     around the shock at some of them, then impacts over clearances."""
     import matplotlib.pyplot as plt
 
-    single = found.single
+    single = found.only
     if single is not None:
         if single.histories is None:
             raise ValueError("there is no picture of x(t): its samples were not kept")

@@ -27,12 +27,13 @@ from stochvi import (
     size,
 )
 from stochvi.isolators.moved_stops import at_clearances
-from stochvi.isolators.sizing import pairs
+from stochvi.isolators.sizing import hits_at_place, pairs
 from stochvi.isolators.sizing import sensitivity as sensitivity_module
 from stochvi.isolators.sizing.changes import Change, Tolerances, changed_stops
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.sensitivity import sensitivity, variations
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
+from stochvi.isolators.sizing.worst_case import REL_ERROR, _largest, worst_case
 from stochvi.model.model import model_of
 from stochvi.model.natural_modes import natural_modes
 from stochvi.results.estimates import Estimate
@@ -63,9 +64,11 @@ QUICK = {"probability": TARGET, "mission": MISSION, "rel_error": 0.1, "seed": 1}
 def sized(scene: Scene, *, whole: bool = False, **changed: object) -> PairsSizing:
     """An answer; without the impacts at its clearances and without tolerances, which are most of
     its time, unless it is asked for as a whole."""
-    hits = pairs.count_impacts if whole else no_hits
+    hits = hits_at_place.count_impacts if whole else no_hits
     table = pairs.tolerance_table if whole else no_tolerances
-    with mock.patch.multiple(pairs, count_impacts=hits, tolerance_table=table):
+    with mock.patch.object(hits_at_place, "count_impacts", hits), mock.patch.object(
+        pairs, "tolerance_table", table
+    ):  # fmt: skip
         found = size(scene, **(QUICK | changed))  # type: ignore[arg-type]
     assert isinstance(found, PairsSizing)
     return found
@@ -224,9 +227,7 @@ def test_changed_scenes_of_pairs_are_sized_anew(both: PairsSizing) -> None:
     def three(sizing: PairsSizing) -> list[tuple[str, Scene]]:
         return [each for each in variations(sizing) if each[0] in ("none", "level +3 dB")]
 
-    with mock.patch.multiple(pairs, count_impacts=no_hits), mock.patch.object(
-        sensitivity_module, "variations", three
-    ):  # fmt: skip
+    with mock.patch.object(sensitivity_module, "variations", three):
         table = sensitivity(both, rel_error=ROUGH_ERROR, seed=1)
     assert list(table) == ["change", "x", "z", "clearance_change", "probability", "note"]
     none, louder = table.to_dict("records")
@@ -336,7 +337,7 @@ def test_the_worst_tolerances_stand_in_the_verdict(both: PairsSizing) -> None:
         assert needed.iloc[-1] >= needed.max()
         assert f"{name} {made}" in both.verdict()
     assert "level ± 3 dB" in both.verdict()
-    stated = replace(both, tolerances=both.tolerances.iloc[:1])
+    stated = replace(both, tolerances=both.tolerances.iloc[:1], allowed=Tolerances())
     assert "tolerance" not in stated.verdict()
     for name, made in stated.made().items():
         assert 0.0 <= made.value - both.clearances[name].value <= made.step
@@ -375,14 +376,52 @@ def test_a_speed_is_kept() -> None:
     assert found.probability.value > 2.0 * 0.01
 
 
+def test_the_worst_case_of_pairs_is_sized_anew(both: PairsSizing) -> None:
+    """A level scales every gap; the control is the clearance as stated."""
+    table = worst_case(both, Tolerances(level_db=3.0), threads=1).set_index("change")
+    assert list(table.index) == [
+        "as stated", "level -3 dB", "level +3 dB", "worst within all tolerances: level +3 dB",
+    ]  # fmt: skip
+    gain, worst = 10.0 ** (3.0 / 20.0), table.iloc[-1]
+    for name, c in both.clearances.items():
+        in_sigma = both.pairs.set_index("pair").loc[name, "clearance_in_sigma"]
+        error = 4.5 * math.hypot(REL_ERROR, QUICK["rel_error"]) / in_sigma**2
+        assert worst[name] == pytest.approx(gain * c.value, rel=error)
+        assert worst[name] != pytest.approx(c.value, rel=error)
+        assert table[name].max() == worst[name] and table.loc["as stated", name] == c.value
+    assert worst["clearance_change"] == table["clearance_change"].max()
+
+
+def test_each_pair_has_a_worst_row_of_its_own() -> None:
+    rows = [
+        {"change": "soft", "x": 2.0, "z": 1.0, "clearance_change": 0.1, "probability": 0.2,
+         "note": ""},
+        {"change": "loud", "x": 1.5, "z": 1.6, "clearance_change": 0.6, "probability": 0.1,
+         "note": "rough"},
+    ]  # fmt: skip
+    last = _largest(rows[:1], rows[1:], ["x", "z"])
+    assert last["change"] == "worst within all tolerances: soft (x); loud (z)"
+    assert (last["x"], last["z"], last["clearance_change"]) == (2.0, 1.6, 0.6)
+    assert (last["probability"], last["note"]) == (0.2, "rough")
+    unknown = _largest([rows[0] | {"z": math.nan}], rows[1:], ["x", "z"])
+    assert math.isnan(unknown["z"]) and unknown["change"].endswith("soft")
+
+
+def test_a_stop_that_is_hit_for_certain_leaves_no_clearance_to_another() -> None:
+    near = ImpactPair(name="z", on="z", upper=0.01, law=LAW)
+    with pytest.raises(NotApplicable, match=r"the other stops .z. are hit with a probability of 1"):
+        sized(uncoupled(pair("x", "x", 4.0), near), pair="x", mission=1e4)
+
+
 @pytest.mark.parametrize(("scene", "asked", "words"), [
     (uncoupled(pair("x", "x", 4.0)), {"probability": None, "peak_acceleration": 9.0},
      "does not give a force .stops of x"),
     (uncoupled(pair("x", "x", 4.0)), {"at": "z"}, "belongs to peak_acceleration"),
-    (MOUNT, {"at": "x"}, "several coordinates"),
+    (MOUNT, {"at": "x"}, "belongs to peak_acceleration"),
+    (MOUNT, {"probability": None, "peak_acceleration": 9.0, "at": "y"}, "at must be one of x"),
     (uncoupled(), {}, "needs an impact_pair"),
-    (uncoupled(pair("x", "x", 4.0)), {"pair": "y"}, "pair must be the name"),
-    (MOUNT, {"pair": "x"}, "of several pairs"),
+    (uncoupled(pair("x", "x", 4.0)), {"pair": "y"}, "pair must name impact pairs .x., got y"),
+    (MOUNT, {"pair": "x"}, "pair must name impact pairs .none., got x"),
 ])  # fmt: skip
 def test_what_is_not_sized(scene: Scene, asked: dict[str, object], words: str) -> None:
     with pytest.raises((NotApplicable, ValueError), match=words):
@@ -447,7 +486,7 @@ def test_looks_are_never_rougher_than_a_simulation_allows(monkeypatch: pytest.Mo
         asked.append(run.accuracy)
         raise NotApplicable("hits", ["enough was seen"])
 
-    monkeypatch.setattr(pairs, "count_impacts", counted)
+    monkeypatch.setattr(hits_at_place, "count_impacts", counted)
     with pytest.raises(NotApplicable, match="enough was seen"):
         size(uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0)), rate=0.2, rel_error=0.6)
     assert asked and max(asked) < 1.0
@@ -465,7 +504,7 @@ def test_hits_that_the_budget_left_unknown_end_with_code_one(
         def none(*_: object, **__: object) -> None:
             raise reason
 
-        monkeypatch.setattr(pairs, "count_impacts", none)
+        monkeypatch.setattr(hits_at_place, "count_impacts", none)
         done = stochvi("size", scene, *options)
         assert "not known" in " ".join(done.err.split())
         return done.code, one_document(done.out)["fell_short"]

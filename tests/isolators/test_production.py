@@ -28,11 +28,11 @@ from stochvi import (
 from stochvi.cli.tolerances import tolerances_of
 from stochvi.isolators import Spread, production, size
 from stochvi.isolators.production_risk import method
-from stochvi.isolators.production_risk.start import chance_of
 from stochvi.isolators.production_risk.units import Units
-from stochvi.isolators.sizing import pairs
+from stochvi.isolators.sizing import hits_at_place
 from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.isolators.sizing.risk_curve import chance_of_stops
 from stochvi.isolators.sizing.tolerance_region import Region
 from stochvi.model.model import model_of
 from stochvi.results.deadline import NEVER
@@ -245,7 +245,7 @@ def test_the_mean_over_units_is_that_of_each_unit_calculated(
         amounts = units.drawn(points.random(each))
         farther = units.gaps(amounts).farther
         chances = [
-            chance_of(units.unit(row), stops + far, 600.0, run_of(100, 0.1)).value
+            chance_of_stops(units.unit(row), stops + far, 600.0, run_of(100, 0.1)).value
             for row, far in zip(amounts, farther, strict=True)
         ]
         means.append(float(np.mean(chances)))
@@ -253,7 +253,7 @@ def test_the_mean_over_units_is_that_of_each_unit_calculated(
         float(np.std(means, ddof=1)) / math.sqrt(SEQUENCES), found.probability.standard_error
     )
     brute, bias = float(np.mean(means)), found.probability.bias or 0.0
-    stated = chance_of(scene, stops, 600.0, run_of(100, 0.1)).value
+    stated = chance_of_stops(scene, stops, 600.0, run_of(100, 0.1)).value
     print(f"{brute:.5f}({error:.5f}) {(brute - 0.02) / error:.2f} as stated {stated:.5f}")
     # Student's, of eight sequences
     widest = float(t.ppf(norm.cdf(4.5), SEQUENCES - 1)) if quick else 4.5
@@ -320,8 +320,8 @@ def test_spreads_that_a_scene_does_not_have_are_refused() -> None:
         production(ONE_STOP, {"centre": Spread(std=1e-3)}, probability=0.01)
     with pytest.raises(NotApplicable, match="probability of any impact"):
         size(ONE_STOP, rate=0.1, spreads={"clearance": Spread(std=1e-4)})
-    with pytest.raises(ValueError, match="common must name some of several pairs"):
-        size(ONE_STOP, probability=0.01, common=["stops"])
+    with pytest.raises(ValueError, match="common must name impact pairs"):
+        size(ONE_STOP, probability=0.01, common=["other"])
 
 
 @pytest.mark.verify
@@ -331,7 +331,7 @@ def test_pairs_with_one_clearance_in_common_keep_the_target(
     def not_counted(*_: object) -> None:
         raise NotApplicable("impacts", ["impacts are not counted in this test"])
 
-    monkeypatch.setattr(pairs, "count_impacts", not_counted)
+    monkeypatch.setattr(hits_at_place, "count_impacts", not_counted)
     scene, asked = two_masses(), {"probability": 0.05, "mission": 60.0, "threads": 1}
     each = size(scene, rel_error=0.2, **asked)
     both = size(scene, rel_error=0.2, common=["one", "two"], **asked)
@@ -339,6 +339,6 @@ def test_pairs_with_one_clearance_in_common_keep_the_target(
     assert both.clearances["two"] == place and both.probability.value == pytest.approx(0.05)
     assert min(c.value for c in each.clearances.values()) < place.value
     assert place.value < max(c.value for c in each.clearances.values())
-    chance = chance_of(scene, np.full((2, 2), place.value), 60.0, run_of(11, 0.05))
+    chance = chance_of_stops(scene, np.full((2, 2), place.value), 60.0, run_of(11, 0.05))
     error = math.hypot(chance.standard_error, 0.2 * 0.05)
     assert abs(chance.value - 0.05) < 4.5 * error + (chance.bias or 0.0)

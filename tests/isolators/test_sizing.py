@@ -166,6 +166,14 @@ def test_the_document_holds_plain_numbers(hourly: Sizing) -> None:
     assert hourly.to_frame() is hourly.curve
 
 
+def test_the_only_pair_may_be_named() -> None:
+    scene = truck(HALF)
+    asked = {"probability": 0.05, "mission": 600.0, "rel_error": 0.2, "seed": 1}
+    known = size(scene, **asked).clearance  # type: ignore[arg-type]
+    named = size(scene, pair="stops", **asked)  # type: ignore[arg-type]
+    assert named.clearance == known == size(scene, common=["stops"], **asked).clearance  # type: ignore[arg-type]
+
+
 def test_hits_are_counted_with_the_stop_law() -> None:
     scene = truck(HALF)
     found = size(scene, probability=0.01, seed=2)

@@ -19,7 +19,7 @@ from stochvi.isolators.contact import Contact, hardest_contact
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import Target
 from stochvi.isolators.sizing.changes import changed_stops
-from stochvi.isolators.sizing.nominal import ACCEPTED
+from stochvi.isolators.sizing.job import ACCEPTED
 from stochvi.isolators.sizing.targets import check_laws
 from stochvi.mathematics.arguments import shown
 from stochvi.mathematics.arrays import Vector

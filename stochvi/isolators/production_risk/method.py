@@ -28,11 +28,11 @@ from stochvi.isolators.production_risk.spreads import (
     quantity_of,
     spreads_of,
 )
-from stochvi.isolators.production_risk.start import Start, chance_of
+from stochvi.isolators.production_risk.start import Start
 from stochvi.isolators.production_risk.units import UnitGaps, Units
 from stochvi.isolators.sizing.answer import Clearance, Target
 from stochvi.isolators.sizing.changes import Tolerances, all_applied
-from stochvi.isolators.sizing.risk_curve import CERTAIN, KNOWN
+from stochvi.isolators.sizing.risk_curve import CERTAIN, KNOWN, chance_of_stops
 from stochvi.isolators.sizing.sensitivity import LEAST_SECONDS
 from stochvi.isolators.sizing.tolerance_region import Region
 from stochvi.mathematics.arrays import Matrix, Vector
@@ -360,7 +360,7 @@ class _Job:
                 self.run.deadline.share(1.0 / (SIMULATED - done)).in_no_less_than(LEAST_SECONDS),
                 seed=self.run.seed + 1 + done, rel_error=min(UNIT_ERROR * self.run.accuracy, 0.5),
             )  # fmt: skip
-            chance = chance_of(
+            chance = chance_of_stops(
                 self.units.unit(self.amounts[k]), stops + self.pool.farther[k],
                 self.start.mission, part,
             )  # fmt: skip

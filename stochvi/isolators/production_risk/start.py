@@ -5,26 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from stochvi.isolators.sizing.answer import Target
+from stochvi.isolators.sizing.answer import Sizing, Target
 from stochvi.isolators.sizing.changes import Tolerances
-from stochvi.isolators.sizing.nominal import chance_between, nominal_sizing, risk_curve
+from stochvi.isolators.sizing.nominal import nominal_sizing
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.question import Question
+from stochvi.isolators.sizing.risk_curve import chance_of_stops
 from stochvi.mathematics.arrays import Matrix
 from stochvi.model.model import model_of
-from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Estimate
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.pair_crossings import own_distances, pair_crossings
-
-SIDES = ("lower", "upper")
-"""Sides of a stop, in the order of the rows of its distances."""
+from stochvi.statistics.pair_crossings import own_distances
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,28 +53,22 @@ class Start:
             raise NotApplicable(
                 "production", ["mean gaps must lie between the stops; move the stops outwards"]
             )
-        chance = chance_of(scene, stops, mission, run).value
+        chance = chance_of_stops(scene, stops, mission, run).value
         return cls(scene=scene, mission=mission, stops=stops, chance=chance)
 
     @classmethod
     def of_target(
         cls, scene: Scene, target: Target, mission: float, pair: str | None, run: Run
     ) -> Start:
-        """The stops that keep a probability of any impact; no impact of one mass is simulated."""
-        if not model_of(scene).single:
-            asked = Question(
-                target=target, mission=mission, run=run, pair=pair, tolerances=Tolerances()
-            )
-            return cls.of_sizing(nominal_sizing(scene, asked))
-        place = risk_curve(scene, target, mission, run).clearance(target.value).value
-        sides = [side for each in scene.impact_pairs[:1] for side, _ in each.stops()] or SIDES
-        return cls(
-            scene=scene, mission=mission, chance=target.value, target=target.value, sized=[0],
-            stops=np.array([[place if side in sides else math.inf] for side in SIDES]),
+        """The stops that keep a probability of any impact; no impact is simulated."""
+        asked = Question(
+            target=target, mission=mission, run=run, pair=pair, tolerances=Tolerances(),
+            impacts=False,
         )  # fmt: skip
+        return cls.of_sizing(nominal_sizing(scene, asked))
 
     @classmethod
-    def of_sizing(cls, found: Any) -> Start:
+    def of_sizing(cls, found: Sizing | PairsSizing) -> Start:
         """The clearances of a sizing for a probability of any impact."""
         if found.target.name != "probability":
             raise NotApplicable(
@@ -87,19 +76,12 @@ class Start:
                 [f"the target must be a probability of any impact, got {found.target.name}; give "
                  "tolerances without a distribution for it"],
             )  # fmt: skip
-        if isinstance(found, PairsSizing):
-            stops = found.pairs[["lower", "upper"]].fillna(math.inf).to_numpy().T
-            names = [each.name for each in model_of(found.scene).pairs]
-            sized = [names.index(name) for name in found.clearances]
-            common = [names.index(name) for name in found.common]
-            chance = found.probability.value
-        else:
-            place = found.clearance.value
-            stops = np.array([[place if side in found.sides else math.inf] for side in SIDES])
-            sized, common, chance = [0], list[int](), found.target.value
+        names = [each.name for each in model_of(found.scene).pairs]
+        common = [names.index(name) for name in getattr(found, "common", ())]
         return cls(
-            scene=found.scene, mission=found.mission, stops=stops, chance=chance,
-            target=found.target.value, sized=sized, common=common,
+            scene=found.scene, mission=found.mission, stops=found.stops,
+            chance=found.any_hit or found.target.value, target=found.target.value,
+            sized=found.sized_pairs, common=common,
         )  # fmt: skip
 
     @property
@@ -107,20 +89,3 @@ class Start:
         """Names of the pairs; that of its coordinate for a mass without one."""
         model = model_of(self.scene)
         return [each.name for each in model.pairs] or list(model.coordinates)
-
-
-def chance_of(scene: Scene, stops: Matrix, mission: float, run: Run) -> Estimate:
-    """Probability of any impact with stops at these distances (2, pairs) from the mean gaps, m; 1
-    where one of them presses."""
-    if stops.min() <= 0.0:
-        return Estimate(value=1.0, how="a stop presses on the mass")
-    if model_of(scene).single:
-        sides = zip(SIDES, stops[:, 0].tolist(), strict=True)
-        distances = {side: place for side, place in sides if math.isfinite(place)}
-        return chance_between(scene, distances, mission, run)
-    found = partial_result(
-        pair_crossings, scene, lower=stops[0], upper=stops[1], mission=mission,
-        **run.options(rel_error=run.rel_error),
-    )  # fmt: skip
-    chance: Estimate = found.probability(mission)[0]
-    return chance

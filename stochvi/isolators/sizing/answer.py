@@ -12,8 +12,9 @@ import numpy as np
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
-from stochvi.isolators.sizing.chance_at_stops import StopPositions, gap_of
+from stochvi.isolators.sizing.chance_at_stops import StopPositions, gap_of, probability_at
 from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.mathematics.arrays import Matrix
 from stochvi.mathematics.rounding import ROUNDING
 from stochvi.mathematics.shown_units import ACCELERATION, LENGTH, RATE, shown_as
 from stochvi.model.model import model_of
@@ -29,6 +30,9 @@ if TYPE_CHECKING:
 
     from stochvi.isolators.production_risk.answer import Production
 
+
+SIDES = ("lower", "upper")
+"""Sides of a stop, in the order of the rows of its distances."""
 
 HITS_PER_FIRST_HIT = (
     "impacts per cluster: mean number of impacts that a first one leads to, itself included; only "
@@ -264,10 +268,92 @@ class ThreeSigma:
     impact_speed_mean: Estimate | None
 
 
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class GaussianSizing(Result):
-    """A sizing for Gaussian noise, beside the verdict on the records of the scene."""
+    """A sizing for Gaussian noise, beside the verdict on the records of the scene: what the
+    answers for one pair and for several have in common.
 
-    record: RecordVerdict | None
+    Parameters
+    ----------
+    scene
+        The scene that was sized, as it was given.
+    target, mission
+        The target of the sizing, and seconds of exposure.
+    curve
+        Risk against clearance.
+    required
+        Clearances for other probabilities of any impact.
+    screening
+        Linear screening.
+    method
+        How the clearance was found, in words.
+    record
+        The verdict on measured records; None without a record.
+    allowed
+        The tolerances that were asked for, within all of which the clearances to make keep the
+        target.
+    production
+        The risk of the production whose units differ; None without distributions of tolerances.
+    fell_short
+        Those of the warnings that name an accuracy for which the budget did not suffice.
+
+    See Also
+    --------
+    stochvi.size : The calculation.
+    """
+
+    not_in_document = ("scene",)  # it is in the provenance
+
+    scene: Scene
+    target: Target
+    mission: float
+    curve: pd.DataFrame
+    required: pd.DataFrame
+    screening: Screening
+    method: str
+    record: RecordVerdict | None = None
+    allowed: Tolerances = field(default_factory=Tolerances)
+    production: Production | None = None
+    fell_short: tuple[str, ...] = ()
+
+    @property
+    def named(self) -> Mapping[str, Clearance]:
+        """The calculated clearances by their columns in tables of changed scenes."""
+        raise NotImplementedError(f"{type(self).__name__} does not say its clearances")
+
+    @property
+    def sized_pairs(self) -> list[int]:
+        """Numbers of the pairs that were sized, in the order of `named`; 0 of one mass."""
+        raise NotImplementedError(f"{type(self).__name__} does not say what was sized")
+
+    @property
+    def stops(self) -> Matrix:
+        """(2, pairs): distances of the lower and upper stops from the mean gaps at the calculated
+        clearances, m; infinite for none."""
+        raise NotImplementedError(f"{type(self).__name__} does not say where its stops are")
+
+    @property
+    def any_hit(self) -> float | None:
+        """Probability of any impact in the mission there; None where it is not known."""
+        raise NotImplementedError(f"{type(self).__name__} has no probability of an impact")
+
+    @property
+    def varies(self) -> bool:
+        """Whether the clearances to make are for more than the scene as stated."""
+        return self.production is not None or self.allowed != Tolerances()
+
+    @property
+    def within(self) -> str:
+        """The tolerances of the clearances to make, in words; empty without."""
+        if self.allowed == Tolerances():
+            return ""
+        return f" within all tolerances ({self.allowed.in_words()})"
+
+    @property
+    def seed(self) -> int:
+        """The seed of the simulations."""
+        seed = self.provenance.get("seed")
+        return seed if isinstance(seed, int) else 0
 
     @property
     def doubtful(self) -> RecordVerdict | None:
@@ -289,6 +375,10 @@ class GaussianSizing(Result):
         """The clearance to make and the risk that it keeps, in one sentence: the same as
         `verdict`."""
         return self.verdict()
+
+    def to_frame(self) -> pd.DataFrame:
+        """The curve of risk against clearance."""
+        return self.curve
 
     def __repr__(self) -> str:
         return f"<size: {self.verdict()}>"
@@ -356,28 +446,36 @@ class Sizing(GaussianSizing):
     stochvi.size : The calculation.
     """
 
-    not_in_document = ("scene",)  # it is in the provenance
-
-    scene: Scene
-    target: Target
-    mission: float
     clearance: Clearance
     sigma: float
-    curve: pd.DataFrame
     three_sigma: ThreeSigma
-    required: pd.DataFrame
     simulated: pd.DataFrame
     evidence: Mapping[str, Response]
-    screening: Screening
-    method: str
-    record: RecordVerdict | None = None
     kept_with: Estimate | None = None
     exceeding: pd.DataFrame | None = None
-    allowed: Tolerances = field(default_factory=Tolerances)
     probability_of_stops: Estimate | None = None
     worst_case: pd.DataFrame | None = None
-    production: Production | None = None
-    fell_short: tuple[str, ...] = ()
+
+    @property
+    def named(self) -> Mapping[str, Clearance]:
+        """The calculated clearance."""
+        return {"clearance": self.clearance}
+
+    @property
+    def sized_pairs(self) -> list[int]:
+        """The only pair."""
+        return [0]
+
+    @property
+    def stops(self) -> Matrix:
+        """(2, 1): distances of the stops from the mean gap, m."""
+        place = self.clearance.value
+        return np.array([[place if side in self.sides else math.inf] for side in SIDES])
+
+    @property
+    def any_hit(self) -> float | None:
+        """Probability of any impact in the mission at the calculated clearance."""
+        return probability_at(self, self.clearance.value)
 
     @property
     def made(self) -> RoundedClearance | None:
@@ -398,22 +496,11 @@ class Sizing(GaussianSizing):
         """Where the stops lie, and the probability of an impact on the stops of the scene."""
         return gap_of(self)
 
-    @property
-    def seed(self) -> int:
-        """The seed of the simulations."""
-        seed = self.provenance.get("seed")
-        return seed if isinstance(seed, int) else 0
-
     def _to_make(self) -> str:
         """The clearance to make and the risk that it keeps, in words."""
         if self.production is not None:
             return self.production.summary()
-        made, target, mission = self.made, self.target, self.mission
-        within = (
-            f" within all tolerances ({self.allowed.in_words()})"
-            if self.allowed != Tolerances()
-            else ""
-        )
+        made, target, mission, within = self.made, self.target, self.mission, self.within
         if made is None:
             return f"the clearance that keeps the target{within} was not found; raise budget"
         if self.worst_case is not None and self.worst_case["note"].iloc[-1]:
@@ -453,7 +540,7 @@ class Sizing(GaussianSizing):
     def sides(self) -> tuple[str, ...]:
         """Sides on which a stop is sized: those of the scene, both where it has none yet."""
         pairs = self.scene.impact_pairs
-        return tuple(side for side, _ in pairs[0].stops()) if pairs else ("lower", "upper")
+        return tuple(side for side, _ in pairs[0].stops()) if pairs else SIDES
 
     def calculated(self) -> str:
         """Evidence for the clearance to make: the calculated one for the scene as stated, the
@@ -484,8 +571,7 @@ class Sizing(GaussianSizing):
     def _answer(self) -> str:
         """The calculated clearance with its interval, in words."""
         c = self.clearance
-        varies = self.production is not None or self.allowed != Tolerances()
-        stated = " as stated" if varies else ""
+        stated = " as stated" if self.varies else ""
         first = f"calculated{stated}: {LENGTH.text(c.value)}"
         in_sigma = f"{c.value / self.sigma:.3g} sigma"
         if self.kept_with is None:
@@ -513,10 +599,6 @@ class Sizing(GaussianSizing):
         most = self.kept_with.upper_95
         most = self.kept_with.value if most is None else most
         return most <= (self.target.exceedance or 0.0)
-
-    def to_frame(self) -> pd.DataFrame:
-        """The curve of risk against clearance."""
-        return self.curve
 
     def _shown(self) -> pd.DataFrame:
         return self.required

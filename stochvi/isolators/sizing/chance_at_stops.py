@@ -7,13 +7,14 @@ This module reads the probability of even stops off the curve of risk against cl
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stochvi.model.model import model_of
+from stochvi.mathematics.arrays import Vector
+from stochvi.model.model import Model, model_of
 
 if TYPE_CHECKING:
     from stochvi.isolators.sizing.answer import Sizing
@@ -71,7 +72,7 @@ def probability_of_stops(sizing: Sizing) -> float | None:
     if sizing.probability_of_stops is not None:
         return sizing.probability_of_stops.value
     distances = distances_of_stops(sizing.scene)
-    if not distances or min(distances.values()) <= 0.0 or are_uneven(distances):
+    if not distances or min(distances.values()) <= 0.0 or are_uneven(distances.values()):
         return None
     return probability_at(sizing, min(distances.values()))
 
@@ -88,13 +89,18 @@ def distances_of_stops(scene: Scene) -> dict[str, float]:
     }
 
 
-def are_uneven(distances: Mapping[str, float]) -> bool:
+def mean_gaps(model: Model) -> Vector:
+    """Means of all gaps, m; the static equilibrium of a mass that has no pair."""
+    return model.mean_gaps if model.pairs else np.array([model.rest])
+
+
+def are_uneven(distances: Collection[float]) -> bool:
     """Whether there are two stops at different distances.
 
     Their probability is not on the curve of even ones: a cluster may touch both stops, so that
     either has more than half of the clusters.
     """
-    return len(distances) == 2 and not math.isclose(*distances.values())
+    return len(distances) == 2 and not math.isclose(*distances)
 
 
 def _bursts_at(sizing: Sizing, clearance: float) -> float | None:

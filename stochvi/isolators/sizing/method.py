@@ -9,9 +9,10 @@ from typing import TYPE_CHECKING, Unpack
 
 from stochvi.isolators.sizing.answer import Sizing, Target
 from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.isolators.sizing.job import ACCEPTED, SEARCH
 from stochvi.isolators.sizing.missions import size_mission
 from stochvi.isolators.sizing.missions_answer import MissionSizing
-from stochvi.isolators.sizing.nominal import ACCEPTED, SEARCH, nominal_sizing
+from stochvi.isolators.sizing.nominal import has_one_gap, nominal_sizing
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.sensitivity import LEAST_SECONDS
@@ -148,14 +149,11 @@ def size(
     if not 0.0 < mission < math.inf:
         raise ValueError(f"mission must be a positive number of seconds, got {mission}")
     model = model_of(scene)
-    if pair is not None and (model.single or pair not in [each.name for each in model.pairs]):
-        names = ", ".join(each.name for each in model.pairs) or "none"
-        raise ValueError(f"pair must be the name of one of several pairs ({names}), got {pair!r}")
-    if common and (model.single or not set(common) <= {each.name for each in model.pairs}):
-        names = ", ".join(each.name for each in model.pairs) or "none"
-        raise ValueError(
-            f"common must name some of several pairs ({names}), got {', '.join(common)}"
-        )
+    names = [each.name for each in model.pairs]
+    for name, given in (("pair", [pair] if pair is not None else []), ("common", common)):
+        if not {*given} <= {*names}:
+            known = ", ".join(names) or "none"
+            raise ValueError(f"{name} must name impact pairs ({known}), got {', '.join(given)}")
     if common and pair is not None:
         raise ValueError(f"common must be left out where one pair is sized, got pair = {pair!r}")
     if spreads:
@@ -163,7 +161,7 @@ def size(
         return _of_production(scene, shape, spreads, tolerances)
     allowed = tolerances or Tolerances.of(scene)
     by_hits = target.name != "probability"
-    worst = model.single and allowed.felt(scene, by_hits=by_hits) != Tolerances()
+    worst = has_one_gap(model) and allowed.felt(scene, by_hits=by_hits) != Tolerances()
     nominal = run
     if worst:
         share = 1.0 - SEARCH.share_of_tolerances

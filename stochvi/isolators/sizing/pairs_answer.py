@@ -7,27 +7,24 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from stochvi.isolators.record_verdict import RecordVerdict
-from stochvi.isolators.screening import Screening
+import numpy as np
+
 from stochvi.isolators.sizing.answer import (
+    SIDES,
     Clearance,
     GaussianSizing,
     RoundedClearance,
-    Target,
     spoken_mission,
     spoken_percent,
 )
 from stochvi.isolators.sizing.box_overview import BoxOverview
-from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.mathematics.arrays import Matrix
 from stochvi.mathematics.shown_units import LENGTH
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
-from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
-
-    from stochvi.isolators.production_risk.answer import Production
 
 
 MOST_NAMED = 3
@@ -126,30 +123,38 @@ class PairsSizing(GaussianSizing):
     stochvi.size : The calculation.
     """
 
-    not_in_document = ("scene",)  # it is in the provenance
-
-    scene: Scene
-    target: Target
-    mission: float
     pair: str | None
     clearances: Mapping[str, Clearance]
     probability: Probability
     expected_hits: Estimate | None
     pairs: pd.DataFrame
-    curve: pd.DataFrame
     three_sigma: Probability
     as_given: Probability | None
-    required: pd.DataFrame
     tolerances: pd.DataFrame
-    screening: Screening
-    method: str
-    record: RecordVerdict | None = None
     box: BoxOverview | None = None
-    allowed: Tolerances = field(default_factory=Tolerances)
     common: tuple[str, ...] = ()
     worst_at: Mapping[str, str] = field(default_factory=dict)
-    production: Production | None = None
-    fell_short: tuple[str, ...] = ()
+
+    @property
+    def named(self) -> Mapping[str, Clearance]:
+        """The calculated clearances by the names of their pairs."""
+        return self.clearances
+
+    @property
+    def sized_pairs(self) -> list[int]:
+        """Numbers of the sized pairs."""
+        names = self.pairs["pair"].tolist()
+        return [names.index(name) for name in self.clearances]
+
+    @property
+    def stops(self) -> Matrix:
+        """(2, pairs): distances of the stops from the mean gaps, m."""
+        return np.asarray(self.pairs[[*SIDES]].fillna(math.inf).to_numpy().T)
+
+    @property
+    def any_hit(self) -> float:
+        """Probability that any pair is hit in the mission at the calculated clearances."""
+        return self.probability.value
 
     def extremes(self) -> tuple[str, str]:
         """Names of the pairs with the smallest and with the largest clearance."""
@@ -204,14 +209,9 @@ class PairsSizing(GaussianSizing):
             return self.production.summary()
         mm = places_in_words(self.made())
         fixed = "" if self.pair is None else ", with the other stops as they are,"
-        within = (
-            f" within all tolerances ({self.allowed.in_words()})"
-            if len(self.tolerances) > 1
-            else ""
-        )
         return (
             f"clearances: {mm} per side from the static equilibrium{fixed} keep "
-            f"{self.target.kept(self.mission)}{within}"
+            f"{self.target.kept(self.mission)}{self.within}"
         )
 
     def calculated(self) -> str:
@@ -219,8 +219,7 @@ class PairsSizing(GaussianSizing):
         impacts to expect there, and what three sigma would do."""
         mission = spoken_mission(self.mission)
         low, high = (self.clearances[name] for name in self.extremes())
-        varies = self.production is not None or len(self.tolerances) > 1
-        stated = " as stated" if varies else ""
+        stated = " as stated" if self.varies else ""
         text = f"calculated{stated}: {LENGTH.text(low.value)}"
         text += f" to {LENGTH.text(high.value)}" if high.value > low.value else ""
         if self.expected_hits is not None and self.target.name != "rate":
@@ -241,10 +240,6 @@ class PairsSizing(GaussianSizing):
         # the number of first impacts, which those that follow add to
         first = -math.log1p(-min(self.probability.value, NEARLY_CERTAIN))
         return f"{first:.2g} to {found.upper_95:.2g}"
-
-    def to_frame(self) -> pd.DataFrame:
-        """The curve of risk against clearances."""
-        return self.curve
 
     def _shown(self) -> pd.DataFrame:
         return self.pairs

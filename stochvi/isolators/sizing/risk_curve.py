@@ -13,10 +13,16 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
 from stochvi.isolators.sizing.answer import Clearance
-from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.moving_means import MovingMean
+from stochvi.model.model import model_of
+from stochvi.results.deadline import partial_result
 from stochvi.results.estimates import Estimate
+from stochvi.sampling.run import Run
+from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import FirstCrossings, largest_error
+from stochvi.statistics.first_crossings import one_gap
+from stochvi.statistics.pair_crossings import PairCrossings, PairMotion
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,6 +52,17 @@ def clearances_of_curve(motion: MovingMean, lowest: float, highest: float) -> Ve
     """The clearances of a curve of risk, m, from the lowest one to beyond the highest one."""
     step = max(SIGMA_STEP * motion.place, (highest - lowest) / MOST_LEVELS)
     return np.arange(lowest / step, highest / step + 2.0) * step
+
+
+def chance_of_stops(scene: Scene, stops: Matrix, mission: float, run: Run) -> Estimate:
+    """Probability of any impact with stops at distances (2, pairs) from the mean gaps, m, infinite
+    for none; 1 where one of them presses. A mass without a pair has one gap."""
+    if stops.min() <= 0.0:
+        return Estimate(value=1.0, how="a stop presses on the mass")
+    model = model_of(scene)
+    motion = PairMotion.under_shocks(model if model.pairs else one_gap(model))
+    found: PairCrossings = partial_result(motion.crossings, *stops, mission, run)
+    return found.probability(mission)[0]
 
 
 @dataclass(frozen=True, kw_only=True)

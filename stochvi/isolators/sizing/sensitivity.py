@@ -12,24 +12,23 @@ from scipy.optimize import brentq
 from scipy.special import gammaln, roots_genlaguerre
 
 from stochvi.isolators.sizing.answer import Sizing
-from stochvi.isolators.sizing.chance_at_stops import are_uneven
+from stochvi.isolators.sizing.chance_at_stops import are_uneven, mean_gaps
 from stochvi.isolators.sizing.changes import Tolerances, changed_stops, ends_of
-from stochvi.isolators.sizing.nominal import chance_between, nominal_sizing, risk_curve
+from stochvi.isolators.sizing.nominal import nominal_sizing, risk_curve
 from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.question import Question
-from stochvi.isolators.sizing.risk_curve import RiskCurve
+from stochvi.isolators.sizing.risk_curve import RiskCurve, chance_of_stops
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.fast_peaks import Hermite
 from stochvi.mathematics.spectra import Table
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
-from stochvi.results.deadline import NEVER, Deadline, partial_result
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged, StochviError
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.pair_crossings import pair_crossings
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -179,76 +178,52 @@ class Resizing:
             if self.run.deadline.left < LEAST_SECONDS:
                 raise self.run.deadline.fell_short("before this case", "raise budget")
             part = replace(part, deadline=part.deadline.in_no_less_than(LEAST_SECONDS))
-            if isinstance(self.sizing, PairsSizing):
-                return self._row_of_pairs(self.sizing, change, scene, part)
-            return self._row_of_one(self.sizing, change, scene, part)
+            return self._row(change, scene, part)
         except (StochviError, Interrupted, ValueError) as reason:
             return row_of(change, self.sizing, {}, math.nan, note=str(reason))
 
-    def _row_of_one(self, sizing: Sizing, change: str, scene: Scene, run: Run) -> dict[str, Any]:
-        """The row of a changed scene of one mass, by the risk curve of that scene."""
-        target = sizing.target
-        part = run.part(deadline=run.deadline.share(CURVE_SHARE), rel_error=0.5 * run.accuracy)
-        curve = risk_curve(scene, target, sizing.mission, part)
-        self.curves[change] = curve
-        if target.name == "probability":
-            clearance, note = curve.clearance(target.value).value, ""
+    def _row(self, change: str, scene: Scene, run: Run) -> dict[str, Any]:
+        """The row of a changed scene."""
+        sizing, mission = self.sizing, self.sizing.mission
+        curve, sigma = None, math.nan
+        if isinstance(sizing, Sizing):
+            part = run.part(deadline=run.deadline.share(CURVE_SHARE), rel_error=0.5 * run.accuracy)
+            curve = self.curves[change] = risk_curve(scene, sizing.target, mission, part)
+            sigma = curve.crossings.displacement_std
+        if curve is not None and sizing.target.name == "probability":
+            found, note = {"clearance": curve.clearance(sizing.target.value)}, ""
         else:
-            found, note = self._sized(scene, run)
-            assert isinstance(found, Sizing)
-            clearance = found.clearance.value
+            answer, note = self._sized(scene, run)
+            found = dict(answer.named)
         # stops stay where they are, while a changed mount hangs elsewhere
-        shift = model_of(scene).rest - model_of(sizing.scene).rest
-        moved = {side: TOWARDS[side] * shift for side in sizing.sides}
-        distances = {side: sizing.clearance.value - each for side, each in moved.items()}
-        chance = curve.probability(min(distances.values()))
-        if are_uneven(distances):
+        shift = mean_gaps(model_of(scene)) - mean_gaps(model_of(sizing.scene))
+        towards = np.array([[-1.0], [1.0]]) * shift
+        moved = np.where(np.isfinite(sizing.stops), towards, -math.inf).max(axis=0)
+        clearances = {
+            name: max(found[name].value + float(moved[k]), 0.0)
+            for name, k in zip(sizing.named, sizing.sized_pairs, strict=True)
+        }
+        stops = sizing.stops - towards
+        if curve is not None and not are_uneven(stops[np.isfinite(stops)]):
+            chance = curve.probability(float(stops.min()))
+        else:
             part = run.part(deadline=run.deadline.share(CURVE_SHARE))
-            chance = chance_between(scene, distances, sizing.mission, part).value
-        return row_of(
-            change, sizing, {"clearance": max(clearance + max(moved.values()), 0.0)}, chance,
-            sigma=curve.crossings.displacement_std, note=note,
-        )  # fmt: skip
-
-    def _row_of_pairs(
-        self, sizing: PairsSizing, change: str, scene: Scene, run: Run
-    ) -> dict[str, Any]:
-        """The row of a changed scene of several pairs."""
-        found, note = self._sized(scene, run)
-        assert isinstance(found, PairsSizing)
-        model = model_of(scene)
-        shifts = model.mean_gaps - model_of(sizing.scene).mean_gaps
-        clearances = {}
-        for pair, shift in zip(model.pairs, shifts.tolist(), strict=True):
-            if pair.name in found.clearances:
-                moved = max(TOWARDS[stop.name] * shift for stop in pair.stops)
-                clearances[pair.name] = max(found.clearances[pair.name].value + moved, 0.0)
-        # the stops of the sizing, as far as they are from the mean gaps of the changed scene
-        lower, upper = (
-            sizing.pairs[side].fillna(math.inf).to_numpy() - TOWARDS[side] * shifts
-            for side in TOWARDS
-        )
-        chance = 1.0
-        if min(lower.min(), upper.min()) > 0.0:
-            crossings = partial_result(
-                pair_crossings, scene, lower=lower, upper=upper, mission=sizing.mission,
-                **run.options(run.deadline.share(CURVE_SHARE), rel_error=run.rel_error),
-            )  # fmt: skip
-            chance = crossings.probability(sizing.mission)[0].value
-        return row_of(change, sizing, clearances, chance, note=note)
+            chance = chance_of_stops(scene, stops, mission, part).value
+        return row_of(change, sizing, clearances, chance, sigma=sigma, note=note)
 
     def _sized(self, scene: Scene, run: Run) -> tuple[Sizing | PairsSizing, str]:
         """The sizing of a changed scene for the same target, and a note where it is not as accurate
         as asked for."""
-        sizing, target = self.sizing, self.sizing.target
-        of_pairs: dict[str, Any] = {}
+        sizing = self.sizing
+        called = sizing.provenance.get("call", {}).get("arguments", {})
+        of_pairs: dict[str, Any] = {"at": called.get("at")}
         if isinstance(sizing, PairsSizing):
-            called = sizing.provenance.get("call", {}).get("arguments", {})
-            of_pairs = {"pair": sizing.pair, "at": called.get("at"), "common": sizing.common}
+            of_pairs |= {"pair": sizing.pair, "common": sizing.common}
         # the change is the tolerance: those that the scene states are not added to it
         asked = Question(
-            target=target, mission=sizing.mission, run=run, tolerances=Tolerances(), **of_pairs
-        )
+            target=sizing.target, mission=sizing.mission, run=run, tolerances=Tolerances(),
+            impacts=False, **of_pairs,
+        )  # fmt: skip
         try:
             return nominal_sizing(scene, asked), ""
         except (NotConverged, Interrupted) as reason:
@@ -257,20 +232,14 @@ class Resizing:
             return reason.partial, str(reason)
 
 
-TOWARDS = {"lower": -1.0, "upper": 1.0}
-"""How much nearer the mean gap comes to a stop where it moves by 1, by the side of the stop."""
-
-
 def row_of(
     change: str, sizing: Sizing | PairsSizing, clearances: Mapping[str, float],
     probability: float, *, sigma: float = math.nan, note: str = "",
 ) -> dict[str, Any]:  # fmt: skip
     """A row of changed scenes, with the clearance of one mass or that of each sized pair under its
     name; NaN for what is not known."""
-    if isinstance(sizing, Sizing):
-        old, first = {"clearance": sizing.clearance.value}, {"sigma": sigma}
-    else:
-        old, first = {name: each.value for name, each in sizing.clearances.items()}, {}
+    old = {name: each.value for name, each in sizing.named.items()}
+    first = {"sigma": sigma} if isinstance(sizing, Sizing) else {}
     new = {name: clearances.get(name, math.nan) for name in old}
     return {
         "change": change,

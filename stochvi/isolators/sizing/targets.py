@@ -68,6 +68,17 @@ def widening(scene: Scene, target: Target, velocity_std: float, clearance: float
     return min(max(speed / (TYPICAL_SPEED * velocity_std), 1.0), WIDEST)
 
 
+def check_at(scene: Scene, target: Target, at: str | None) -> None:
+    """Raise `ValueError` where `at` belongs to another target, or names nothing of the scene."""
+    if at is None:
+        return
+    if target.name != "peak_acceleration":
+        raise ValueError(f"at = {at!r} belongs to peak_acceleration, which is not given")
+    names = model_of(scene).outputs
+    if not any(at in (name, name.rpartition(".")[0]) for name in names):
+        raise ValueError(f"at must be one of {', '.join(names)}, got {at!r}")
+
+
 def limit_of_pairs(scene: Scene, target: Target, at: str | None) -> Limit | None:
     """The limit that impacts of several pairs must not exceed; None for a target that has none.
 
@@ -79,8 +90,6 @@ def limit_of_pairs(scene: Scene, target: Target, at: str | None) -> Limit | None
         raise NotApplicable(
             "size", ["the scene needs an impact_pair for every gap that is to be sized"]
         )
-    if at is not None and target.name != "peak_acceleration":
-        raise ValueError(f"at = {at!r} belongs to peak_acceleration, which is not given")
     if target.name == "peak_acceleration":
         check_forces(model)
         return Limit(target.name, target.value, outputs_of(scene, at))

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Unpack
+from operator import itemgetter
+from typing import TYPE_CHECKING, Any, Unpack
 
-import numpy as np
-
-from stochvi.isolators.sizing.chance_at_stops import probability_at
 from stochvi.isolators.sizing.changes import (
     WORST,
     Change,
@@ -28,6 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.isolators.sizing.answer import Sizing
+    from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.results.deadline import Deadline
 
 REL_ERROR = 0.2
@@ -40,14 +39,15 @@ FIRST_SHARE = 0.3
 
 @sampled
 def worst_case(
-    sizing: Sizing, tolerances: Tolerances | None = None, **options: Unpack[WorkOptions]
-) -> pd.DataFrame:
+    sizing: Sizing | PairsSizing, tolerances: Tolerances | None = None,
+    **options: Unpack[WorkOptions],
+) -> pd.DataFrame:  # fmt: skip
     """Clearances for the target of a sizing with mount, level and stops within their tolerances.
 
     Every row is a scene of its own that is sized for the target, with the seed of the sizing. The
-    last row is the largest requirement of the whole region. The place where linear theory asks for
-    most (`Region.worst`) is sized like the others, with the stiffness of the stops at both ends. No
-    row is larger.
+    last row is the largest requirement of the whole region, of several pairs for each by itself.
+    The places where linear theory asks for most (`Region.worst`) are sized like the others, with
+    the stiffness of the stops at both ends. No row is larger.
 
     Parameters
     ----------
@@ -84,17 +84,10 @@ def worst_case(
     tolerances = tolerances or sizing.allowed
     by_hits = sizing.target.name != "probability"
     stops = ends_of_stops(scene, tolerances.felt(scene, by_hits=by_hits))
-    nominal = sizing.clearance.value
-    chance = probability_at(sizing, nominal)
-    rows = [
-        row_of(
-            "as stated",
-            sizing,
-            {"clearance": nominal},
-            math.nan if chance is None else chance,
-            sigma=sizing.sigma,
-        )
-    ]
+    nominal = {name: each.value for name, each in sizing.named.items()}
+    chance = math.nan if sizing.any_hit is None else sizing.any_hit
+    sigma = getattr(sizing, "sigma", math.nan)
+    rows = [row_of("as stated", sizing, nominal, chance, sigma=sigma)]
     ends = ends_of(tolerances)
     if not ends and not stops:
         return pd.DataFrame(rows)
@@ -105,32 +98,47 @@ def worst_case(
     except (NotConverged, Interrupted) as reason:
         worst = [row_of(WORST, sizing, {}, math.nan, note=str(reason))]
     else:
-        places = [(*linear, end) for end in stops] or [linear]
+        places = [(*each, end) for each in linear for end in stops] or linear
         first = run.deadline.share(FIRST_SHARE / len(places))
         worst = [
             again.row(worded(place), all_applied(place, scene), run.part(0.0, 0.0, deadline=first))
             for place in places
         ]
     rows += again.rows([(change.words, change.applied(scene)) for change in (*ends, *stops)])
-    # a worst place that was not sized leaves the worst unknown
-    known = [row for row in [*worst, *rows[1:]] if not math.isnan(row["clearance"])]
-    unknown = [row for row in worst if math.isnan(row["clearance"])]
-    last = unknown[0] if unknown else max(known, key=lambda row: row["clearance"])
-    words = last["change"] if last["change"] == WORST else f"{WORST}: {last['change']}"
-    return pd.DataFrame([*rows, {**last, "change": words}])
+    return pd.DataFrame([*rows, _largest(worst, rows[1:], [*nominal])])
 
 
-def _linear_worst(sizing: Sizing, tolerances: Tolerances, deadline: Deadline) -> tuple[Change, ...]:
-    """Where in the region linear theory asks for the largest clearance."""
-    region = Region(sizing.scene, tolerances)
-    stops = [
-        [sizing.clearance.value if side in sizing.sides else math.inf]
-        for side in ("lower", "upper")
-    ]
-    harm = 1.0
+def _largest(
+    worst: list[dict[str, Any]], rows: list[dict[str, Any]], names: list[str]
+) -> dict[str, Any]:
+    """The largest clearance of each name in some rows; a worst place that was not sized leaves it
+    unknown."""
+    unknown = [row for row in worst if any(math.isnan(row[name]) for name in names)]
+    known = [row for row in (*worst, *rows) if not any(math.isnan(row[name]) for name in names)]
+    of = {name: unknown[0] if unknown else max(known, key=itemgetter(name)) for name in names}
+    chosen = list({id(row): row for row in of.values()}.values())
+    words = [
+        row["change"] if len(chosen) == 1 else
+        f"{row['change']} ({', '.join(name for name in names if of[name] is row)})"
+        for row in chosen
+    ]  # fmt: skip
+    first = max(chosen, key=itemgetter("clearance_change"))
+    return {
+        **first,
+        **{name: row[name] for name, row in of.items()},
+        "change": WORST if words == [WORST] else f"{WORST}: {'; '.join(words)}",
+        "probability": max(row["probability"] for row in chosen),
+        "note": "; ".join(filter(None, dict.fromkeys(row["note"] for row in chosen))),
+    }
+
+
+def _linear_worst(
+    sizing: Sizing | PairsSizing, tolerances: Tolerances, deadline: Deadline
+) -> list[tuple[Change, ...]]:
+    """Where in the region linear theory asks for the largest clearance of each sized pair."""
+    region, harm = Region(sizing.scene, tolerances), 1.0
     if sizing.target.exceedance is not None:
-        any_hit = probability_at(sizing, sizing.clearance.value) or 1.0
-        harm = min(sizing.target.exceedance / any_hit, 1.0)
-    same = SameRisk(nominal=region.nominal, stops=np.array(stops), harm=harm)
-    ((_, changes),) = region.worst(same, deadline)
-    return changes
+        harm = min(sizing.target.exceedance / (sizing.any_hit or 1.0), 1.0)
+    same = SameRisk(nominal=region.nominal, stops=sizing.stops, harm=harm)
+    found = region.worst(same, deadline)
+    return list(dict.fromkeys(found[k][1] for k in sizing.sized_pairs))

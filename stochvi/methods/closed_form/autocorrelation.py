@@ -85,7 +85,7 @@ def _neither(model: Model) -> list[str]:
         return ["excitation must be white noise for an autocorrelation, got a tabulated density"]
     if not model.stops:
         return []
-    box = len(model.stops) == 2 and not model.not_rigid()
+    box = len(model.stops) == 2 and model.rigid
     if model.omega == 0.0 and model.load == 0.0 and box:
         return []
     return [

@@ -7,6 +7,7 @@ import math
 from stochvi.methods.fokker_planck.motion import Motion
 from stochvi.model.coverage import (
     beyond_one_oscillator,
+    compliant,
     nonlinear,
     not_white,
     speed_functions,
@@ -84,7 +85,7 @@ def unmet_by_transient(model: Model) -> list[str]:
     >>> unmet_by_transient(model)
     []
     """
-    return beyond_one_oscillator(model, white_only=True) or [*unmet(model), *model.not_rigid()]
+    return beyond_one_oscillator(model, white_only=True) or [*unmet(model), *compliant(model)]
 
 
 def unmet_by_first_passage(model: Model, lower: float | None, upper: float | None) -> list[str]:

@@ -226,7 +226,7 @@ def _slow(motion: Motion) -> float:
 
 def _all_numbers(model: Model) -> bool:
     """Whether the meshes of the whole range cover a model: rigid stops, no functions."""
-    return not functions(model) and not model.not_rigid()
+    return model.rigid and not functions(model)
 
 
 @np.errstate(all="ignore")  # a result of NaN is not within rtol; the scene is then solved on strips

@@ -21,6 +21,7 @@ from stochvi.model.build_response import linear_acceleration
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import (
     beyond_one_oscillator,
+    compliant,
     functions,
     not_gaussian,
     unknown_dampers,
@@ -316,7 +317,7 @@ def unmet(model: Model, form: str = "closure", variant: str = "consistent") -> l
     if form == "clumps":
         if model.tables or model.filters:
             found.append("excitation must be white noise for form 'clumps', got a coloured one")
-        found.extend(model.not_rigid())
+        found.extend(compliant(model))
     found.extend(without_dissipation(model))
     if model.omega == 0.0:
         if not _held(model):
@@ -326,7 +327,7 @@ def unmet(model: Model, form: str = "closure", variant: str = "consistent") -> l
         elif form == "force" and len(model.stops) < 2:
             found.append("stiffness must be positive for form 'force' with one stop, got 0")
     if variant == "box" and not found:
-        found.extend(model.not_rigid())
+        found.extend(compliant(model))
         if len(model.stops) == 1:
             found.append("variant 'box' needs stops on both sides, got one")
     return found

@@ -76,6 +76,7 @@ def make_plan(
         return replace(
             plan_several(model, speed_threshold, duration), statistics=dict(statistics or {})
         )
+    alone = model.single
     seconds = seconds_of_plan(model)
     if seconds > deadline.left + PATIENCE_SECONDS:
         lines = sum(len(table.frequency_hz) for table, _ in model.tables)
@@ -86,9 +87,9 @@ def make_plan(
             "give tables of fewer lines"
         )
     # where a stop is compliant, filtered noises are tables, to which sines are added
-    giving_way = bool(model.signals) and model.noisy and bool(model.not_rigid())
+    giving_way = bool(model.signals) and model.noisy and not model.rigid
     # without a spring a load accelerates the mass, and tables move it freely: modal kernels
-    loose = model.single and model.restoring is None and model.omega == 0.0
+    loose = alone and model.restoring is None and model.omega == 0.0
     falling = loose and (model.load != 0.0 or bool(model.tables))
     sampled = bool(model.tables) or giving_way
     # the kernel of tables knows the forms of laws; steps under white noise follow from energies
@@ -96,7 +97,7 @@ def make_plan(
         several = any(stop.law.form() is None for stop in model.stops)
     else:
         several = bool(without_energy(model))
-    if model.single and not (falling or several or model.drawn) and sampled:
+    if alone and not (falling or several or model.drawn) and sampled:
         return plan_tabulated(model, speed_threshold, duration)
     if falling or several or model.drawn or beyond_one_oscillator(model):
         if slow_impacts:
@@ -104,7 +105,7 @@ def make_plan(
                 "slow_impacts", ["steps near stops are refined for one oscillator only"]
             )
         return plan_several(model, speed_threshold, duration)
-    if model.not_rigid():
+    if not model.rigid:
         return plan_compliant(model, speed_threshold, duration, slow_impacts)
     return plan_white(model, speed_threshold, duration, slow_impacts, corner_share)
 

@@ -243,5 +243,5 @@ def with_tables(model: Model) -> Model:
 def shaken_by_tables(model: Model) -> Model:
     """The model `with_tables`; one mass stands on a base that they shake, so that its absolute
     acceleration is known: what spring, damper and stops give it."""
-    tables = with_tables(model)
-    return tables if tables.base_alone_moves or not model.single else tables.shaken_by_base()
+    tables, one = with_tables(model), len(model.coordinates) == 1
+    return tables.shaken_by_base() if one and not tables.base_alone_moves else tables

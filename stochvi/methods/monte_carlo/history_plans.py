@@ -95,7 +95,7 @@ def histories_of(plan: Plan) -> HistoryPlan:
     speed = max(plan.speeds, default=0.0)
     gaps = [pair.play for pair in model.pairs if pair.play is not None]
     frequencies = [model.modal.fastest, *(math.pi * speed / gap for gap in gaps)]
-    if model.single and model.omega == 0.0 and speed > 0.0:
+    if len(model.coordinates) == 1 and model.omega == 0.0 and speed > 0.0:
         frequencies.append(math.pi * abs(model.load) / speed)  # back after 2 speed / load
     return HistoryPlan(
         plan=plan,

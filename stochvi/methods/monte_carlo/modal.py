@@ -56,7 +56,7 @@ from stochvi.methods.monte_carlo.step_bias import (
     bias_of_sticking,
     lossiest,
 )
-from stochvi.model.coverage import without_noise
+from stochvi.model.coverage import compliant, without_noise
 from stochvi.model.linear_part import fastest_rate, motions_of
 from stochvi.model.modal import LinearLaw, ModalForm, linear_law
 from stochvi.model.model import UPPER, Model, Pair
@@ -964,7 +964,7 @@ def plan_modal(
 
     `settling` gives the longest relaxation time with modulations, from that without.
     """
-    unmet = model.not_rigid()
+    unmet = compliant(model)
     if model.tables:
         unmet.append("tabulated noise must be synthesised: this plan steps states alone")
     if unmet:

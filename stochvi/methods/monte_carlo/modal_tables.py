@@ -633,7 +633,7 @@ def _streams(seed: int, first_path: int, paths: int, number: int) -> NDArray[np.
 
 def seconds_of_plan(model: Model) -> float:
     """Seconds that the plan of several coordinates under tables takes, roughly; 0 for others."""
-    if model.single:
+    if len(model.coordinates) == 1:
         return 0.0
     n = len(model.coordinates)
     lines = sum(len(table.frequency_hz) + LINES_OF_A_MODE * n for table, _ in model.tables)

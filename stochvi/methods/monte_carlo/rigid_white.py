@@ -49,6 +49,7 @@ from stochvi.methods.monte_carlo.step_bias import (
     bias_of_refined_step,
     lossiest,
 )
+from stochvi.model.coverage import compliant
 from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.stop_flag import stop_flag
@@ -236,7 +237,7 @@ class WhitePlan(SteppedPlan):
         Slow impacts are resolved where half the step would hardly reduce their bias, unless the
         mass leans on a stop and they are too many; else the step is halved.
         """
-        refinable = not (self.model.not_rigid() or self.slow_impacts or self._pressed)
+        refinable = not (self.slow_impacts or self._pressed) and self.model.rigid
         if self._lossiest < WELL_RESOLVED_RESTITUTION and refinable:
             return replace(self, slow_impacts=True)
         return replace(self, step=self.step / 2.0)
@@ -507,7 +508,7 @@ def plan_white(
     corner_share: float = CORNER_SHARE,
 ) -> WhitePlan:
     """Choose step, burn-in and length for a scene with white noise alone."""
-    unmet = model.not_rigid()
+    unmet = compliant(model)
     if model.omega == 0.0 and model.load != 0.0:
         unmet.append("a constant load needs stiffness > 0, got 0")
     if model.omega == 0.0 and len(model.stops) < 2:

@@ -168,7 +168,7 @@ class TabulatedPlan:
     @property
     def contacts(self) -> bool:
         """Whether a stop is compliant; `averages` then have CONTACT_SUMS rows."""
-        return bool(self.model.not_rigid())
+        return not self.model.rigid
 
     def step_bias(self, name: str, difference: float) -> float | None:
         """The bias that the sampling leaves in a quantity, from its difference to half the sampling
@@ -685,7 +685,7 @@ def plan_tabulated(model: Model, threshold: float | None, duration: float | None
     waving = sum(frequency**2 * abs(amplitude) ** 2 / 2.0 for frequency, amplitude in waves)
     speed = math.sqrt(response_moments(tables, omega, b).velocity + beyond + waving)
     rate = max(SAMPLES_PER_PERIOD * fastest / (2.0 * math.pi), _rate_for_gap(model, speed))
-    if beyond and model.not_rigid():
+    if beyond and not model.rigid:
         # a long contact responds to frequencies that are folded at a lower rate: at half this rate,
         # E v^2 of a mass on a preloaded stop is 5 % too high
         rate = max(rate, 2.0 * float(tables[-1].frequency_hz[-1]))

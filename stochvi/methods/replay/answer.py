@@ -214,24 +214,24 @@ class Replay(Result):
     assumptions: Sequence[str] = ()
 
     @property
-    def single(self) -> ReplayAt | None:
+    def only(self) -> ReplayAt | None:
         """The answer where there is only one."""
         return self.clearances[0] if len(self.clearances) == 1 else None
 
     @property
     def coordinates(self) -> Mapping[str, CoordinateReplay]:
         """Quantities of the coordinates at the only clearance."""
-        return self.single.coordinates if self.single else {}
+        return self.only.coordinates if self.only else {}
 
     @property
     def impact_pairs(self) -> Mapping[str, PairReplay]:
         """Quantities of the impact pairs at the only clearance."""
-        return self.single.impact_pairs if self.single else {}
+        return self.only.impact_pairs if self.only else {}
 
     @property
     def histories(self) -> Histories | None:
         """The samples at the only clearance."""
-        return self.single.histories if self.single else None
+        return self.only.histories if self.only else None
 
     @property
     def impacts(self) -> pd.DataFrame:
@@ -245,7 +245,7 @@ class Replay(Result):
     def summary(self) -> str:
         """Displacement, impacts and speeds, in a sentence; over several clearances the impacts at
         each."""
-        if self.single is None:
+        if self.only is None:
             hits = [
                 f"{sum(float(pair.hits) for pair in each.impact_pairs.values()):.0f} at "
                 f"{LENGTH.text(each.clearance or 0.0)}"
@@ -267,8 +267,8 @@ class Replay(Result):
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()
-        single = self.single
-        top = {} if single is None else single.to_dict()
+        only = self.only
+        top = {} if only is None else only.to_dict()
         return {
             "method": "replay",
             "coordinates": top.get("coordinates", {}),

@@ -4,7 +4,7 @@ which `Law` finds there."""
 from __future__ import annotations
 
 import pkgutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import reduce
 from importlib import import_module
 from operator import or_
@@ -34,7 +34,6 @@ __all__ = [
     "RigidLaw",
     "SpeedRestitution",
     "Viscoelastic",
-    "not_rigid",
 ]
 
 
@@ -49,15 +48,6 @@ def _no_function(value: Any) -> Any:
         name = getattr(value, "__name__", type(value).__name__)
         raise ValueError(f"must be an impact law, got the function {name}; {ImpactLaw.own}")
     return value
-
-
-def not_rigid(stops: Iterable[tuple[str, Law]]) -> list[str]:
-    """The unmet conditions of a method that needs rigid stops; `stops` are pairs (side, law)."""
-    return [
-        f"stops must be rigid (law.kind = 'restitution'), got {law.kind!r} at the {side} stop"
-        for side, law in stops
-        if not law.rigid
-    ]
 
 
 def _laws(base: type[ImpactLaw] = ImpactLaw) -> Iterator[type[ImpactLaw]]:

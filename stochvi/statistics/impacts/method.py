@@ -398,7 +398,7 @@ def _exponents(pair: Pair, tally: Tally, grid: Grid, plan: ImpactPlan) -> dict[s
             for side, r in restitutions.items()
         }
     model = plan.source.model
-    white = len(model.coordinates) == 1 and np.any(model.white) and not model.not_rigid()
+    white = len(model.coordinates) == 1 and np.any(model.white) and model.rigid
     return {
         side: Exponent(
             fitted=_fitted(fits, grid, _shift(plan, r) if white else 0.0),

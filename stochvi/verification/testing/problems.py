@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import functions, scattered, without_noise
+from stochvi.model.coverage import compliant, functions, scattered, without_noise
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
@@ -63,14 +63,14 @@ class Problem:
         return model_of(self.scene)
 
     @property
-    def single(self) -> bool:
-        """Whether this is one oscillator, whose quantities need no name of what they belong to."""
+    def unowned(self) -> bool:
+        """Whether quantities need no name of what they belong to: this is one oscillator."""
         return self.model.single
 
     @property
     def white_oscillator(self) -> bool:
         """Whether this is one oscillator under white noise alone."""
-        return self.single and not self.model.tables
+        return self.unowned and not self.model.tables
 
     @property
     def free(self) -> bool:
@@ -217,7 +217,7 @@ def _unmet(model: Model) -> list[str]:
         f"excitation must be white noise, a density or constant, got {kind}"
         for kind in sorted(kinds)
     ]
-    unmet += model.not_rigid()
+    unmet += compliant(model)
     named = [sorted(pair.direction[pair.direction != 0.0]) for pair in model.pairs]
     if len(model.base) > 1 or model.points or any(row not in NAMED for row in named):
         unmet.append(

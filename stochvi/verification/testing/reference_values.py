@@ -119,7 +119,7 @@ def truths_of(problem: Problem, response: Response) -> dict[str, Estimate]:
         for (owner, name), truth in known.items():
             if name != quantity or truth.bias is None:
                 continue
-            full = name if problem.single else f"{owner}.{name}"
+            full = name if problem.unowned else f"{owner}.{name}"
             size = known.get((owner, "displacement_std"))
             if name == "displacement_mean" and size is not None:
                 rounding = abs(truth.value) <= CANCELLATION * size.value

@@ -170,7 +170,7 @@ IMPACTS = ("collision_rate", "impact_speed_rate", "impact_speed_square_rate")
 def returnable(problem: Problem, quantities: Sequence[str]) -> list[str]:
     """Names under which quantities of a problem may be returned: the bare ones for one oscillator,
     otherwise with the coordinate or the impact pair before a point."""
-    if problem.single:
+    if problem.unowned:
         return list(quantities)
     model = problem.model
     moments = [name for name in quantities if name not in (*IMPACTS, "impact_speed", "impact_time")]
@@ -184,7 +184,7 @@ def plain_name(problem: Problem, name: str) -> str:
     """The name of a quantity as `returnable` has it: one oscillator may have its owner named."""
     owner, quantity = split(name)
     owners = (*problem.model.coordinates, *(pair.name for pair in problem.model.pairs))
-    return quantity if problem.single and owner.removesuffix(".") in owners else name
+    return quantity if problem.unowned and owner.removesuffix(".") in owners else name
 
 
 def sample_of(problem: Problem, returned: Mapping[str, Any]) -> Sample:

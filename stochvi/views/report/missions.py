@@ -401,7 +401,7 @@ def replay_page(
 
 
 def _replay_cards(found: Replay) -> list[Fact]:
-    if found.single is None:
+    if found.only is None:
         return []
     cards = [
         Fact(
@@ -456,7 +456,7 @@ def _replay_grid(found: Replay) -> Grid:
 
 
 def _replay_pictures(found: Replay) -> list[Picture]:
-    single = found.single
+    single = found.only
     if single is None:
         return [
             shown(

@@ -1,0 +1,431 @@
+"""One sizing as it goes on, whatever the number of its pairs: the search by impacts, and its run.
+
+A place is one number that says where the stops of all sized pairs go; farther stops have a larger
+one. Of one pair it is the clearance itself. Several pairs share the risk equally: their place is
+-ln of the risk that each has alone. The logarithm of a rate of impacts is nearly straight in a
+coordinate of the place: the square of a clearance, or that logarithm itself.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Generic, TypeVar
+
+from stochvi.isolators.screening import screened
+from stochvi.isolators.sizing.changes import Tolerances
+from stochvi.isolators.sizing.hits_at_place import Hits, PlaceTrial
+from stochvi.isolators.sizing.question import Question
+from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
+from stochvi.results.estimates import TOO_FEW, Estimate, provenance
+from stochvi.sampling.run import Run
+from stochvi.scenes.scene import Scene
+from stochvi.statistics.bursts import FAR
+from stochvi.statistics.crossing_ages import MISSED, CrossingAges, largest_error
+
+Answer = TypeVar("Answer")
+
+Point = tuple[float, float]
+"""A coordinate, and the logarithm of the rate there over the wanted one."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchSettings:
+    """Settings of the search for a clearance. Where no source is named, the number was chosen by
+    trial.
+
+    Parameters
+    ----------
+    lowest_sigma
+        The first clearance of the curve of one pair, in standard deviations of its gap.
+    required
+        Probabilities of any impact in the mission whose clearances every answer lists.
+    most_places
+        Largest number of places that are tried for a target that needs impacts.
+    rough_looks
+        Number of places that are tried roughly before each is tried accurately.
+    least_sigma
+        The smallest clearance that is tried for a rate of impacts, in standard deviations.
+    most_overlap
+        Two clusters count as separate up to this number of first impacts in the time for which a
+        cluster is followed.
+    closer
+        Ratio of a clearance to the one before it, below the clearances at which clusters are
+        separate.
+    near_enough
+        That ratio from which on no closer one is tried.
+    rough_error, share_of_limit
+        Relative error, and share of the remaining time, of the probability that a limit is exceeded
+        where no cluster exceeds it.
+    share_of_windows
+        Share of the remaining time for windows of the whole motion at one clearance.
+    share_of_tolerances
+        Share of the budget for the worst case, where tolerances were asked for.
+    rough_factor
+        Relative error of a rough look at a place, as a multiple of the error asked for.
+    roughest
+        Largest relative error of a rough look; a simulation takes none of 1 or more.
+    close
+        Relative difference between a rate and the wanted one below which the answer is
+        extrapolated from the place that was tried.
+    grace
+        Share of the budget by which the search for a clearance may outlast its time, because an
+        answer is mostly near then.
+    least_seconds
+        Seconds that every calculation gets, even where the budget is spent.
+    share_of_hits
+        Share of the budget that is kept for simulating the impacts.
+    most_error
+        Relative error of the probability of an impact above which no clearance is given.
+    reach
+        Logarithm of a rate over the wanted one, in magnitude, up to which the answer is
+        extrapolated from the place of that rate.
+    steepest
+        Largest logarithm of a rate over the wanted one, in magnitude, that a step of the search
+        follows.
+    divisor_on_the_way, divisor_of_last
+        Divisors of the remaining time: the first gives the time of a place that is tried on the
+        way, the second that of the place that the answer rests on.
+    many
+        Expected impacts of a mission above which a warning says that a limit of speed or
+        acceleration lets them happen.
+    pumped, more_than_rice
+        Impacts per first impact, and impacts over their number by Rice's rate. Above both limits a
+        warning says that the stops pump the mount.
+    """
+
+    lowest_sigma: float = 1.0
+    required: tuple[float, ...] = (0.1, 0.01, 0.001)
+    most_places: int = 24
+    rough_looks: int = 6
+    least_sigma: float = 0.2
+    most_overlap: float = 0.5
+    closer: float = 0.5
+    near_enough: float = 0.95
+    rough_error: float = 0.5
+    share_of_limit: float = 0.4
+    share_of_windows: float = 0.7
+    share_of_tolerances: float = 0.4
+    rough_factor: float = 3.0
+    roughest: float = 0.9
+    close: float = 0.02
+    grace: float = 0.05
+    least_seconds: float = 0.2
+    share_of_hits: float = 0.4
+    most_error: float = 1.0
+    reach: float = math.log(FAR)
+    steepest: float = 8.0
+    divisor_on_the_way: float = 4.0
+    divisor_of_last: float = 1.25
+    many: float = 1.0
+    pumped: float = 3.0
+    more_than_rice: float = 1.5
+
+
+SEARCH = SearchSettings()
+
+ACCEPTED = 0.01
+"""Default probability that a limit of speed or acceleration is exceeded in the mission."""
+
+
+@dataclass(frozen=True)
+class Reached:
+    """A place, and the 95 % interval of the calculation."""
+
+    place: float
+    lower: float
+    upper: float
+
+
+@dataclass(kw_only=True)
+class SizingJob(ABC, Generic[Answer]):
+    """One sizing: its question, and the findings on the way."""
+
+    scene: Scene
+    asked: Question
+    allowed: Tolerances
+    warnings: list[str] = field(default_factory=list)
+    fell_short: list[str] = field(default_factory=list)
+    unfinished: dict[float, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.target, self.mission, self.run = self.asked.target, self.asked.mission, self.asked.run
+        self.deadline, self.rel_error = self.run.deadline, self.run.accuracy
+        # an answer is mostly near when the time of a search ends
+        self.late = self.deadline.sooner_by(-SEARCH.grace * self.deadline.left)
+        self.hits = Hits(scene_at=self.scene_at, first_rate=self.first_rate, words=self.words)
+
+    # What one pair and several have each in their way ---------------------------------------
+
+    @abstractmethod
+    def reach(self) -> Reached:
+        """Find the place that keeps the target."""
+
+    @abstractmethod
+    def answer(self, found: Reached) -> Answer:
+        """The answer at a place."""
+
+    @abstractmethod
+    def scene_at(self, place: float) -> Scene:
+        """The scene with its stops at a place."""
+
+    @abstractmethod
+    def first_rate(self, place: float) -> tuple[float, float]:
+        """Limiting rate of first impacts at a place, 1/s, and the time for which a cluster is
+        followed, s."""
+
+    @abstractmethod
+    def words(self, place: float) -> str:
+        """Where the stops are at a place, in words."""
+
+    @abstractmethod
+    def first_guess(self, wanted: float) -> float:
+        """The first place to try for a rate."""
+
+    @abstractmethod
+    def exceedance_rate(self, place: float, run: Run) -> Estimate:
+        """Rate at which the limit of the target is exceeded at a place, 1/s."""
+
+    @abstractmethod
+    def already_kept(self, place: float, rate: Estimate) -> Reached:
+        """The answer where even the nearest place keeps the target."""
+
+    def coordinate(self, place: float) -> float:
+        """A coordinate of a place, in which the logarithm of a rate is nearly straight."""
+        return place
+
+    def place_at(self, coordinate: float) -> float:
+        """The place of a coordinate."""
+        return coordinate
+
+    def slope(self, place: float) -> float:
+        """Slope of the logarithm of a rate over the coordinate, as far as it is known before."""
+        return -1.0
+
+    def steepness(self, place: float) -> float:
+        """Slope of the coordinate over the place."""
+        return 1.0
+
+    @property
+    @abstractmethod
+    def ends(self) -> tuple[float, float]:
+        """The nearest place that is tried, and the farthest."""
+
+    searched: ClassVar[tuple[float, float]] = (0.1, 0.65)
+    """Fraction done at the beginning of the search, and at its end."""
+
+    # What they have in common ---------------------------------------------------------------
+
+    def sizing(self) -> Answer:
+        """Find the place, then the other numbers of the answer."""
+        short: NotConverged | Interrupted | None = None
+        try:
+            reached = self.reach()
+        except (NotConverged, Interrupted) as reason:
+            if not isinstance(reason.partial, Reached):
+                raise
+            reached, short = reason.partial, reason
+            self.warnings.insert(0, str(reason))
+        found = self.answer(reached)
+        if self.deadline.interrupted:
+            raise self.deadline.fell_short("before the answer was whole", "", found)
+        if short is not None:
+            raise NotConverged(str(short), found)
+        return found
+
+    def stated(self, paths: int) -> dict[str, Any]:
+        """The fields that every answer has."""
+        linear = screened(self.scene)
+        return {
+            "scene": self.scene, "target": self.target, "mission": self.mission,
+            "screening": linear, "record": linear.record, "allowed": self.allowed,
+            "fell_short": tuple(dict.fromkeys(self.fell_short)),
+            "warnings": tuple(dict.fromkeys(self.warnings)), "cost": self.run.cost(paths=paths),
+            "provenance": provenance(self.scene.document(), self.run.seed),
+        }  # fmt: skip
+
+    def short(self, warning: str) -> None:
+        """Add a warning of an accuracy for which the budget did not suffice."""
+        self.warnings.append(warning)
+        self.fell_short.append(warning)
+
+    def stage(self, low: float, high: float, words: str) -> None:
+        """Begin a stage of the sizing, in which the fraction done goes from `low` to `high`."""
+        self.staged = low, high, words
+        self.run.tell(low, words)
+
+    def part(self, share: float = 1.0, rel_error: float | None = None) -> Run:
+        """The run of a calculation of this stage, in a share of the time that is left; never less
+        than `SEARCH.least_seconds`, in which a calculation can end."""
+        left = self.deadline.in_no_less_than(SEARCH.least_seconds)
+        return self.run.part(*self.staged, left.share(share), rel_error=rel_error or self.rel_error)
+
+    def check_crossings(self, found: CrossingAges) -> None:
+        """Warn where the probability of an impact is not as accurate as asked for; raise where
+        hardly anything is known of it."""
+        reached = largest_error(found, self.mission)
+        if reached > SEARCH.most_error:
+            raise self.deadline.fell_short(
+                f"at a relative error of {reached:.3g} of the probability of an impact: hardly any "
+                "first impact was seen",
+                "raise budget",
+            )
+        if reached > MISSED * self.rel_error:
+            self.short(
+                f"the budget ended at a relative error of {reached:.3g} of the probability of "
+                "an impact"
+            )
+
+    def search(self, wanted: float) -> Reached:
+        """The place at which a rate takes the wanted value: roughly first, then accurately.
+
+        The search follows the slope that is known before until two places have the wanted rate
+        between them. Where few clusters decide, the rate jumps from one place to the next: after
+        some rough looks each is accurate, and the answer is extrapolated from farther away.
+        """
+        place = self.first_guess(wanted)
+        above: Point | None = None
+        below: Point | None = None
+        slope = self.slope(place)
+        closest: tuple[float, Estimate, float] | None = None
+        (begin, end), (near, far) = self.searched, self.ends
+        for attempt in range(SEARCH.most_places):
+            if attempt and self.late.passed():
+                break
+            done = min(begin + 0.05 * attempt, end)
+            self.stage(done, done + 0.05, self.words(place))
+            rough = attempt < SEARCH.rough_looks
+            roughest = min(SEARCH.rough_factor * self.rel_error, SEARCH.roughest)
+            roughly = self.rate(place, roughest if rough else self.rel_error)
+            excess, tolerance = _excess(roughly, wanted)
+            if abs(excess) <= (max(tolerance, SEARCH.close) if rough else SEARCH.reach):
+                found = self.rate(place, self.rel_error) if rough else roughly
+                excess, _ = _excess(found, wanted)
+                if abs(excess) <= SEARCH.reach:
+                    return self.extrapolated(place, found, excess, slope)
+            if abs(excess) <= SEARCH.reach and (closest is None or abs(excess) < abs(closest[2])):
+                closest = place, roughly, excess
+            point = (self.coordinate(place), excess)
+            above, below = (point, below) if excess > 0.0 else (above, point)
+            if above and below and above[0] < below[0] and math.isfinite(below[1]):
+                slope = (below[1] - above[1]) / (below[0] - above[0])
+            if excess < 0.0 and place <= near + SEARCH.close * abs(near):
+                return self.already_kept(place, roughly)
+            if excess > 0.0 and place >= far:
+                raise self.never_kept(excess)
+            place = self.place_at(self._next(above, below, point))
+        if closest is not None:
+            return self.extrapolated(*closest, slope)
+        answer = None
+        if above and below:
+            ends = self.place_at(above[0]), self.place_at(below[0])
+            answer = Reached(place, min(ends), max(ends))
+        sought = f"the clearance for {self.target.name} = {self.target.value:g}"
+        if self.deadline.passed():
+            raise self.deadline.fell_short(
+                f"before {sought} was found (places tried: {attempt})",
+                "raise budget or rel_error",
+                answer,
+            )
+        raise NotConverged(
+            f"{sought} was not found in {SEARCH.most_places} places: the rate jumps between "
+            "them; lower rel_error or raise budget",
+            answer,
+        )
+
+    def _next(self, above: Point | None, below: Point | None, last: Point) -> float:
+        """The next coordinate to try, from those where the rate is too high and too low."""
+        if above and below:
+            middle = 0.5 * (above[0] + below[0])
+            if not math.isfinite(below[1]):
+                return middle
+            share = above[1] / (above[1] - below[1])
+            # not too near an end, which would move the other one too slowly
+            return above[0] + min(max(share, 0.1), 0.9) * (below[0] - above[0])
+        most = SEARCH.steepest
+        step = -max(min(last[1], most), -most) / self.slope(self.place_at(last[0]))
+        near, far = map(self.coordinate, self.ends)
+        return min(max(last[0] + step, near), far)
+
+    def never_kept(self, excess: float) -> NotApplicable:
+        """The refusal of a target that the farthest place misses."""
+        return NotApplicable(
+            "size",
+            [f"no clearance that is tried keeps {self.target.kept(self.mission)}: at the "
+             f"largest ones it is missed by a factor of {math.exp(excess):.3g}; ask for less, "
+             "or move the other stops"],
+        )  # fmt: skip
+
+    def extrapolated(self, place: float, found: Estimate, excess: float, slope: float) -> Reached:
+        """The answer, extrapolated from a place near it that was tried.
+
+        A rate of impacts is a mean, and a standard error that is larger than asked for widens the
+        interval. A rate of exceedances may rest on so few clusters that its standard error is too
+        small as well: then no interval can be given, and `NotConverged` carries the place.
+        """
+        steep = self.steepness(place) * slope
+        half = found.half_width_95() / found.value / abs(steep)
+        value = place - excess / steep
+        answer = Reached(value, value - half, value + half)
+        if place in self.unfinished:
+            raise NotConverged(
+                f"{self.unfinished[place]}; size for a probability or a rate of impacts instead",
+                answer,
+            )
+        error = found.standard_error / found.value
+        if error <= MISSED * self.rel_error:
+            return answer
+        beyond = "" if self.target.exceedance is None else " beyond the limit"
+        reached = (
+            f"the budget ended at a relative error of {error:.3g} of the rate of impacts{beyond} "
+            f"at {self.words(place)}"
+        )
+        if self.target.exceedance is not None:
+            raise NotConverged(
+                f"{reached}; {self.rel_error:g} was asked for: raise budget or rel_error", answer
+            )
+        self.short(reached)
+        return answer
+
+    def rate(self, place: float, rel_error: float) -> Estimate:
+        """The rate that decides at a place: of impacts or, for a limit, of what exceeds it, 1/s."""
+        rough = rel_error > self.rel_error
+        divisor = SEARCH.divisor_on_the_way if rough else SEARCH.divisor_of_last
+        if self.target.exceedance is not None:
+            return self.exceedance_rate(place, self.part(1.0 / divisor, rel_error))
+        found = self.hits.at(place, self.part(rel_error=rel_error)).counts.rate
+        if TOO_FEW in found.how:
+            where = f"when impacts at {self.words(place)} had been seen {TOO_FEW}"
+            raise self.deadline.fell_short(where, "raise budget")
+        return found
+
+    def hits_or_warning(self, place: float) -> PlaceTrial | None:
+        """Impacts for information alone; None and a warning where they are not found."""
+        if self.deadline.interrupted:
+            self.warnings.append(f"the impacts at {self.words(place)} were not simulated")
+            return None
+        try:
+            return self.hits.at(place, self.part())
+        except (NotApplicable, NotConverged, Interrupted) as reason:
+            known = isinstance(reason, NotApplicable)
+            (self.warnings.append if known else self.short)(
+                f"the impacts at {self.words(place)} are not known: {reason}"
+            )
+            return None
+
+    def warn_of_impacts(self, trial: PlaceTrial | None) -> None:
+        """Warn where a target that limits how hard impacts are lets them happen."""
+        impacts = 0.0 if trial is None else trial.counts.rate.value * self.mission
+        if self.target.exceedance is not None and impacts > SEARCH.many:
+            self.warnings.append(
+                f"the target limits how hard an impact is, not how many there are: {impacts:.3g} "
+                "are expected in the mission; give probability for a clearance that avoids them"
+            )
+
+
+def _excess(found: Estimate, wanted: float) -> Point:
+    """Logarithm of a rate over the one that is wanted, and its standard error."""
+    if not found.value:
+        return -math.inf, 0.0
+    return math.log(found.value / wanted), found.standard_error / found.value
