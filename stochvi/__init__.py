@@ -59,4 +59,10 @@ def _draw(answer: Any, ax: Any) -> Any:
     return plot(answer, ax)
 
 
-register(_draw)
+def _densities(answer: Any) -> Any:
+    from stochvi.statistics.densities import densities_of
+
+    return densities_of(answer)
+
+
+register(_draw, _densities)

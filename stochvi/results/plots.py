@@ -1,12 +1,12 @@
-"""The way from an answer to its picture.
+"""The way from an answer to its picture, and to what is simulated for the picture alone.
 
-Answers lie below the views that draw them, and do not know these. The root of the package, which
-knows both rooms, registers who draws.
+Answers lie below the views that draw them, and below what simulates, and do not know these. The
+root of the package, which knows all rooms, registers who draws and who simulates.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -16,11 +16,17 @@ Draw = Callable[[Any, "Axes | None"], "Axes"]
 """Draws an answer in Axes, or in those of a new figure, and returns the Axes."""
 
 _drawers: list[Draw] = []
+_simulated: list[Callable[[Any], Mapping[str, Any]]] = []
 
 
-def register(draw: Draw) -> None:
-    """Let a function draw all answers from now on."""
-    _drawers[:] = [draw]
+def register(draw: Draw, densities: Callable[[Any], Mapping[str, Any]]) -> None:
+    """Let a function draw all answers from now on, and one find densities of simulations."""
+    _drawers[:], _simulated[:] = [draw], [densities]
+
+
+def densities_of(answer: Any) -> Mapping[str, Any]:
+    """Densities of the motions of a simulation, by the function that was registered last."""
+    return _simulated[-1](answer)
 
 
 def drawn(answer: Any, ax: Axes | None) -> Axes:

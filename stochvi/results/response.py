@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 from stochvi.results.base import Result
 from stochvi.results.estimates import Cost, Estimate, format_with_error
+from stochvi.results.plots import densities_of
 from stochvi.results.quantity_units import unit_of
 
 if TYPE_CHECKING:
@@ -181,6 +182,23 @@ class Response(Result):
                     found[owner, name] = estimate
         found.update({("statistics", name): each for name, each in self.statistics.items()})
         return found
+
+    def densities(self) -> Mapping[str, Any]:
+        """Densities of the coordinate, or of every gap, of a simulation, with 95 % bands, by name.
+
+        They are simulated when this is called, some seconds at most, with the seed of the answer.
+        There are none of other methods, and of scenes that the answer cannot make again.
+
+        Returns
+        -------
+        Mapping[str, BandedDensity]
+            Each with its `edges`, `density`, `standard_error` and `bands()`.
+
+        See Also
+        --------
+        Response.plot : Their picture.
+        """
+        return densities_of(self) if self.method == "simulate" else {}
 
     def changed(self, change: Callable[[str, Estimate], Estimate]) -> Self:
         """The response with every estimate replaced by `change(quantity, estimate)`."""

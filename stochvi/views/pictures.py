@@ -23,7 +23,7 @@ from stochvi.views.axes import (
 )
 from stochvi.views.basins import draw_bifurcation, plot_basins, plot_lifetimes
 from stochvi.views.bumper_map import plot_bumper_map
-from stochvi.views.colours import COLOURS, GRID_COLOUR, OWNERS
+from stochvi.views.colours import COLOURS, GRID_COLOUR, OWNERS, owner_colours
 from stochvi.views.damage import plot_damage
 from stochvi.views.first_passage import plot_first_passage
 from stochvi.views.identification import plot_identification
@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from stochvi.methods.replay.answer import Replay
     from stochvi.results.base import Result
     from stochvi.results.response import PairResponse, Response
+    from stochvi.statistics.densities import BandedDensity
     from stochvi.statistics.histories import History
     from stochvi.statistics.impacts import ImpactStatistics
     from stochvi.statistics.spectra import ResponseSpectrum
@@ -83,9 +84,10 @@ def plot(found: Result, ax: Axes | None = None) -> Axes:
 
 
 def plot_response(found: Response, ax: Axes | None = None) -> Axes:
-    """Mean and one standard deviation of each coordinate and gap between its stops, and the rates
-    and mean speeds of the impacts. A response holds no density: `history` and the pictures of
-    `exact` and `fokker-planck` on the command line do."""
+    """The densities of a simulation between its stops, with 95 % bands. Of any other method mean
+    and one standard deviation of each coordinate and gap, and rates and mean speeds of impacts."""
+    if densities := found.densities():
+        return _plot_densities(found, densities, ax)
     rows: list[tuple[str, Any, Any]] = [
         (name, each.displacement_mean, each.displacement_std)
         for name, each in found.coordinates.items()
@@ -124,6 +126,51 @@ def plot_response(found: Response, ax: Axes | None = None) -> Axes:
     ax.set_xlabel(f"displacement, mean and one standard deviation ({length}{rotations})")
     ax.set_title(found.method, fontsize="medium")
     return ax
+
+
+def _plot_densities(
+    found: Response, densities: Mapping[str, BandedDensity], ax: Axes | None
+) -> Axes:
+    """Densities in bins with their bands, the stops of each as dashed lines."""
+    ax = axes_or_new(ax)
+    size = max(float(np.abs(each.edges).max()) for each in densities.values())
+    unit, length = length_unit(size)
+    pairs = {
+        pair.get("name", "stops"): pair
+        for pair in found.provenance.get("scene", {}).get("impact_pair", [])
+    }
+    colours = owner_colours(len(densities))
+    for (name, each), colour in zip(densities.items(), colours, strict=True):
+        low, high = each.bands()
+        edges = each.edges / unit
+        pair = next(iter(pairs)) if len(pairs) == 1 else name
+        words = [name, *_of_motion(found, name, pair, unit, length)]
+        ax.stairs(high * unit, edges, baseline=low * unit, fill=True, color=colour, alpha=0.3)
+        ax.stairs(each.density * unit, edges, color=colour, label=", ".join(words))
+        for side in ("lower", "upper"):
+            place = pairs.get(pair, {}).get(side)
+            if isinstance(place, int | float):
+                ax.axvline(place / unit, color=colour, linestyle="--", linewidth=1.0)
+    ax.set_ylim(bottom=0.0)
+    ax.set_xlabel(f"displacement ({length}), stops dashed")
+    ax.set_ylabel(f"probability density (1/{length}), 95 % bands")
+    ax.legend(
+        frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1,
+        title=found.method,
+    )  # fmt: skip
+    return ax
+
+
+def _of_motion(found: Response, name: str, pair: str, unit: float, length: str) -> list[str]:
+    """The standard deviation of a motion, and the impacts of its pair, in words."""
+    hits = found.impact_pairs.get(pair)
+    std = None if hits is None else hits.relative_displacement_std
+    if name in found.coordinates:
+        std = found.coordinates[name].displacement_std
+    words = [] if std is None else [f"std {value_with_error(std / unit)} {length}"]
+    if hits is not None and hits.collision_rate is not None:
+        words.append(f"{value_with_error(hits.collision_rate)} impacts/s")
+    return words
 
 
 def _draw_stops_of(

@@ -36,14 +36,13 @@ from stochvi.isolators.sizing.risk_curve import chance_of_stops
 from stochvi.isolators.sizing.tolerance_region import Region
 from stochvi.model.model import model_of
 from stochvi.results.deadline import NEVER
-from stochvi.sampling.options import DEFAULTS
-from stochvi.sampling.run import Run
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics.pair_crossings import own_distances
 from stochvi.views.production import print_production
 from stochvi.views.report.changes import production_section
 from support import judges
 from support.accuracies import quick_cases
+from support.runs import run_of
 
 WHITE = [WhiteNoise(density=0.01, unit="g2/Hz")]
 LAW = Restitution(coefficient=0.5)
@@ -53,10 +52,6 @@ ONE_STOP = Scene(
     excitations=WHITE,
 )
 MISSION = 3600.0
-
-
-def run_of(seed: int, rel_error: float) -> Run:
-    return Run.of({**DEFAULTS, "seed": seed, "rel_error": rel_error})
 
 
 def units_of(scene: Scene, spreads: dict[str, Spread], place: float) -> Units:
@@ -244,16 +239,18 @@ def test_the_mean_over_units_is_that_of_each_unit_calculated(
         points = qmc.Sobol(len(units.columns), rng=np.random.default_rng([17, sequence]))
         amounts = units.drawn(points.random(each))
         farther = units.gaps(amounts).farther
-        chances = [
-            chance_of_stops(units.unit(row), stops + far, 600.0, run_of(100, 0.1)).value
-            for row, far in zip(amounts, farther, strict=True)
-        ]
+        with run_of(0.1, seed=100) as run:
+            chances = [
+                chance_of_stops(units.unit(row), stops + far, 600.0, run).value
+                for row, far in zip(amounts, farther, strict=True)
+            ]
         means.append(float(np.mean(chances)))
     error = math.hypot(
         float(np.std(means, ddof=1)) / math.sqrt(SEQUENCES), found.probability.standard_error
     )
     brute, bias = float(np.mean(means)), found.probability.bias or 0.0
-    stated = chance_of_stops(scene, stops, 600.0, run_of(100, 0.1)).value
+    with run_of(0.1, seed=100) as run:
+        stated = chance_of_stops(scene, stops, 600.0, run).value
     print(f"{brute:.5f}({error:.5f}) {(brute - 0.02) / error:.2f} as stated {stated:.5f}")
     # Student's, of eight sequences
     widest = float(t.ppf(norm.cdf(4.5), SEQUENCES - 1)) if quick else 4.5
@@ -339,6 +336,7 @@ def test_pairs_with_one_clearance_in_common_keep_the_target(
     assert both.clearances["two"] == place and both.probability.value == pytest.approx(0.05)
     assert min(c.value for c in each.clearances.values()) < place.value
     assert place.value < max(c.value for c in each.clearances.values())
-    chance = chance_of_stops(scene, np.full((2, 2), place.value), 60.0, run_of(11, 0.05))
+    with run_of(0.05, seed=11) as run:
+        chance = chance_of_stops(scene, np.full((2, 2), place.value), 60.0, run)
     error = math.hypot(chance.standard_error, 0.2 * 0.05)
     assert abs(chance.value - 0.05) < 4.5 * error + (chance.bias or 0.0)

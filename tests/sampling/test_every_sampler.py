@@ -37,6 +37,7 @@ from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.statistics.bursts import BurstSampler, bursts
 from stochvi.statistics.cluster_paths import ClusterPaths
 from stochvi.statistics.damage import damage
+from stochvi.statistics.densities import densities
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impacts import impacts
 from stochvi.statistics.lifetimes import lifetimes
@@ -137,6 +138,12 @@ def _spectrum(**how: Any) -> object:
     paths = None if "rel_error" in how else 96
     found = spectrum(FREE, paths=paths, seed=3, **how)
     return [curve.value.tolist() for curve in found.curves["x"].values()]
+
+
+def _densities(**how: Any) -> object:
+    how.pop("rel_error", None)
+    found = densities(FREE, {"x": (np.ones(1), -4.0, 4.0)}, **{"seed": 3, "budget": None} | how)
+    return found["x"].density.tolist(), found["x"].standard_error.tolist()
 
 
 def _impacts(**how: Any) -> object:
@@ -246,6 +253,7 @@ SAMPLERS = {
     "spectrum": _spectrum,
     "damage": _damage,
     "impacts": _impacts,
+    "densities": _densities,
     "reliability": _reliability,
     "lifetimes": _lifetimes,
     "stability": _stability,
@@ -425,7 +433,7 @@ def test_ctrl_c_leaves_no_task_that_may_begin(sampler: Any) -> None:
         assert all(future.running() or future.done() for future in executor.futures)
 
 
-WITHOUT_PARTS = (*SLOW, "windows")
+WITHOUT_PARTS = (*SLOW, "windows", "densities")
 """Samplers whose answer after Ctrl-C is that of another test, or of the calculation that asks."""
 
 
