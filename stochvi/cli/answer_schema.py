@@ -18,7 +18,7 @@ from stochvi.isolators.production_risk.answer import Production
 from stochvi.isolators.production_risk.spreads import Spread
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
-from stochvi.isolators.sizing.answer import RoundedClearance
+from stochvi.isolators.sizing.answer import Clearance, RoundedClearance
 from stochvi.isolators.sizing.chance_at_stops import StopPositions
 from stochvi.methods.periodic.answer import Jump
 from stochvi.methods.periodic.resonance import HarmonicResonance
@@ -124,7 +124,11 @@ CHANGES = {
         {f"damage_ratio_{error}": LIST for error in ("standard_error", "bias")},
         {"with_stops": None},
     ),
-    "DamageSizing": Change(METHOD | {"verdict": str, "made": RoundedClearance}),
+    "DamageSizing": Change(
+        METHOD | {"verdict": str, "made": RoundedClearance | Mapping[str, RoundedClearance]},
+        {"clearance": Clearance, "clearances": Mapping[str, Clearance]},
+        dict.fromkeys(("clearance", "clearances")),
+    ),
     "Design": Change(METHOD),
     "Environment": Change({"spectra": COLUMNS, "breakpoints": COLUMNS}),
     "Explanation": Change(METHOD),

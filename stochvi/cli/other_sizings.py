@@ -46,8 +46,10 @@ def other_sizing(
     if any(limit is not None for limit in limits.values()):
         raise ValueError("--pad-force and --rattle-space must stand with --map, got no --map")
     if other["damage_ratio"] is not None:
-        _refuse("--damage-ratio", given, (*NEVER_WITH, *TARGETS))
+        never = [name for name in NEVER_WITH if name != "at"]
+        _refuse("--damage-ratio", given, (*never, *TARGETS))
         left = {name: each for name, each in _left(given).items() if name != "exceedance"}
+        left |= {} if given["at"] is None else {"at": given["at"]}
         _show_damage(options, scene, loaded, other, left)
         return True
     if loaded.phases or loaded.random_level is not None or loaded.has_shocks:

@@ -20,11 +20,13 @@ from stochvi import (
     Viscoelastic,
     damage,
     reliability,
+    screen,
     size,
 )
 from stochvi.isolators import MissionSizing, size_by_damage
 from stochvi.views.report import write_clearance_report
 from support import judges
+from support.mounts import two_stages
 
 PROFILE = "mil-std-810h-truck-vertical-5hz"
 
@@ -217,6 +219,31 @@ def test_the_sized_scene_has_the_damage_that_was_accepted(
     assert page.count("<figure") == 3
 
 
+@pytest.mark.verify
+def test_several_pairs_are_sized_for_a_damage(tmp_path: Path) -> None:
+    """At one multiple of the rms motions of their gaps; the control is a third of it."""
+    law = Viscoelastic(stiffness=2e6, damping_ratio=0.2)
+    scene, ratio = two_stages(law, law), 4.0
+    asked = {"mission": 600.0, "equipment": (60.0,), "at": "box", "rel_error": 0.3}
+    found = size_by_damage(scene, ratio=ratio, **asked, budget=500.0, seed=1)  # type: ignore[arg-type]
+    assert list(found.clearances) == ["bumpers", "box stops"]
+    gaps = screen(scene).impact_pairs
+    multiples = [c.value / gaps[name].displacement_std for name, c in found.clearances.items()]
+    assert multiples[0] == pytest.approx(multiples[1], rel=1e-9)
+    own = damage(found.sized(), seed=5, budget=300.0, **asked)  # type: ignore[arg-type]
+    c = found.clearance
+    left = (ratio - 1.0) * c.value * (c.upper - c.value) / found.sigma**2
+    assert own.damage_ratio is not None
+    (there,) = own.damage_ratio.estimates()
+    assert abs(there.value - ratio) < there.reach(4.5) + 4.5 / 1.96 * left
+    near = damage(found.sized(c.value / 3.0), seed=5, budget=300.0, **asked)  # type: ignore[arg-type]
+    assert near.damage_ratio is not None and near.damage_ratio.value[0] > 2.0 * ratio
+    document = found.to_dict()
+    assert set(document["clearances"]) == set(document["made"]) and "clearance" not in document
+    page = write_clearance_report(found, tmp_path).read_text("utf-8")
+    assert "Upper stop of box stops" in page and found.stops_to_copy() == ""
+
+
 @pytest.mark.slow
 def test_a_clearance_for_a_damage_is_that_of_the_mean_unit() -> None:
     stops = bumpers().impact_pairs[0]
@@ -232,3 +259,6 @@ def test_what_no_damage_is_sized_for_is_refused() -> None:
         size_by_damage(bumpers(), ratio=0.5)
     with pytest.raises(NotApplicable, match="needs an impact_pair"):
         size_by_damage(bumpers().replace(impact_pairs=()), ratio=2.0)
+    sine = {"kind": "sine", "on": "base", "amplitude": 1.0, "frequency_hz": 20.0}
+    with pytest.raises(NotApplicable, match="got a sine"):
+        size_by_damage(bumpers().replace(excitations=[*bumpers().excitations, sine]), ratio=2.0)

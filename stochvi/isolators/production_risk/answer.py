@@ -10,11 +10,11 @@ from stochvi.isolators.production_risk.spreads import Spread, in_words
 from stochvi.isolators.sizing.answer import (
     Clearance,
     RoundedClearance,
+    places_in_words,
     spoken_mission,
     spoken_percent,
 )
 from stochvi.isolators.sizing.changes import Tolerances
-from stochvi.isolators.sizing.pairs_answer import places_in_words
 from stochvi.mathematics.shown_units import LENGTH
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate

@@ -12,7 +12,12 @@ import numpy as np
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
-from stochvi.isolators.sizing.chance_at_stops import StopPositions, gap_of, probability_at
+from stochvi.isolators.sizing.chance_at_stops import (
+    StopPositions,
+    gap_of,
+    mean_gaps,
+    probability_at,
+)
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.mathematics.arrays import Matrix
 from stochvi.mathematics.rounding import ROUNDING
@@ -201,6 +206,13 @@ class ClearanceAnswer(Result):
     def rest(self) -> float:
         """The static equilibrium, m from the unloaded spring."""
         return model_of(self.hanging).rest
+
+    @property
+    def rests(self) -> dict[str, float]:
+        """Where each gap rests, m from the unloaded springs, by its pair."""
+        model = model_of(self.hanging)
+        names = [pair.name for pair in model.pairs] or ["stops"]
+        return dict(zip(names, mean_gaps(model).tolist(), strict=True))
 
     @property
     def doubtful(self) -> Mapping[str, RecordVerdict]:
@@ -646,3 +658,17 @@ def spoken_mission(seconds: float) -> str:
         if seconds >= unit:
             return f"{seconds / unit:.4g} {name}"
     return f"{seconds:.4g} s"
+
+
+MOST_NAMED = 3
+"""Most pairs whose clearances a sentence lists; beyond that it names the smallest and the
+largest."""
+
+
+def places_in_words(made: Mapping[str, RoundedClearance]) -> str:
+    """The clearances of several pairs; of many pairs the smallest and the largest."""
+    if len(made) <= MOST_NAMED:
+        return ", ".join(f"{name} {place}" for name, place in made.items())
+    low, *_, high = sorted(made, key=lambda name: made[name].value)
+    first = f"{len(made)} pairs, each with its own (see the table)"
+    return f"{first}, from {low} {made[low]} to {high} {made[high]}"

@@ -1,15 +1,15 @@
-"""The smallest clearance at which stops multiply the damage of equipment by no more than a ratio.
+"""The smallest clearances at which stops multiply the damage of equipment by no more than a ratio.
 
-What stops add to the damage falls with the clearance as their impacts do: the logarithm of the
-ratio less 1 is nearly straight in the square of the clearance. Every clearance that is tried has
-the same random numbers.
+Stops of several pairs are equally far in rms motions of their gaps. What stops add to the damage
+falls with the clearance as their impacts do: the logarithm of the ratio less 1 is nearly straight
+in the square of the clearance. Every clearance that is tried has the same random numbers.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import Clearance
 from stochvi.isolators.sizing.damage_answer import DamageSizing
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import beyond_one_oscillator
+from stochvi.model.coverage import modulated, nonlinear
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.results.deadline import partial_result
@@ -27,9 +27,6 @@ from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.damage import Damage, damage
-
-if TYPE_CHECKING:
-    pass
 
 FIRST_SIGMA, LEAST_SIGMA = 3.5, 0.5
 """The first clearance that is tried and the smallest one, in rms displacements."""
@@ -48,8 +45,8 @@ LONGEST_STEP = 3.0
 
 
 class _Trial(NamedTuple):
-    """Damage at a clearance: the logarithm of what stops add over what they may, and half its 95 %
-    interval."""
+    """Damage at a clearance, of several pairs that of the widest gap: the logarithm of what stops
+    add over what they may, and half its 95 % interval."""
 
     clearance: float
     found: Damage
@@ -73,6 +70,7 @@ def size_by_damage(
     equipment: Sequence[float] = (20.0, 2000.0),
     q: float = 10.0,
     exponent: float = 6.0,
+    at: str | None = None,
     **options: Unpack[AccuracyOptions],
 ) -> DamageSizing:
     """The smallest clearance at which stops keep the damage of equipment below a ratio.
@@ -80,13 +78,13 @@ def size_by_damage(
     Parameters
     ----------
     scene
-        One oscillator on a base under stationary Gaussian noise between stops, whose laws are
-        kept; their places are not.
+        A linear structure under stationary Gaussian noise between stops, whose laws are kept; their
+        places are not. Several pairs get equal clearances in rms motions of their gaps.
     ratio
         Largest accepted damage with stops over that without, at all frequencies of the equipment.
     mission
         Duration, s.
-    equipment, q, exponent
+    equipment, q, exponent, at
         As for `damage`.
     **options
         `AccuracyOptions`: `rel_error` is the median relative standard error of the damage at every
@@ -95,7 +93,7 @@ def size_by_damage(
     Returns
     -------
     DamageSizing
-        The clearance, its interval, and the clearances that were tried.
+        The clearance of each pair, its interval, and the clearances that were tried.
 
     Raises
     ------
@@ -126,24 +124,33 @@ def size_by_damage(
     if not 1.0 < ratio < math.inf:
         raise ValueError(f"ratio must be above 1, got {ratio}; stops add to the damage")
     model, run = model_of(scene), Run.of(options)
-    unmet = beyond_one_oscillator(model)
+    unmet = modulated(model) + nonlinear(model)
+    if model.signals:
+        got = "a sine" if model.sines else "filtered noise"
+        unmet.append(f"excitation must be white noise, a density or constant, got {got}")
     if not unmet and not model.pairs:
         unmet = ["damage_ratio needs an impact_pair, for its law"]
     if unmet:
         raise NotApplicable("size", unmet)
-    (sigma,), _ = free_motion(model).deviations(np.eye(1))
+    names = [pair.name for pair in model.pairs]
+    sigmas, _ = free_motion(model).deviations(np.array([pair.direction for pair in model.pairs]))
+    if not sigmas.all():
+        still = ", ".join(name for name, sigma in zip(names, sigmas, strict=True) if not sigma)
+        raise NotApplicable("size", [f"excitation must move the gap of every pair, not of {still}"])
+    sigma = float(sigmas.max())
+    shares = sigmas / sigma
 
     def tried_at(place: float, number: int) -> _Trial:
         done = number / MOST_TRIALS
         share = run.deadline.share(1.0 / max(MOST_TRIALS // 2 - number, 2))
         part = run.part(done, done + 1.0 / MOST_TRIALS, f"{1e3 * place:.4g} mm", share)
         found: Damage = partial_result(
-            damage, at_clearances(scene, place), mission=mission, equipment=equipment, q=q,
-            exponent=exponent, **part.options(rel_error=run.accuracy),
+            damage, at_clearances(scene, place * shares), mission=mission, equipment=equipment, q=q,
+            exponent=exponent, at=at, **part.options(rel_error=run.accuracy),
         )  # fmt: skip
         return _trial(place, found, ratio)
 
-    trials, slope = _search(tried_at, float(sigma), run)
+    trials, slope = _search(tried_at, sigma, run)
     nearest = min(trials, key=lambda trial: abs(trial.excess))
     per_metre = 2.0 * nearest.clearance * slope
     value = nearest.clearance - nearest.excess / per_metre
@@ -155,9 +162,14 @@ def size_by_damage(
         for each in sorted(trials, key=lambda trial: trial.clearance)
         if (ratios := each.found.damage_ratio) is not None
     ]  # fmt: skip
+    ends = np.outer(shares, [value, max(value - half, 0.0), value + half]).tolist()
+    clearances = {
+        name: Clearance(value=place, lower=low, upper=high)
+        for name, (place, low, high) in zip(names, ends, strict=True)
+    }
     answer = DamageSizing(
-        scene=scene, ratio=ratio, mission=mission, sigma=float(sigma),
-        clearance=Clearance(value=value, lower=max(value - half, 0.0), upper=value + half),
+        scene=scene, ratio=ratio, mission=mission, sigma=sigma, clearances=clearances,
+        clearance=clearances[names[int(np.argmax(sigmas))]],
         tried=pd.DataFrame(rows), damage=nearest.found,
         warnings=[*nearest.found.warnings, *scene.at_means()],
         cost=run.cost(), provenance=provenance(scene.document(), run.seed),

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stochvi.isolators.sizing.answer import ClearanceAnswer, spoken_mission
+from stochvi.isolators.moved_stops import at_clearances
+from stochvi.isolators.sizing.answer import (
+    Clearance,
+    ClearanceAnswer,
+    RoundedClearance,
+    places_in_words,
+    spoken_mission,
+)
+from stochvi.scenes.scene import Scene
 from stochvi.statistics.damage import Damage
 
 if TYPE_CHECKING:
@@ -16,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class DamageSizing(ClearanceAnswer):
-    """The clearance at which stops keep the damage of equipment below a ratio.
+    """The clearances at which stops keep the damage of equipment below a ratio.
 
     Parameters
     ----------
@@ -27,11 +36,14 @@ class DamageSizing(ClearanceAnswer):
     mission
         Duration, s.
     clearance
-        Metres per side from the static equilibrium, with the 95 % interval.
+        Metres per side from the static equilibrium, with the 95 % interval; of several pairs that
+        of the widest gap.
+    clearances
+        The clearance of each pair by its name: all are equally far in rms motions of their gaps.
     sigma
-        Rms displacement without stops, m.
+        Rms motion of that gap without stops, m.
     tried
-        The clearances that were tried, m, each with the largest `damage_ratio`, its
+        The clearances of that gap that were tried, m, each with the largest `damage_ratio`, its
         `standard_error`, the `frequency_hz` where it is, and `by`, "clusters" or "simulation".
     damage
         The answer of `damage` at the clearance nearest to the one that was found.
@@ -41,6 +53,7 @@ class DamageSizing(ClearanceAnswer):
     stochvi.isolators.size_by_damage : The calculation.
     """
 
+    clearances: Mapping[str, Clearance]
     ratio: float
     mission: float
     sigma: float
@@ -55,10 +68,32 @@ class DamageSizing(ClearanceAnswer):
         """The clearance to make and what it keeps, in one sentence."""
         f = self.damage.equipment_frequency_hz
         band = f"{f[0]:.4g} Hz" if len(f) == 1 else f"{f[0]:.4g} to {f[-1]:.4g} Hz"
-        return (
-            f"clearance: {self.made} per side from the static equilibrium keeps the damage of "
-            f"equipment at {band} within {self.ratio:.4g} times that without stops"
+        several = len(self.clearances) > 1
+        places = (
+            f"clearances: {places_in_words(self.each_made)}"
+            if several
+            else f"clearance: {self.made}"
         )
+        return (
+            f"{places} per side from the static equilibrium keep{'' if several else 's'} the "
+            f"damage of equipment at {band} within {self.ratio:.4g} times that without stops"
+        )
+
+    @property
+    def each_made(self) -> dict[str, RoundedClearance]:
+        """The clearance to make of each pair, rounded up."""
+        return {name: RoundedClearance.of(c.value) for name, c in self.clearances.items()}
+
+    def sized(self, clearance: float | None = None) -> Scene:
+        """The scene with the stops of the widest gap at a clearance (m), by default the calculated
+        one, and those of the others as far in rms motions."""
+        place = self.clearance.value if clearance is None else clearance
+        found = [place * c.value / self.clearance.value for c in self.clearances.values()]
+        return at_clearances(self.scene, found)
+
+    def stops_to_copy(self) -> str:
+        """The stops at the clearance to make, as keys of a scene file; empty for several pairs."""
+        return super().stops_to_copy() if len(self.clearances) == 1 else ""
 
     def calculated(self) -> str:
         """The clearance before rounding, and the equipment that decides."""
@@ -70,4 +105,7 @@ class DamageSizing(ClearanceAnswer):
         )
 
     def _document(self) -> dict[str, Any]:
-        return {"method": "size:damage", **super()._document()}
+        found = {"method": "size:damage", **super()._document()}
+        several = len(self.clearances) > 1
+        del found["clearance" if several else "clearances"]
+        return found | ({"made": self.each_made} if several else {})

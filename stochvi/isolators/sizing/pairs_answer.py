@@ -14,6 +14,7 @@ from stochvi.isolators.sizing.answer import (
     Clearance,
     GaussianSizing,
     RoundedClearance,
+    places_in_words,
     spoken_mission,
     spoken_percent,
 )
@@ -26,10 +27,6 @@ from stochvi.results.estimates import Estimate
 if TYPE_CHECKING:
     import pandas as pd
 
-
-MOST_NAMED = 3
-"""Most pairs whose clearances a sentence lists; beyond that it names the smallest and the
-largest."""
 
 NEARLY_CERTAIN = 0.999
 """Largest probability of any impact from which the number of first impacts is read."""
@@ -249,12 +246,3 @@ class PairsSizing(GaussianSizing):
         by = found.pop("method")
         first = {"method": "size", "verdict": self.verdict(), "made": self.made(), "by": by}
         return {**first, **found}
-
-
-def places_in_words(made: Mapping[str, RoundedClearance]) -> str:
-    """The clearances of several pairs; of many pairs the smallest and the largest."""
-    if len(made) <= MOST_NAMED:
-        return ", ".join(f"{name} {place}" for name, place in made.items())
-    low, *_, high = sorted(made, key=lambda name: made[name].value)
-    first = f"{len(made)} pairs, each with its own (see the table)"
-    return f"{first}, from {low} {made[low]} to {high} {made[high]}"

@@ -81,9 +81,9 @@ def _evidence(found: ClearanceAnswer) -> tuple[str, list[Section]]:
             [_phases(found), _environment(found)],
         )
     assert isinstance(found, DamageSizing)
+    of = "Clearances" if len(found.clearances) > 1 else "Clearance of an isolated mass"
     return (
-        f"Clearance of an isolated mass by the damage of equipment in "
-        f"{spoken_mission(found.mission)}",
+        f"{of} by the damage of equipment in {spoken_mission(found.mission)}",
         [_damage(found)],
     )
 
@@ -210,7 +210,7 @@ def _damage(found: DamageSizing) -> Section:
 def _stops(found: ClearanceAnswer) -> Section:
     """Where the stops stand, with the drawing of the scene."""
     made = found.sized(found.made.value)
-    names = [pair.name for pair in made.impact_pairs] or ["stops"]
+    several = len(made.impact_pairs) > 1
     return Section(
         title="Gap and stops",
         lead="A clearance is the distance of a stop from the static equilibrium, where the mass "
@@ -218,7 +218,8 @@ def _stops(found: ClearanceAnswer) -> Section:
         "unloaded spring.",
         facts=[
             Fact(
-                f"{side.capitalize()} stop", spoken_length(getattr(pair, side)),
+                f"{side.capitalize()} stop{f' of {pair.name}' if several else ''}",
+                spoken_length(getattr(pair, side)),
                 f"from the unloaded spring; {law.phrase()}",
             )
             for pair in made.impact_pairs
@@ -226,7 +227,7 @@ def _stops(found: ClearanceAnswer) -> Section:
         ],
         pictures=[
             shown(
-                lambda: draw_problem(made, dict.fromkeys(names, found.rest)),
+                lambda: draw_problem(made, found.rests),
                 "The scene with its stops at the clearance to make; not to scale.",
                 wide=True,
             )

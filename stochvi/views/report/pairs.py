@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
-from stochvi.isolators.sizing.pairs_answer import MOST_NAMED
+from stochvi.isolators.sizing.answer import MOST_NAMED, spoken_mission, spoken_percent
 from stochvi.mathematics.shown_units import LENGTH
 from stochvi.results.base import plain
 from stochvi.results.column_units import named_with_units
