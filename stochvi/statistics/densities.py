@@ -94,8 +94,10 @@ class BandedDensity:
 
 @dataclass(frozen=True, eq=False)
 class DensitySampler(ListSampler):
-    """Shares of time (paths, motions, BINS) that paths spend in the bins of some motions, each a
-    row of the coordinates with its span in m."""
+    """Shares of time (paths, motions, BINS) that paths spend in the bins of some motions.
+
+    Each motion is a row of the coordinates, with its span in m.
+    """
 
     plan: HistoryPlan
     rows: tuple[tuple[float, ...], ...]

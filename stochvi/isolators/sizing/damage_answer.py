@@ -36,8 +36,8 @@ class DamageSizing(ClearanceAnswer):
     mission
         Duration, s.
     clearance
-        Metres per side from the static equilibrium, with the 95 % interval; of several pairs that
-        of the widest gap.
+        Metres per side from the static equilibrium, with the 95 % interval; that of the widest
+        gap, where there are several.
     clearances
         The clearance of each pair by its name: all are equally far in rms motions of their gaps.
     sigma
@@ -86,7 +86,7 @@ class DamageSizing(ClearanceAnswer):
 
     def sized(self, clearance: float | None = None) -> Scene:
         """The scene with the stops of the widest gap at a clearance (m), by default the calculated
-        one, and those of the others as far in rms motions."""
+        one. Those of the others are as far in rms motions."""
         place = self.clearance.value if clearance is None else clearance
         found = [place * c.value / self.clearance.value for c in self.clearances.values()]
         return at_clearances(self.scene, found)

@@ -1,7 +1,7 @@
 """One sizing as it goes on, whatever the number of its pairs: the search by impacts, and its run.
 
 A place is one number that says where the stops of all sized pairs go; farther stops have a larger
-one. Of one pair it is the clearance itself. Several pairs share the risk equally: their place is
+one. One pair has its clearance as its place. Several pairs share the risk equally: their place is
 -ln of the risk that each has alone. The logarithm of a rate of impacts is nearly straight in a
 coordinate of the place: the square of a clearance, or that logarithm itself.
 """
