@@ -376,6 +376,7 @@ def test_a_speed_is_kept() -> None:
     assert found.probability.value > 2.0 * 0.01
 
 
+@pytest.mark.slow
 def test_the_worst_case_of_pairs_is_sized_anew(both: PairsSizing) -> None:
     """A level scales every gap; the control is the clearance as stated."""
     table = worst_case(both, Tolerances(level_db=3.0), threads=1).set_index("change")

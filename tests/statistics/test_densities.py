@@ -33,6 +33,7 @@ def exact_means(edges: Vector, sigma: float) -> Vector:
     return np.asarray(probability / total / np.diff(edges))
 
 
+@pytest.mark.slow
 @quick_cases("first", [0, 100, 200, 300, 400], keep=(0,))
 def test_the_bands_hold_the_exact_density_as_often_as_they_promise(first: int) -> None:
     shares, control = [], []
