@@ -379,7 +379,7 @@ def test_a_speed_is_kept() -> None:
 @pytest.mark.slow
 def test_the_worst_case_of_pairs_is_sized_anew(both: PairsSizing) -> None:
     """A level scales every gap; the control is the clearance as stated."""
-    table = worst_case(both, Tolerances(level_db=3.0), threads=1).set_index("change")
+    table = worst_case(both, Tolerances(level_db=3.0), threads=1, budget=600.0).set_index("change")
     assert list(table.index) == [
         "as stated", "level -3 dB", "level +3 dB", "worst within all tolerances: level +3 dB",
     ]  # fmt: skip

@@ -116,19 +116,18 @@ def _largest(
     unknown = [row for row in worst if any(math.isnan(row[name]) for name in names)]
     known = [row for row in (*worst, *rows) if not any(math.isnan(row[name]) for name in names)]
     of = {name: unknown[0] if unknown else max(known, key=itemgetter(name)) for name in names}
-    chosen = list({id(row): row for row in of.values()}.values())
-    words = [
-        row["change"] if len(chosen) == 1 else
-        f"{row['change']} ({', '.join(name for name in names if of[name] is row)})"
-        for row in chosen
-    ]  # fmt: skip
-    first = max(chosen, key=itemgetter("clearance_change"))
+    places: dict[str, list[str]] = {}
+    for name, row in of.items():
+        places.setdefault(row["change"], []).append(name)
+    words = "; ".join(
+        place if len(places) == 1 else f"{place} ({', '.join(at)})" for place, at in places.items()
+    )
     return {
-        **first,
+        **max(of.values(), key=itemgetter("clearance_change")),
         **{name: row[name] for name, row in of.items()},
-        "change": WORST if words == [WORST] else f"{WORST}: {'; '.join(words)}",
-        "probability": max(row["probability"] for row in chosen),
-        "note": "; ".join(filter(None, dict.fromkeys(row["note"] for row in chosen))),
+        "change": WORST if words == WORST else f"{WORST}: {words}",
+        "probability": max(row["probability"] for row in of.values()),
+        "note": "; ".join(filter(None, dict.fromkeys(row["note"] for row in of.values()))),
     }
 
 
