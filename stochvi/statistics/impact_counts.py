@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from stochvi.methods.monte_carlo import simulate
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
@@ -57,7 +59,10 @@ def count_impacts(scene: Scene, overlap: float, run: Run) -> ImpactCounts:
             rate=of_events(found.hit_rate(), found.paths),
             rates={name: of_events(found.hit_rate(name), found.paths) for name in found.pairs},
             speeds={
-                name: found.impact_speed_mean(name) if hits.any() else None
+                # a mean of one path has no error
+                name: found.impact_speed_mean(name)
+                if len(np.unique(found.path[hits > 0])) > 1
+                else None
                 for name, hits in zip(found.pairs, found.hits, strict=True)
             },
             way="bursts",
