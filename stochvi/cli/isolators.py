@@ -127,21 +127,21 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     "--probability",
     type=CHANCE,
     metavar="P",
-    help="Goal: probability of any impact in the mission, 0.01 or 1%.",
+    help="Target: probability of any impact in the mission, 0.01 or 1%.",
 )
 @click.option(
-    "--rate", type=RATE, metavar="F", help="Goal: rate of impacts on all stops, 2 (1/s) or 0.1/h."
+    "--rate", type=RATE, metavar="F", help="Target: rate of impacts on all stops, 2 (1/s) or 0.1/h."
 )
 @click.option(
     "--impact-speed",
     type=SPEED,
     metavar="V",
-    help="Goal: largest impact speed of the mission, m/s.",
+    help="Target: largest impact speed of the mission, m/s.",
 )
 @click.option(
     "--peak-acceleration",
     metavar="A[g]",
-    help="Goal: largest absolute acceleration during an impact in the mission, m/s^2 or g (80g).",
+    help="Target: largest absolute acceleration during an impact in the mission, m/s^2 or g (80g).",
 )
 @click.option(
     "--exceedance",
@@ -177,7 +177,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
 )  # fmt: skip
 @click.option(
     "--map", "wanted", metavar="clearance,stiffness",
-    help="Instead: peak acceleration, force, rattle space and energy over both, or over "
+    help="Instead: peak acceleration, force, travel and energy over both, or over "
     "clearance=2mm:9mm:20,stiffness=1e4:1e6:20; --peak-acceleration is then a limit of it.",
 )  # fmt: skip
 @click.option(
@@ -186,7 +186,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
 )  # fmt: skip
 @click.option(
     "--rattle-space", type=Quantity("length"), metavar="D",
-    help="With --map: largest distance from the static equilibrium, m or 8mm.",
+    help="With --map: limit of the travel from the static equilibrium, m or 8mm.",
 )  # fmt: skip
 @click.option(
     "--damage-ratio", type=float, metavar="R",
@@ -200,7 +200,7 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
 )
 @click.option(
     "--tolerances", metavar="LIST",
-    help="Tolerances within which the clearance keeps its goal: usual (frequency=10%, "
+    help="Tolerances within which the clearance keeps its target: usual (frequency=10%, "
     "damping=30%, level=3dB, stiffness=20%), or some, as frequency=5%,level=1dB; a rigid body "
     "also takes centre=5mm. Or distributions between units, as frequency=normal:3% (std), "
     "clearance=uniform:0.1mm [those that the scene states, as structure.frequency_tolerance].",

@@ -21,7 +21,7 @@ from stochvi.cli.options import (
     numbers,
     shown,
 )
-from stochvi.cli.program import main
+from stochvi.cli.program import FAILED, main, stop
 from stochvi.cli.tolerances import tolerances_of
 
 if TYPE_CHECKING:
@@ -199,7 +199,10 @@ def damage(
                 progress=report, **options.sampling, **asked,
             )  # fmt: skip
 
+    unseen: list[bool] = []
+
     def show(answer: Damage) -> None:
+        unseen.append(answer.unseen)
         judged = (None, "") if asked["way"] == "record" else judged_phase(loaded)
         options.show(answer, print_damage, "damage", None, *judged)
         if options.out is not None and answer.test is not None:
@@ -207,6 +210,11 @@ def damage(
         options.draw("damage", lambda: draw_damage(answer, loaded.title))
 
     shown(found, show, asked)
+    if any(unseen):
+        stop(
+            "no impact was seen, so that the damage of impacts is not known; raise budget with a "
+            "smaller rel_error, or ask reliability how rare they are", FAILED,
+        )  # fmt: skip
 
 
 @main.command()

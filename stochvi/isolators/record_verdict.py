@@ -32,6 +32,11 @@ FEWEST_BLOCKS = 16
 """Smallest number of blocks from which a change of level is judged: fewer cannot contradict a
 steady one, because their cumulative sum has no room to."""
 
+WELL_DAMPED = 0.7
+"""Damping ratio of the modes of a second structure in which shocks are looked for. Its resonance
+hides them less: noise moves it less, and a shock nearly as far. It has the natural frequencies of
+the first, so that peaks too fast to move a mount are not felt there either."""
+
 STEADY = 1.05
 """Ratio of two standard deviations within a record up to which its level counts as steady: a
 clearance follows it in proportion."""
@@ -112,7 +117,8 @@ class RecordVerdict:
         The same for each side alone; None where the scene has a stop on the other side only.
     p_values
         Probability that a stationary Gaussian process deviates as far, to either side, in its
-        "peak", in its "kurtosis" and in its "level"; None where the record is too short to tell.
+        "peak", in its "kurtosis" and in its "level". "damped peak" and "damped kurtosis" are those
+        of a structure whose modes are well damped. None where the record is too short to tell.
     level_ratio
         Standard deviation of the response after the moment of the largest change of its level, over
         that before it; None where the record is too short to tell.
@@ -215,11 +221,12 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     linear structure.
 
     Exact steps give the response of every gap to the records without stops. It is compared with a
-    Gaussian process of the same spectrum. Other excitations are left out. The
-    tests on all gaps share the probability `FALSE_ALARMS`. The largest distance from rest is held
-    against Vanmarcke's distribution of first crossings (1975). The kurtosis is held against the
-    distribution of Anscombe and Glynn (1983), for as many independent values as give it the
-    variance 24 int rho^4 dtau / T. `change_of_level` finds changes of the level. A record that is
+    Gaussian process of the same spectrum. The same is done with the damping ratio `WELL_DAMPED`,
+    where shocks stand out. Other excitations are left out. The tests on all gaps share the
+    probability `FALSE_ALARMS`. The largest distance from rest is held against Vanmarcke's
+    distribution of first crossings (1975). The kurtosis is held against the distribution of
+    Anscombe and Glynn (1983), for as many independent values as give it the variance
+    24 int rho^4 dtau / T. `change_of_level` finds changes of the level. A record that is
     cut off contradicts as well, and so does one whose slow motion is absent from its density.
     Several records contradict where together they move a gap more than independent noises would.
 
@@ -237,9 +244,11 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     if nonlinear(model) or not np.all(model.modal.squares > 0.0):
         return None
     gaps = _gaps_of(scene, model)
-    poles = GapPoles.of(model, np.array([each.direction for each in gaps]))
+    directions = np.array([each.direction for each in gaps])
+    poles = GapPoles.of(model, directions)
     if not poles.settles:
         return None
+    damped = GapPoles.of(model, directions, WELL_DAMPED)
     together: dict[object, list[RecordOnStructure]] = {}
     for each in records_of(scene, model):
         if each.noise.kurtosis is not None:
@@ -248,7 +257,7 @@ def record_verdict(scene: Scene) -> RecordVerdict | None:
     found = [
         verdict
         for records in together.values()
-        for verdict in _verdicts(model, gaps, poles, records)
+        for verdict in _verdicts(model, gaps, poles, damped, records)
     ]
     return _least_gaussian(found) if found else None
 
@@ -289,10 +298,12 @@ STILL = 1e-9
 
 
 def _verdicts(
-    model: Model, gaps: Sequence[_Gap], poles: GapPoles, records: Sequence[RecordOnStructure]
-) -> list[RecordVerdict]:
-    """The verdicts on the gaps that records of one sampling move."""
-    together = _motions(model, poles, records)
+    model: Model, gaps: Sequence[_Gap], poles: GapPoles, damped: GapPoles,
+    records: Sequence[RecordOnStructure],
+) -> list[RecordVerdict]:  # fmt: skip
+    """The verdicts on the gaps that records of one sampling move; `damped` are the poles of the
+    structure with more damping."""
+    together, calmer = (_motions(model, each, records) for each in (poles, damped))
     reached = [max(max(each.highest, -each.lowest) for each in own) for own in together]
     moved = [number for number, each in enumerate(reached) if each > STILL * max(reached)]
     clipped = any(cut_off(each.noise.as_read.values) for each in records)
@@ -301,12 +312,13 @@ def _verdicts(
     rate = records[0].noise.record.fs
     found = []
     for number in moved:
-        law = _law_of(poles, number, records)
+        law, calm = (_law_of(each, number, records, poles.widths) for each in (poles, damped))
         motion = JudgedMotion.of(together[number], rate, law, poles)
+        shocks = _Shape.of(JudgedMotion.of(calmer[number], rate, calm, damped), calm)
         apart = sum(JudgedMotion.of(each[number], rate, law, poles).x.var() for each in alone)
         verdict = _verdict(
-            motion, gaps[number], law, clipped=clipped, lost=lost, tests=len(TESTS) * len(moved),
-            apart=math.sqrt(apart),
+            motion, gaps[number], law, shocks, clipped=clipped, lost=lost,
+            tests=len(TESTS) * len(moved), apart=math.sqrt(apart),
         )  # fmt: skip
         found.append(verdict)
     return found
@@ -330,8 +342,11 @@ def _lost(model: Model, records: Sequence[RecordOnStructure]) -> list[tuple[floa
     return [each for each in found if each is not None]
 
 
-def _law_of(poles: GapPoles, gap: int, records: Sequence[RecordOnStructure]) -> ResponseLaw:
-    """The law of one gap under independent noises of the densities of the records."""
+def _law_of(
+    poles: GapPoles, gap: int, records: Sequence[RecordOnStructure], bandwidths: Vector
+) -> ResponseLaw:
+    """The law of one gap under independent noises of the densities of the records, summed in steps
+    for modes of these bandwidths (rad/s)."""
 
     def density(f: Vector) -> Vector:
         total = np.zeros(len(f))
@@ -340,7 +355,7 @@ def _law_of(poles: GapPoles, gap: int, records: Sequence[RecordOnStructure]) -> 
         return total
 
     top = max(float(each.table.frequency_hz[-1]) for each in records)
-    hertz, widths = poles.naturals / (2.0 * math.pi), poles.widths / (2.0 * math.pi)
+    hertz, widths = poles.naturals / (2.0 * math.pi), bandwidths / (2.0 * math.pi)
     within = widths[hertz <= top]
     return response_law(
         density, top=top, natural=float(hertz.min()),
@@ -548,46 +563,75 @@ class JudgedMotion(NamedTuple):
         return max(self.above, self.below)
 
 
-TESTS = ("peak", "kurtosis", "level")
+TESTS = ("peak", "kurtosis", "level", "damped peak", "damped kurtosis")
 """Names of the tests of a motion."""
 
 
+class _Shape(NamedTuple):
+    """A motion about its mean: its standard deviation (m), and its largest distance in it with the
+    median for a Gaussian process. Then its kurtosis with the standard error, and the p values of
+    both; None where they cannot be tested."""
+
+    sigma: float
+    peak: float
+    expected: float
+    kurtosis: float
+    error: float
+    peak_p: float | None
+    kurtosis_p: float | None
+
+    @classmethod
+    def of(cls, motion: JudgedMotion, law: ResponseLaw) -> _Shape:
+        centred = motion.x - motion.x.mean()
+        square = float(np.mean(centred**2))
+        sigma, duration = math.sqrt(square), motion.duration
+        peak, kurtosis = motion.settled / sigma, float(np.mean(centred**4)) / square**2
+        below = peak_probability(peak, duration, law)
+        tested = kurtosis_p_value(kurtosis, duration / law.memory) if motion.judged else None
+        return cls(
+            sigma, peak, expected_peak(duration, law), kurtosis,
+            math.sqrt(24.0 * law.memory / duration),
+            2.0 * min(below, 1.0 - below) if motion.judged else None, tested,
+        )  # fmt: skip
+
+    def told(self, limit: float, moves: str, of: str) -> list[str]:
+        """What is less likely than a limit, a sentence each, of a gap in words."""
+        found = []
+        if self.peak_p is not None and self.peak_p < limit:
+            found.append(
+                f"{moves} {1e3 * self.peak * self.sigma:.4g} mm ({self.peak:.3g} sigma), where "
+                f"Gaussian noise would move {1e3 * self.expected * self.sigma:.3g} mm "
+                f"({self.expected:.3g} sigma; {p_value_in_words(self.peak_p)})"
+            )
+        if self.kurtosis_p is not None and self.kurtosis_p < limit:
+            found.append(
+                f"the kurtosis of {of} is {self.kurtosis:.3g}, where Gaussian noise would have "
+                f"3 +- {self.error:.2g} ({p_value_in_words(self.kurtosis_p)})"
+            )
+        return found
+
+
 def _verdict(
-    motion: JudgedMotion, gap: _Gap, law: ResponseLaw, *, clipped: bool,
+    motion: JudgedMotion, gap: _Gap, law: ResponseLaw, shocks: _Shape, *, clipped: bool,
     lost: Sequence[tuple[float, str]], tests: int, apart: float,
 ) -> RecordVerdict:  # fmt: skip
-    """The verdict on a response.
+    """The verdict on a response, and on `shocks`, that of the well damped structure.
 
     `tests` share the probability of a false alarm. Where several records move the gap, it would
     have the standard deviation `apart` (m) if they were independent; else that is 0.
     """
-    x, duration, settled, judged = motion.x, motion.duration, motion.settled, motion.judged
-    centred = x - x.mean()
-    square = float(np.mean(centred**2))
-    sigma = math.sqrt(square)
-    kurtosis = float(np.mean(centred**4)) / square**2
-    below = peak_probability(settled / sigma, duration, law)
-    unlikely = 2.0 * min(below, 1.0 - below) if judged else None
-    shape = kurtosis_p_value(kurtosis, duration / law.memory) if judged else None
+    x, duration, judged = motion.x, motion.duration, motion.judged
+    centred, shape = x - x.mean(), _Shape.of(motion, law)
+    sigma = shape.sigma
     level = change_of_level(centred, duration, law) if judged else None
-    p_values = dict(zip(TESTS, (unlikely, shape, level and level.p_value), strict=True))
-    expected = expected_peak(duration, law)
+    found = shape.peak_p, shape.kurtosis_p, level and level.p_value
+    p_values = dict(zip(TESTS, (*found, shocks.peak_p, shocks.kurtosis_p), strict=True))
     limit = FALSE_ALARMS / tests
     moves = "it moves" if gap.name is None else f"{gap.words} moves"
     through = "mount" if gap.name is None else "structure"
     of = "" if gap.name is None else f" of {gap.name}"
     reasons = [sentence for _, sentence in lost] if judged else []
-    if unlikely is not None and unlikely < limit:
-        reasons.append(
-            f"through the {through} {moves} {1e3 * settled:.4g} mm ({settled / sigma:.3g} sigma), "
-            f"where Gaussian noise would move {1e3 * expected * sigma:.3g} mm ({expected:.3g} "
-            f"sigma; {p_value_in_words(unlikely)})"
-        )
-    if shape is not None and shape < limit:
-        reasons.append(
-            f"the kurtosis of the response{of} is {kurtosis:.3g}, where Gaussian noise would have "
-            f"3 +- {math.sqrt(24.0 * law.memory / duration):.2g} ({p_value_in_words(shape)})"
-        )
+    reasons += shape.told(limit, f"through the {through} {moves}", f"the response{of}")
     if level is not None and level.p_value < limit and not 1 / STEADY < level.ratio < STEADY:
         reasons.append(
             f"its level is not steady: after {level.share * duration:.3g} of {duration:.3g} s the "
@@ -604,18 +648,22 @@ def _verdict(
             "the record is cut off at its largest or smallest value, as by a logger at the end of "
             "its range: the motion under it is too small"
         )
+    # what the motion itself shows is enough
+    if judged and not reasons:
+        calm = f"damped with {WELL_DAMPED:g}, where no resonance hides shocks"
+        reasons += shocks.told(limit, f"{calm}, {moves}", f"the response{of} {calm},")
     lower = BEYOND * max(motion.below, 0.0) if -1 in gap.sides else None
     upper = BEYOND * max(motion.above, 0.0) if 1 in gap.sides else None
     return RecordVerdict(
         contradicts=bool(reasons),
-        judged=unlikely is not None and shape is not None,
+        judged=shape.peak_p is not None and shape.kurtosis_p is not None,
         reasons=tuple(reasons),
         displacement_max=motion.largest,
         displacement_std=motion.whole,
-        peak_in_sigma=settled / sigma,
-        expected_peak_in_sigma=expected,
-        kurtosis=kurtosis,
-        kurtosis_error=math.sqrt(24.0 * law.memory / duration),
+        peak_in_sigma=shape.peak,
+        expected_peak_in_sigma=shape.expected,
+        kurtosis=shape.kurtosis,
+        kurtosis_error=shape.error,
         clearance=max(lower or 0.0, upper or 0.0),
         clearance_lower=lower,
         clearance_upper=upper,

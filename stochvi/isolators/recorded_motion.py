@@ -70,8 +70,9 @@ class GapPoles:
     widths: Vector
 
     @classmethod
-    def of(cls, model: Model, directions: Matrix) -> GapPoles:
-        """Those of a model for gaps along `directions` (gaps, n).
+    def of(cls, model: Model, directions: Matrix, least_damping: float = 0.0) -> GapPoles:
+        """Those of a model for gaps along `directions` (gaps, n). With a `least_damping` ratio its
+        modes are damped at least so, each alone.
 
         Raises
         ------
@@ -79,17 +80,19 @@ class GapPoles:
             If the shapes of the poles cannot be found.
         """
         modes = model.modal
-        n = modes.size
-        poles, shapes = _eigen(modes.squares, modes.damping, 1.0)
+        n, naturals, damping = modes.size, np.sqrt(modes.squares), modes.damping
+        if least_damping:
+            damping = np.diag(np.maximum(np.diag(damping), 2.0 * least_damping * naturals))
+        poles, shapes = _eigen(modes.squares, damping, 1.0)
         if np.linalg.cond(shapes) > CONDITION:
-            poles, shapes = _eigen(modes.squares, modes.damping, 1.0 + SPLIT)
-        pushed, naturals = np.linalg.inv(shapes)[:, n:], np.sqrt(modes.squares)
+            poles, shapes = _eigen(modes.squares, damping, 1.0 + SPLIT)
+        pushed = np.linalg.inv(shapes)[:, n:]
         return cls(
             poles=poles,
             shapes=(directions @ modes.shapes) @ shapes[:n],
             entries=pushed @ modes.shapes.T,
             naturals=naturals,
-            widths=np.minimum(np.diag(modes.damping), naturals),
+            widths=np.minimum(np.diag(damping), naturals),
         )
 
     @property

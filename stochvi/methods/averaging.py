@@ -43,8 +43,10 @@ def average(
 
         p(E) = C T exp(-(1 / D) integral of (b + L / J) dE),   L = sum_i (1 - R_i^2)(E - E_i),
 
-    the variant "continuous", exact at R = 1. The variant "finite jumps" lets an impact take the
-    energy from E to E_i + R_i^2 (E - E_i) at once: with the flux through E balanced,
+    with D = S0 / 2, the period T(E) and a constant C. J(E) is the integral of v dx over a cycle,
+    E_i the energy that just reaches the stop i. This is the variant "continuous", exact at R = 1.
+    The variant "finite jumps" lets an impact take the energy from E to E_i + R_i^2 (E - E_i) at
+    once. The flux through E is balanced,
 
         D J G' + b J G + sum over E_i < E of integral of G from E to E_i + (E - E_i) / R_i^2 = 0,
 

@@ -31,12 +31,16 @@ COLUMN_UNITS = {
     "acceleration_rms": "m/s^2", "acceleration_max": "m/s^2", "largest_acceleration": "m/s^2",
     "wall_acceleration_largest": "m/s^2", "response_rms": "m/s^2", "extreme_response": "m/s^2",
     "cumulative_rms": "m/s^2", "extreme_lower": "m/s^2", "extreme_upper": "m/s^2",
+    "shock_typical": "m/s^2", "shock_worst": "m/s^2",
     "wall_force": "N", "wall_force_peak": "N", "wall_force_largest": "N",
     "stiffness": "N/m", "time": "s", "duration": "s", "contact_time": "s", "life_time": "s",
     "rice": "1/s", "closure": "1/s", "simulated": "1/s", "rice_rate": "1/s",
     "first_hit_rate": "1/s", "hit_rate": "1/s", "exceedance_rate": "1/s", "lyapunov": "1/s",
 }  # fmt: skip
 """Units of the columns of tables by their names."""
+
+DENSITY_UNITS = {"equivalent_density": "(m/s^2)^2/Hz", "fatigue_damage": "(m/s)^b"}
+"""Units that files for programs state and names of columns do not."""
 
 ENDING = re.compile(
     r"(?:_(?:low|high|error|standard_error|bias|without_stops|without))*"
@@ -67,6 +71,16 @@ def named_with_units(table: pd.DataFrame) -> pd.DataFrame:
     ['clearance_m', 'hit_rate_per_s_low', 'note']
     """
     return table.rename(columns={str(name): _named(str(name)) for name in table})
+
+
+def unit_of_column(column: str) -> str | None:
+    """The SI unit of a column whose name does not state it; None where it is not known.
+
+    >>> unit_of_column("extreme_response_bias_without_stops"), unit_of_column("equivalent_density")
+    ('m/s^2', '(m/s^2)^2/Hz')
+    """
+    name, _ = _parts(column)
+    return {**COLUMN_UNITS, **DENSITY_UNITS}.get(name)
 
 
 def _parts(column: str) -> tuple[str, str]:

@@ -1018,7 +1018,7 @@ class Scene(Checked):
             found.append(f"{which}; an impact is instantaneous (Newton's restitution)")
         if "viscoelastic" in words:
             found.append(
-                "contact with a viscoelastic stop ends at zero force; the limiter has no mass and "
+                "contact with a viscoelastic stop ends at zero force; the stop has no mass and "
                 "recovers at once"
             )
         if "function" in words:

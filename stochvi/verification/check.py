@@ -49,6 +49,16 @@ ZERO = "zero by construction"
 """Verdict on a sampled number that is zero on every path, so that nothing was compared: the mean
 displacement where tables are synthesised, say, and the balance of force where nothing is hit."""
 
+OTHER_THRESHOLD = "other threshold"
+"""Verdict on a rate or mean speed by an approximation that counts impacts above another speed than
+the reference."""
+
+COUNTED = ("collision_rate", "impact_speed_mean")
+"""First words of the quantities that depend on the slowest impact that is counted."""
+
+SAME_THRESHOLD = 1e-3
+"""Relative difference of two speed thresholds up to which they count as one."""
+
 RARE = 0.2
 """Relative standard error of a quantity of impacts from which impacts are too few to judge it."""
 
@@ -210,8 +220,9 @@ def check(
     (Sidak). Where a standard error comes from few paths, Student's distribution widens it.
     `check_many` does this for several scenes. A quantity whose bias a method cannot state is not
     judged, nor is one that is zero on every path. Averaging and linearisation are approximations:
-    their errors are shown, not judged. Where the budget ends first, what was simulated by then is
-    judged; after Ctrl-C `Interrupted` carries the verdict on that.
+    their errors are shown, not judged, but for rates of impacts above another speed than that of
+    the reference. Where the budget ends first, what was simulated by then is judged; after Ctrl-C
+    `Interrupted` carries the verdict on that.
 
     Parameters
     ----------
@@ -451,6 +462,16 @@ def _vanish(size: float, *estimates: Estimate) -> bool:
     )
 
 
+def _other_threshold(of: str, quantity: str, first: Response, second: Response) -> bool:
+    """Whether two responses count impacts of a pair above different speeds."""
+    if not quantity.startswith(COUNTED):
+        return False
+    one, other = (
+        float(each.impact_pairs[of].get("speed_threshold") or 0.0) for each in (first, second)
+    )
+    return abs(one - other) > SAME_THRESHOLD * max(one, other)
+
+
 DETERMINISTIC_ERROR = 1e-9
 """Relative error allowed to any deterministic number, for its quadrature and root finding."""
 
@@ -490,6 +511,8 @@ def _row(
             tolerance, verdict = None, BIAS_UNKNOWN
         elif response.cost.paths and _vanish(size, estimate, truth):
             tolerance, score, verdict = None, None, ZERO
+    elif reference is not None and _other_threshold(of, quantity, response, reference):
+        verdict = OTHER_THRESHOLD
     return Comparison(
         of=of,
         quantity=quantity,

@@ -61,7 +61,7 @@ def panels(found: BumperMap) -> list[Panel]:
     return [
         Panel("peak_acceleration", "peak acceleration", ACCELERATION),
         Panel("pad_force", "largest force on a stop", FORCE, per),
-        Panel("rattle_space", "rattle space per side", LENGTH),
+        Panel("rattle_space", "travel per side", LENGTH),
         Panel("energy_per_hit", "mean energy of an impact", ENERGY, per),
     ]
 
@@ -74,16 +74,21 @@ def print_bumper_map(console: Console, found: BumperMap) -> None:
         f"stiffness ({STIFFNESS})" if _in_units(found) else "stiffness, times",
     ]
     shown = panels(found)
-    headings += [panel.quantity.heading(panel.words, panel.more) for panel in shown] + ["limits"]
-    table = new_table(f"exceeded in {_risk(found)}", headings)
+    headings += [panel.quantity.heading(panel.words, panel.more) for panel in shown]
+    headings += ["limits"] if found.limits else []
     rows, columns = found.feasible.shape
-    for row in np.unique(np.linspace(0, rows - 1, CORNERS).astype(int)):
-        for column in np.unique(np.linspace(0, columns - 1, CORNERS).astype(int)):
+    at = [np.unique(np.linspace(0, n - 1, CORNERS).round().astype(int)) for n in (rows, columns)]
+    left = rows * columns - len(at[0]) * len(at[1])
+    more = f"; {left} more points in the file of the map" if left else ""
+    table = new_table(f"exceeded in {_risk(found)}{more}", headings)
+    for row in at[0]:
+        for column in at[1]:
             cells = [f"{LENGTH(found.clearance[row]):.3g}", f"{_stiffness(found)[column]:.3g}"]
             for panel in shown:
                 cells.append(_one(found, panel, row, column))
-            cells.append("kept" if found.feasible[row, column] else "exceeded")
-            table.add_row(*cells if found.limits else [*cells[:-1], ""])
+            if found.limits:
+                cells.append("kept" if found.feasible[row, column] else "exceeded")
+            table.add_row(*cells)
     print_table(console, table)
     print_assumptions(console, found.assumptions)
     print_line(console, f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads")
@@ -111,6 +116,9 @@ def _one(found: BumperMap, panel: Panel, row: int, column: int) -> str:
     )
     if not np.isfinite(value):
         return "not known"
+    if not found.impact_speed.value[row, column] > 0.0:
+        untouched = "no contact" if panel.name == "pad_force" else f"{panel.quantity(value):.3g}"
+        return untouched if panel.name != "energy_per_hit" or value else "no contact"
     estimate = Estimate(value=value, standard_error=error, bias=bias)
     return value_with_error(panel.quantity(estimate), with_bias=False)
 

@@ -48,12 +48,16 @@ def print_damage(console: Console, found: Damage) -> None:
         without is not None
         and found.damage_ratio is not None
         and found.impacts_per_hour is not None
+        and not found.unseen
     )
     if compared:
-        headings += ["rms, no stops", "largest, no stops", "times the damage"]
+        headings += [
+            f"rms, no stops ({ACCELERATION})", f"largest, no stops ({ACCELERATION})",
+            "times the damage",
+        ]  # fmt: skip
     headings.append(f"equivalent ({DENSITY})")
     if found.shocks is not None:
-        headings += [f"typical impact ({ACCELERATION})", "worst of 100"]
+        headings += [f"typical impact ({ACCELERATION})", f"worst of 100 ({ACCELERATION})"]
     title = (
         f"equipment at {found.at}, Q = {found.quality:g}, b = {found.exponent:g}, in a mission of "
         f"{spoken_mission(found.mission)}"
@@ -111,7 +115,7 @@ def hits_in_words(found: Damage) -> list[str]:
             ("impacts bring", found.impact_work_per_hour, ENERGY, energy),
             ("and lose", found.impact_loss_per_hour, ENERGY, energy),
         )
-        if estimate is not None
+        if estimate is not None and not (found.unseen and quantity is ENERGY)
     ]
     lines += [
         f"contacts above {ACCELERATION.text(float(level))}: {_hourly(estimate)} per {HOURLY.time}"
@@ -209,7 +213,8 @@ def plot_fatigue(found: Damage, ax: Axes | None = None) -> Axes:
     ax.set_ylabel(f"fatigue damage\n(m/s)^{found.exponent:g}")
     plain_ticks(ax)
     add_grid(ax)
-    ax.legend(frameon=False, fontsize="small")
+    if ax.get_legend_handles_labels()[0]:
+        ax.legend(frameon=False, fontsize="small")
     return ax
 
 

@@ -150,6 +150,7 @@ def write_table(frame: pd.DataFrame, path: Path, units: Mapping[str, str] = {}) 
             made = getattr(other_formats, TABLE_FORMATS[name])(frame)
             if made is not None:
                 write_bytes(made, path.with_suffix(f".{name}"))
+            _written.get().setdefault(name, []).append(made is not None)
 
 
 TABLE_FORMATS = {"mat": "mat_of", "uff": "uff_of"}
@@ -159,16 +160,24 @@ FORMATS = (*TABLE_FORMATS, "pdf")
 """All forms in which answers are also written; "pdf" is that of reports."""
 
 _formats: ContextVar[frozenset[str]] = ContextVar("formats", default=frozenset())
+_written: ContextVar[dict[str, list[bool]]] = ContextVar("written", default={})  # noqa: B039
 
 
 @contextlib.contextmanager
 def also_written(formats: Iterable[str]) -> Iterator[None]:
     """Within this context tables and reports are also written in these of the `FORMATS`."""
-    before = _formats.set(frozenset(formats))
+    before, written = _formats.set(frozenset(formats)), _written.set({})
     try:
         yield
+        for name, each in sorted(_written.get().items()):
+            if not any(each):
+                warnings.warn(
+                    f"no table of this answer is a function of time or frequency, so that no "
+                    f"{name} file was written; CSV and mat hold the tables", stacklevel=2,
+                )  # fmt: skip
     finally:
         _formats.reset(before)
+        _written.reset(written)
 
 
 def write_report_page(html: str, path: Path) -> None:

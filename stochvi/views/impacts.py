@@ -67,7 +67,8 @@ def draw_impacts(found: ImpactStatistics, title: str = "") -> Axes:
         ax.set_xlabel(labels[0])
         ax.set_ylabel(labels[1])
         ax.grid(alpha=0.25)
-        ax.legend(frameon=False, fontsize="small")
+        if ax.get_legend_handles_labels()[0]:
+            ax.legend(frameon=False, fontsize="small")
     figure.suptitle(title or "impacts")
     first: Axes = left
     return first

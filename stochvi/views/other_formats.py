@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from stochvi.mathematics.arrays import Vector
+from stochvi.results.column_units import unit_of_column
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,6 +87,9 @@ ORDINATES = {
 }  # fmt: skip
 """Unit and quantity, in a dataset 58, of a column by the end of its name."""
 
+QUANTITIES = dict(ORDINATES.values())
+"""Quantity of a unit in a dataset 58."""
+
 
 def functions_of(frame: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """The functions of time or frequency that a table holds, as datasets 58 of a UFF file.
@@ -116,7 +120,8 @@ def _dataset(axis: Axis, x: Vector, y: Vector, words: Sequence[str], unit: str) 
     even = bool(np.ptp(steps) <= EVEN * x[-1])
     label = " ".join(words)[:MOST_LABEL]
     end = max((end for end in ORDINATES if words[-1].endswith(end)), key=len, default="")
-    unit, quantity = ORDINATES.get(end, (unit or "NONE", 0))
+    known = unit or unit_of_column(words[-1]) or "NONE"
+    unit, quantity = ORDINATES.get(end, (known, QUANTITIES.get(known, 0)))
     code = DENSITY if unit.endswith("/Hz") else axis.function_code
     return {
         "type": 58, "binary": 0, "func_type": code, "data": y, "x": x,

@@ -137,7 +137,8 @@ def worst_places(sizing: PairsSizing) -> list[str]:
 
 
 TOLERANCES = (
-    "within the tolerances, by linear theory: clearances for the same risk; probability of any "
+    "within the tolerances, by linear theory: clearances that each pair alone needs for the same "
+    "risk; probability of any "
     "impact with those as stated; last, the largest of each column over the whole region"
 )
 """Heading of the table of tolerances."""

@@ -13,6 +13,7 @@ from stochvi.verification.check import (
     BALANCE,
     DETERMINISTIC_ERROR,
     DISAGREES,
+    OTHER_THRESHOLD,
     STOPPED_EARLY,
     Check,
     Comparison,
@@ -36,9 +37,13 @@ if TYPE_CHECKING:
     from stochvi.verification.testing.judging import Finding, Judgement
 
 
+NOT_JUDGED = (APPROXIMATE, OTHER_THRESHOLD)
+"""Verdicts on approximations."""
+
+
 def print_check(console: Console, verdict: Check) -> None:
     """Print what was judged, the errors of linearisation, and the verdict in a sentence."""
-    judged = [row for row in verdict.comparisons if row.verdict != APPROXIMATE]
+    judged = [row for row in verdict.comparisons if row.verdict not in NOT_JUDGED]
     for method in dict.fromkeys(row.method for row in judged):
         _print_judged(console, [row for row in judged if row.method == method])
     _print_approximations(console, verdict)
@@ -136,7 +141,7 @@ def _print_judged(console: Console, judged: Sequence[Comparison]) -> None:
 
 def _print_approximations(console: Console, verdict: Check) -> None:
     """Relative errors of the approximate methods against the reference, not judged."""
-    shown = [row for row in verdict.comparisons if row.verdict == APPROXIMATE]
+    shown = [row for row in verdict.comparisons if row.verdict in NOT_JUDGED]
     if not shown:
         return
     methods = list(dict.fromkeys(row.method for row in shown))
@@ -153,7 +158,10 @@ def _print_approximations(console: Console, verdict: Check) -> None:
 
 
 def _error_in_words(row: Comparison) -> str:
-    """The relative error in per cent; "never seen" where the reference value is 0."""
+    """The relative error in per cent; "never seen" where the reference value is 0, and no number
+    where the two count impacts above different speeds."""
+    if row.verdict == OTHER_THRESHOLD:
+        return "other threshold"
     if row.reference_value == 0.0 != row.value:
         return "never seen"
     return f"{100.0 * row.relative:+.2f}"

@@ -23,6 +23,14 @@ NO_TOLERANCES = (
 )
 """Sentence of a page whose clearance holds no tolerances."""
 
+OF_ONE_MOUNT = (
+    "One direction of motion; no rocking, and no coupling of directions.",
+    "A linear spring and a viscous damper: filled rubber is stiffer at small amplitudes, and "
+    "softer when warm; take its stiffness at the amplitude of the mission.",
+    "The base does not feel the mass.",
+)
+"""Limits of every page on one mass on its mount."""
+
 MOST_PLACES = 5
 """Largest number of digits after the point; a number that needs more is written with a power of
 ten."""

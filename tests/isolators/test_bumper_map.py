@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
+from io import StringIO
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from stochvi import (
     Elastic,
@@ -21,6 +24,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.isolators import BumperMap, bumper_map
+from stochvi.isolators.bumpers.answer import QUANTITIES
 from stochvi.isolators.bumpers.method import stiffness_of
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.changes import changed_stops
@@ -28,6 +32,7 @@ from stochvi.isolators.sizing.clatter import WindowSampler, plan_windows
 from stochvi.results.deadline import NEVER
 from stochvi.results.intervals import binomial_interval
 from stochvi.statistics.damage import SpectrumValues
+from stochvi.views.bumper_map import print_bumper_map
 
 TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
 MOUNT = Isolator(frequency_hz=12.0, zeta=0.1, mass=2.5)
@@ -198,3 +203,34 @@ def test_what_makes_no_map_is_refused() -> None:
     with pytest.raises(ValueError, match=r"exceedance must be in \(0, 1\), got 1"):
         bumper_map(between(), exceedance=1.0)
     assert stiffness_of(between()) == 5e5
+
+
+def test_the_table_has_limits_and_forces_only_where_there_are_any() -> None:
+    peak, rattle = [[30.0, 90.0], [20.0, 50.0]], [[3e-3, 1.5e-3], [4e-3, 2.5e-3]]
+
+    def printed(found: BumperMap) -> str:
+        console = Console(file=StringIO(), width=200)
+        print_bumper_map(console, found)
+        return console.file.getvalue()  # type: ignore[attr-defined]
+
+    found = made(peak, rattle)
+    none = np.array([[1.0, 1.0], [0.0, 0.0]])
+    calm = replace(
+        found,
+        impact_speed=replace(found.impact_speed, value=none),
+        pad_force=replace(found.pad_force, value=none),
+    )
+    assert "limits " not in printed(found).splitlines()[2] and "no contact" not in printed(found)
+    assert printed(calm).count("no contact") == 2 and "8.154845" not in printed(calm)
+    limited = printed(made(peak, rattle, peak_acceleration=60.0))
+    assert "kept" in limited and "exceeded" in limited and "travel per side" in limited
+    many = replace(
+        found, stiffness_factor=np.arange(1.0, 6.0),
+        **{name: of_ones() for name in QUANTITIES},
+    )  # fmt: skip
+    assert "2 more points in the file of the map" in printed(many)
+
+
+def of_ones() -> SpectrumValues:
+    ones = np.ones((2, 5))
+    return SpectrumValues(value=ones, standard_error=0.1 * ones, bias=0.0 * ones)

@@ -37,6 +37,7 @@ from stochvi.isolators.sizing.worst_case import REL_ERROR, _largest, worst_case
 from stochvi.model.model import model_of
 from stochvi.model.natural_modes import natural_modes
 from stochvi.results.estimates import Estimate
+from stochvi.results.origin import origin_of
 from stochvi.sampling.run import Run as SampledRun
 from stochvi.scenes.changed_mounts import changed_mount
 from stochvi.scenes.datasets import shipped_scene
@@ -46,6 +47,7 @@ from stochvi.statistics.pair_crossings import pair_crossings
 from stochvi.statistics.structure_hits import Limit, exceedance
 from stochvi.testing import assert_agrees
 from stochvi.views.pairs import pairs_in_words, plot_pairs_risk
+from stochvi.views.report.pairs import pairs_page
 from support.commands import Run, one_document
 from support.pairs import LAW, pair, uncoupled
 from support.runs import run_of
@@ -514,3 +516,17 @@ def test_hits_that_the_budget_left_unknown_end_with_code_one(
     assert code == 1 and "not known: the budget of 5 s ended" in short[0]
     # the control: what cannot be counted by nature is no lack of accuracy
     assert outcome(NotApplicable("hits", ["a law"])) == (0, [])
+
+
+def test_one_clearance_for_all_is_said_to_be_common(both: PairsSizing) -> None:
+    """The risks of its pairs then differ: no page says that they are equal."""
+    x = both.clearances["x"]
+    stated = both.tolerances.iloc[:1]
+    common = replace(both, clearances={"x": x, "z": x}, common=("x", "z"), tolerances=stated)
+    assert "for all 2 pairs in common, per side" in common.verdict()
+    page = pairs_page(common, origin_of(common.provenance))
+    lead = page.sections[0].lead
+    assert lead == "x, z have one clearance in common, so that their risks differ."
+    assert "in common" not in both.verdict()
+    equal = pairs_page(both, origin_of(both.provenance)).sections[0].lead
+    assert equal.startswith("Pairs share the risk equally: each alone")

@@ -25,6 +25,7 @@ from stochvi import (
 )
 from stochvi.isolators.record_verdict import (
     FALSE_ALARMS,
+    TESTS,
     cut_off,
     kurtosis_p_value,
     p_value_in_words,
@@ -137,6 +138,36 @@ def test_slow_drift_is_named_for_several_masses(tmp_path: Path) -> None:
         assert set(told) <= set(linearise(scene).warnings)
 
 
+def with_shocks(random: np.random.Generator, size: float, length: float) -> Vector:
+    """Noise of 1 g rms for 20 s with two half sines."""
+    a = gaussian(random, 20.0)
+    t = np.arange(len(a)) / FS
+    for start in random.uniform(1.0, 19.0, 2):
+        inside = (t >= start) & (t < start + length)
+        a[inside] += size * np.sin(np.pi * (t[inside] - start) / length)
+    return a
+
+
+def test_shocks_that_a_resonance_hides_are_noticed(tmp_path: Path) -> None:
+    """Potholes of 3 g, which Gaussian sizing for 5 % is hit by in 48 % of records (study 17), are
+    seen in a well damped mount where the mount itself shows one in six. Peaks too fast to move a
+    mount of 12 Hz are not."""
+    random = np.random.default_rng(31)
+    found = [record_verdict(scene_of(tmp_path, with_shocks(random, 3.0, 0.04))) for _ in range(6)]
+    hidden = 0
+    for verdict in found:
+        assert verdict is not None and verdict.contradicts
+        p = verdict.p_values
+        damped = min(p["damped peak"], p["damped kurtosis"])
+        assert damped < FALSE_ALARMS / 5.0
+        if min(p["peak"], p["kurtosis"]) > FALSE_ALARMS / 5.0:
+            hidden += 1
+            assert "damped with 0.7, where no resonance hides shocks" in verdict.sentence()
+    assert hidden >= 3
+    fast = [record_verdict(scene_of(tmp_path, with_shocks(random, 8.0, 0.003))) for _ in range(4)]
+    assert not any(verdict is None or verdict.contradicts for verdict in fast)
+
+
 @pytest.mark.parametrize("course", ["growing", "one half"])
 def test_a_level_that_changes_slowly_is_noticed(tmp_path: Path, course: str) -> None:
     """By the test of the level alone: the kurtosis and the peak hardly change."""
@@ -245,7 +276,7 @@ def test_commands_say_it_first_and_end_with_1(tmp_path: Path, stochvi: Run) -> N
         assert run.code == 0
         record = one_document(run.out)["record"]
         assert record["contradicts"] is False
-        assert set(record["p_values"]) == {"peak", "kurtosis", "level"}
+        assert set(record["p_values"]) == set(TESTS)
         json.dumps(record)
 
 
@@ -279,7 +310,7 @@ def test_a_record_that_ends_before_the_start_has_died_out_is_not_judged(tmp_path
     verdict = record_verdict(scene_of(tmp_path, values, natural=0.01))
     assert verdict is not None and not verdict.contradicts
     assert not verdict.judged and not verdict.agrees
-    assert verdict.p_values == {"peak": None, "kurtosis": None, "level": None}
+    assert set(verdict.p_values.values()) == {None}
     assert "cannot be said" in verdict.sentence()
     assert verdict.clearance >= verdict.displacement_max
 

@@ -596,3 +596,15 @@ def test_a_blow_has_the_energy_of_the_equation() -> None:
         assert_agrees(plain, truth)
         with pytest.raises(AssertionError):  # that of a kilogram
             assert_agrees(plain, 0.5 * truth)
+
+
+def test_words_need_a_difference_that_matters(elastic) -> None:
+    """Rare impacts have a variance over mean just below 1 in any windows."""
+    pair = elastic.pairs["stops"]
+
+    def words(value: float) -> str:
+        spread = Estimate(value=value, standard_error=3e-5)
+        return replace(elastic, pairs={"stops": replace(pair, dispersion=spread)}).summary()
+
+    assert "as scattered as Poisson" in words(0.9998) and "as scattered as Poisson" in words(1.0002)
+    assert "more regular" in words(0.9) and "in clusters" in words(1.1)

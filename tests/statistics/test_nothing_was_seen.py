@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -20,6 +21,7 @@ from stochvi import (
 )
 from stochvi.results.base import Result
 from stochvi.scenes.impact_laws import Restitution, Viscoelastic
+from support.commands import Run
 
 
 def far(law: Any, clearance: float) -> Scene:
@@ -76,3 +78,29 @@ def test_limits_of_the_sums_of_speeds_hold() -> None:
     for name in ("collision_rate", "impact_speed_rate", "impact_speed_square_rate"):
         limit, truth = stops[name].upper_95, known[name].value
         assert limit is not None and truth < limit < 50.0 * truth
+
+
+def test_damage_without_an_impact_names_no_ratio(stochvi: Run, tmp_path: Path) -> None:
+    """What was not seen is not in the damage: no sentence compares it; the exit code is 1."""
+    file = tmp_path / "far.toml"
+    file.write_text(
+        """
+        [structure]
+        kind = "isolator"
+        frequency_hz = 12.0
+        zeta = 0.1
+        mass = 1.0
+        [[impact_pair]]
+        clearance = 0.1
+        law = { kind = "viscoelastic", stiffness = 2e5, damping_ratio = 0.11 }
+        [[excitation]]
+        kind = "psd"
+        profile = "mil-std-810h-truck-vertical-5hz"
+        """
+    )
+    asked = ("--mission", "60", "--equipment", "40:80:2", "--rel-error", "0.5")
+    ended = stochvi("damage", file, *asked, "--way", "simulation", "--out", tmp_path / "out")
+    assert ended.code == 1 and "no impact was seen" in ended.err
+    assert "No artists" not in ended.err
+    assert "multiply the damage" not in ended.out and "impacts bring" not in ended.out
+    assert "impacts at most" in ended.out and "times the damage" not in ended.out

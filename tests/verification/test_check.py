@@ -13,6 +13,7 @@ from stochvi import (
     Scene,
     TabulatedNoise,
     Viscoelastic,
+    average,
     check,
     exact,
     fokker_planck,
@@ -24,6 +25,7 @@ from stochvi.verification.check import (
     APPROXIMATE,
     BIAS_UNKNOWN,
     DISAGREES,
+    OTHER_THRESHOLD,
     TOO_RARE,
     ZERO,
     compare,
@@ -175,3 +177,17 @@ def test_a_number_that_is_zero_on_every_path_was_not_compared(gap: float | None)
 def test_a_mean_that_hits_push_away_is_compared() -> None:
     verdict = check(oscillator(-1.0, 1.0, 1.0), rel_error=0.05)
     assert ZERO not in {row.verdict for row in verdict.comparisons}
+
+
+def test_rates_above_another_speed_are_not_compared() -> None:
+    """Averaging counts all impacts, the reference those above a threshold; F1 counts all."""
+    scene = oscillator(-1.0, 1.0, 0.8)
+    verdict = compare([fokker_planck(scene)], [average(scene)])
+    found = {
+        row.quantity: row.verdict for row in verdict.comparisons if row.method[:7] == "average"
+    }
+    assert found["collision_rate"] == found["impact_speed_mean"] == OTHER_THRESHOLD
+    assert found["impact_speed_rate"] == found["velocity_std"] == APPROXIMATE
+    elastic = oscillator(-1.0, 1.0, 1.0)
+    alike = compare([exact(elastic)], [average(elastic)])
+    assert OTHER_THRESHOLD not in {row.verdict for row in alike.comparisons}

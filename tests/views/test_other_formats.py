@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from stochvi.cli import main
 from stochvi.scenes.datasets import data_folder
 from stochvi.scenes.readers import read_columns
 from stochvi.views.files import also_written, write_table
-from stochvi.views.other_formats import missing_for_pdf, uff_of
+from stochvi.views.other_formats import functions_of, missing_for_pdf, uff_of
 
 TRUCK = str(data_folder() / "scenes" / "isolator-truck.toml")
 LOSSY = str(data_folder() / "scenes" / "oscillator-lossy.toml")
@@ -116,3 +117,28 @@ def test_a_report_as_pdf_has_pages(tmp_path: Path) -> None:
     made = json.loads((tmp_path / "size.json").read_text("utf-8"))["made"]["value"]
     assert len(pages) >= 3 and f"Clearance: {1e3 * made:g}" in text.replace("\u00a0", " ")
     assert "Revision and signatures" in text
+
+
+def test_spectra_of_equipment_have_their_units() -> None:
+    """The names of their columns state none: a file for programs does."""
+    units = {
+        "response_rms": "m/s^2", "extreme_response_bias": "m/s^2", "shock_worst": "m/s^2",
+        "response_rms_standard_error_without_stops": "m/s^2", "fatigue_damage": "(m/s)^b",
+        "equivalent_density": "(m/s^2)^2/Hz", "damage_ratio": "NONE",
+    }  # fmt: skip
+    table = pd.DataFrame({"equipment_frequency_hz": [10.0, 20.0]} | dict.fromkeys(units, 1.0))
+    found = {each["id1"]: each for each in functions_of(table)}
+    assert {name: each["ordinate_axis_units_lab"] for name, each in found.items()} == units
+    assert found["response_rms"]["ordinate_spec_data_type"] == 12  # an acceleration
+    assert found["equivalent_density"]["func_type"] == 9
+
+
+def test_a_form_in_which_nothing_could_be_written_is_named(tmp_path: Path) -> None:
+    numbers, rising = pd.DataFrame({"x_m": [1.0]}), pd.DataFrame({"time_s": [0.0, 1.0], "x_m": 1.0})
+    with pytest.warns(UserWarning, match="no uff file was written"), also_written(["uff", "mat"]):
+        write_table(numbers, tmp_path / "numbers.csv")
+    with warnings.catch_warnings(), also_written(["uff"]):
+        warnings.simplefilter("error")
+        write_table(numbers, tmp_path / "numbers.csv")
+        write_table(rising, tmp_path / "rising.csv")
+    assert (tmp_path / "rising.uff").exists()

@@ -59,7 +59,8 @@ class BumperMap(Result):
     pad_force
         Largest force on a stop, N; per kg where the scene has no mass.
     rattle_space
-        Largest distance of the mass from its static equilibrium, m: clearance and deflection.
+        Travel: largest distance of the mass from its static equilibrium, m. It is the clearance and
+        the deflection; where the stops are not reached, it is below the clearance.
     impact_speed
         Largest speed of an impact, m/s.
     energy_per_hit
@@ -105,7 +106,7 @@ class BumperMap(Result):
 
     @property
     def best(self) -> MapPoint | None:
-        """The point with the smallest rattle space among those that keep all limits; None where
+        """The point with the least travel among those that keep all limits; None where
         there is none, or no limit was given."""
         if not self.limits or not self.feasible.any():
             return None
@@ -160,14 +161,14 @@ class BumperMap(Result):
         mission = spoken_mission(self.mission)
         chance = f"but for {spoken_percent(self.exceedance)} of missions of {mission}"
         if not self.limits:
-            return f"{points} designs of stops; give limits, and the feasible ones are marked"
+            return f"{points} designs of stops; limits would mark those that keep them"
         best = self.best
         if best is None:
             return f"none of {points} designs of stops keeps all limits {chance}"
         at = best.row, best.column
         return (
             f"{np.count_nonzero(self.feasible)} of {points} designs keep all limits {chance}; the "
-            f"smallest rattle space is {LENGTH.text(self.rattle_space.value[at], '.3g')}, at a "
+            f"least travel is {LENGTH.text(self.rattle_space.value[at], '.3g')}, at a "
             f"clearance of {LENGTH.text(best.clearance, '.3g')} with "
             f"{self.stop_in_words(best.column)}: "
             f"{ACCELERATION.text(self.peak_acceleration.value[at], '.3g')}"

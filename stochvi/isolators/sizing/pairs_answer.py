@@ -204,12 +204,19 @@ class PairsSizing(GaussianSizing):
         and the largest clearance."""
         if self.production is not None:
             return self.production.summary()
-        mm = places_in_words(self.made())
+        mm = self._places()
         fixed = "" if self.pair is None else ", with the other stops as they are,"
         return (
             f"clearances: {mm} per side from the static equilibrium{fixed} keep "
             f"{self.target.kept(self.mission)}{self.within}"
         )
+
+    def _places(self) -> str:
+        """The clearances to make; one number where all sized pairs have it in common."""
+        made = self.made()
+        if set(made) == set(self.common) and len({str(each) for each in made.values()}) == 1:
+            return f"{next(iter(made.values()))} for all {len(made)} pairs in common,"
+        return places_in_words(made)
 
     def calculated(self) -> str:
         """Evidence for the clearances to make: those calculated for the scene as stated, the

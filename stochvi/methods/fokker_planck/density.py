@@ -398,7 +398,8 @@ class StationaryDensity:
 
         Negative values are kept, so that integrals of the density are those of the solution. Where
         there is hardly any probability, or near the corner of an inelastic stop, the density may be
-        slightly negative, sometimes by more than `density_error`.
+        slightly negative, sometimes by more than `density_error`. At that corner it is infinite:
+        the finite value there is that of a polynomial, and means nothing.
         """
         return self.fine.density(x, v)
 

@@ -72,8 +72,9 @@ def fokker_planck(
     Parameters
     ----------
     scene
-        White noise, any constant load, no stop or one or two of any law, also different ones;
-        springs, dampers and restitution may be functions.
+        White noise, any constant load, no stop or one or two, also different ones. A force of a
+        stop depends on the speed by a linear damper at most. Springs, dampers and restitution may
+        be functions.
     rtol
         Relative error to reach in the deviations of displacement and velocity, F1 and F2, down
         to some 1e-8; rates are brought to 10 %.

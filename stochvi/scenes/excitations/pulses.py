@@ -14,6 +14,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.pulse_shapes import SHAPES, PulseShape
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import Unit, power_ratio
+from stochvi.mathematics.units import unit as unit_of
 from stochvi.scenes.excitations.base import BASE, Density, agreed_unit, unit_name
 from stochvi.scenes.excitations.drawn import DrawnExcitation
 from stochvi.scenes.records import read_record
@@ -68,9 +69,11 @@ class Pulses(DrawnExcitation):
     shape, duration
         Instead of impulses, shocks: "half-sine", "saw-tooth" (which ends at its peak) or
         "trapezoid" (with ramps of a tenth), and their length, s, or a text, "11 ms".
-    file, unit, fs, column
-        Instead of a shape: a measured pulse, the unit of its values, its sampling rate if it has no
-        times, and its column if it has several.
+    file, fs, column
+        Instead of a shape: a measured pulse. Its sampling rate if it has no times; its column if
+        it has several.
+    unit
+        Unit of the values of a file, or of the amplitude of a shape, as "g"; there by default SI.
     amplitude
         Peak of a shock, N on a mass, m/s^2 of the base, with the distribution of `sizes`. It may be
         left out with a file, whose own peak it then is.
@@ -125,7 +128,7 @@ class Pulses(DrawnExcitation):
                 f"got {given(self, 'impulse', 'shape', 'file')}"
             )
         of_form = {
-            "impulse": (), "shape": ("duration", "amplitude"),
+            "impulse": (), "shape": ("duration", "amplitude", "unit"),
             "file": ("amplitude", "unit", "fs", "column"),
         }  # fmt: skip
         form = given(self, "impulse", "shape", "file")
@@ -139,6 +142,7 @@ class Pulses(DrawnExcitation):
                     f"{given(self, 'duration', 'amplitude')}"
                 )
             self._shock = PulseShape(SHAPES[self.shape], self.duration)
+            self._unit = None if self.unit is None else unit_of(self.unit)
         elif self.file is not None:
             self._read(Path(self.file))
         return self
@@ -162,6 +166,11 @@ class Pulses(DrawnExcitation):
         return "N2/Hz" if self._unit.quantity == "force" else "(m/s2)2/Hz"
 
     @property
+    def _amplitude_factor(self) -> float:
+        """The amplitude in SI units over the number that is given, which is 1 with a file."""
+        return 1.0 if self.shape is None or self._unit is None else self._unit.factor
+
+    @property
     def shock(self) -> PulseShape | None:
         """The shape of a shock, whose values are over `size`; None for impulses."""
         return self._shock
@@ -173,7 +182,9 @@ class Pulses(DrawnExcitation):
         if self.impulse is not None:
             return self.impulse
         assert self._shock is not None
-        return 1.0 if self.amplitude is None else self.amplitude / self._shock.peak
+        if self.amplitude is None:
+            return 1.0
+        return self._amplitude_factor * self.amplitude / self._shock.peak
 
     def moment(self, order: int) -> float:
         """Mean of the power `order` of a pulse, E J^n, or of the peak of a shock, E a^n.
@@ -260,7 +271,7 @@ class Pulses(DrawnExcitation):
         if self.impulse is not None:
             return self.replace(impulse=gain * self.impulse)
         assert self._shock is not None
-        return self.replace(amplitude=gain * self.size * self._shock.peak)
+        return self.replace(amplitude=gain * self.size * self._shock.peak / self._amplitude_factor)
 
     def facts(self, where: str, numbers: Mapping[str, float]) -> list[tuple[str, ...]]:
         sides = "in either direction" if self.two_sided else "in one direction"

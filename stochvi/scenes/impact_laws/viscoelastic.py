@@ -111,7 +111,7 @@ class Viscoelastic(LinearLaw):
 
     The force is max(K y + c y', 0) with c = 2 z sqrt(K M), z the damping ratio. M is the mass, or
     the reduced mass of an impact pair. A contact ends when the force returns to zero, which is
-    before the deflection does. The limiter has no mass and recovers at once: it follows the mass
+    before the deflection does. The stop has no mass and recovers at once: it follows the mass
     without a force, and pushes again when K y + c y' becomes positive.
 
     Parameters

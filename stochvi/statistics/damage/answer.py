@@ -254,6 +254,15 @@ class Damage(Result):
         damage = self.with_stops.fatigue_damage
         return float(np.median(damage.standard_error / damage.value))
 
+    @property
+    def unseen(self) -> bool:
+        """Whether the scene has stops and no impact was seen, so that no number holds them."""
+        return (
+            self.impacts_per_hour is not None
+            and self.impacts_per_hour.upper_95 is not None
+            and (self.impacts_per_hour.value == 0.0)
+        )
+
     def to_frame(self) -> pd.DataFrame:
         """A row for each frequency of the equipment, with a column for every list of the
         document."""
@@ -294,6 +303,8 @@ class Damage(Result):
             found = "no damage without stops to compare with"
         elif self.impacts_per_hour is None:
             found = "no stops"
+        elif self.unseen:
+            found = "no impact was seen, so that the damage of impacts is not in these numbers"
         else:
             ratio = self.damage_ratio.value
             k = int(np.argmax(ratio))

@@ -20,6 +20,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+NOTABLE = 0.05
+"""Difference of a variance over mean of counts from 1, that of Poisson's process, from which words
+name it: rare impacts have one just below 1 in any windows."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Exponent:
     """Exponent 1 - beta of the density of impact speeds near 0, w^(1 - beta).
@@ -186,10 +191,10 @@ class ImpactStatistics(Result):
                 continue
             low, high = (spread.value + side * 2.0 * spread.standard_error for side in (-1, 1))
             kind = "as scattered as Poisson's process"
-            if low > 1.0:
+            if low > 1.0 and spread.value > 1.0 + NOTABLE:
                 kind = "in clusters: Poisson intervals would be too narrow by a factor of "
                 kind += f"{math.sqrt(spread.value):.2g}"
-            elif high < 1.0:
+            elif high < 1.0 and spread.value < 1.0 - NOTABLE:
                 kind = "more regular than Poisson's process"
             found.append(
                 f"{name}: impacts come {kind} (variance / mean of counts {spread.value:.3g} in "

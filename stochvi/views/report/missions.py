@@ -10,6 +10,7 @@ from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.mathematics.shown_units import ACCELERATION, LENGTH, SPEED
 from stochvi.results.base import plain
 from stochvi.results.origin import Origin, origin_of
+from stochvi.scenes.structures import Isolator
 from stochvi.views.axes import PAGE, axes_or_new, label_for_page
 from stochvi.views.colours import COLOURS
 from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history
@@ -19,7 +20,14 @@ from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown
 from stochvi.views.schematic import draw_problem
 from stochvi.views.statistics_tables import NEAR_ONE, SURELY
 from stochvi.views.tables import effects_in_words
-from stochvi.views.words import UNKNOWN, count_of, four_digits, spoken_length, way_in_words
+from stochvi.views.words import (
+    OF_ONE_MOUNT,
+    UNKNOWN,
+    count_of,
+    four_digits,
+    spoken_length,
+    way_in_words,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -99,7 +107,7 @@ def reliability_page(
         warnings=list(found.warnings),
         sections=[
             Section(
-                title="Chances",
+                title="Probabilities",
                 lead=f"Intervals at {100.0 * found.confidence:g} % hold the statistical errors "
                 "alone; a probability that was never seen has an upper limit.",
                 grids=[
@@ -122,7 +130,10 @@ def reliability_page(
             Section(
                 title="Limits",
                 lead="Assumptions of this report.",
-                notes=[f"{text[0].upper()}{text[1:]}." for text in found.assumptions],
+                notes=[
+                    *(f"{text[0].upper()}{text[1:]}." for text in found.assumptions),
+                    *(OF_ONE_MOUNT if isinstance(scene.structure, Isolator) else ()),
+                ],
             ),
         ],
         origin=origin,
@@ -176,7 +187,10 @@ def _hits(found: Reliability) -> str:
 def _chances_grid(found: Reliability) -> Grid:
     return Grid(
         caption="How each probability was found",
-        headings=["event", "way", "chance", "interval", "bias of the step", "trials", "CPU s"],
+        headings=[
+            "event", "way", "probability", "interval", "bias of the step",
+            "missions, records or repetitions", "CPU s",
+        ],
         rows=[
             [
                 _event(each),
@@ -190,7 +204,7 @@ def _chances_grid(found: Reliability) -> Grid:
             for each in found.chances.values()
         ],
         words=2,
-    )
+    )  # fmt: skip
 
 
 def _phases_grid(found: Reliability) -> Grid:
@@ -252,7 +266,7 @@ def _outputs_grid(found: Reliability) -> Grid:
     return Grid(
         caption=f"Where an acceleration above {ACCELERATION.text(limit)} occurs while a stop is "
         "touched",
-        headings=["coordinate or point", "chance"],
+        headings=["coordinate or point", "probability"],
         rows=[
             [
                 name,

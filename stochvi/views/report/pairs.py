@@ -95,10 +95,7 @@ def pairs_page(
         sections=[
             Section(
                 title="Pair by pair",
-                lead="Pairs share the risk equally: each alone would be hit with the same "
-                "probability."
-                if sizing.pair is None
-                else "One pair is sized; the stops of the others stay where the scene has them.",
+                lead=_shared(sizing),
                 grids=[
                     Grid.of(f"{heading[0].upper()}{heading[1:]}", places_in_rows(sizing)),
                     Grid.of("Clearances and risk as calculated", pairs_in_words(sizing)),
@@ -147,6 +144,18 @@ def pairs_page(
         origin=origin,
         footer=[f"calculated in {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads"],
     )
+
+
+def _shared(sizing: PairsSizing) -> str:
+    """How the pairs share the risk, in sentences."""
+    if sizing.pair is not None:
+        return "One pair is sized; the stops of the others stay where the scene has them."
+    equally = "share the risk equally: each alone would be hit with the same probability."
+    if not sizing.common:
+        return f"Pairs {equally}"
+    common = f"{', '.join(sizing.common)} have one clearance in common, so that their risks differ."
+    rest = "" if set(sizing.common) == set(sizing.clearances) else f" The other pairs {equally}"
+    return common + rest
 
 
 def _rests(sizing: PairsSizing) -> dict[str, float]:

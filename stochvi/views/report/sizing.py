@@ -38,6 +38,7 @@ from stochvi.views.sizing import (
 )
 from stochvi.views.words import (
     NO_TOLERANCES,
+    OF_ONE_MOUNT,
     UNKNOWN,
     count_of,
     four_digits,
@@ -334,8 +335,8 @@ def _screening(review: Review) -> Section:
         Fact(
             "Zero up-crossings",
             f"{linear.zero_crossing_rate or 0.0:.4g} Hz",
-            f"natural frequency {review.mount.natural_frequency_hz:.4g} Hz; far above it one "
-            "impact starts a cluster",
+            f"natural frequency {review.mount.natural_frequency_hz:.4g} Hz; where they are far "
+            "above it, a cluster follows each impact",
         ),
         *_miles(linear, more),
         Fact("3 sigma", spoken_length(three.clearance), "per side, three times s_x"),
@@ -349,7 +350,7 @@ def _screening(review: Review) -> Section:
             "Expected largest displacement",
             spoken_length(more.largest_displacement),
             f"in {spoken_mission(sizing.mission)}, either side, {more.largest_in_sigma:.3g} sigma "
-            "(Davenport)",
+            "(mean by Davenport's formula)",
         ),
     ]
     pictures = []
@@ -481,11 +482,8 @@ def _limits(review: Review) -> Section:
         notes=[
             *(text[0].upper() + text[1:] for text in review.assumptions),
             *([sentence(NO_TOLERANCES)] if review.sizing.allowed == Tolerances() else []),
-            "One direction of motion; no rocking, and no coupling of directions.",
-            "A linear spring and a viscous damper: an elastomer is stiffer at small amplitudes, "
-            "and softer when warm.",
+            *OF_ONE_MOUNT,
             "Stationary Gaussian shaking for the whole mission; single shocks, and resonances of "
             "what carries the mount, are not in it.",
-            "The base does not feel the mass.",
         ],
     )

@@ -197,3 +197,17 @@ def test_a_level_raises_the_peak() -> None:
     pulses = Pulses(rate=1.0, shape="trapezoid", duration=0.01, amplitude=10.0)
     assert pulses.louder(20.0).size == pytest.approx(100.0)
     assert pulses.moment(2) == pytest.approx(100.0)
+
+
+def test_the_peak_of_a_shape_may_be_in_g() -> None:
+    shape = {"rate": 2.0, "shape": "half-sine", "duration": "20 ms"}
+    in_g, plain = Pulses(**shape, amplitude=3.0, unit="g"), Pulses(**shape, amplitude=29.41995)
+    assert in_g.size == pytest.approx(plain.size) and in_g.moment(2) == pytest.approx(
+        plain.moment(2)
+    )
+    louder = in_g.louder(6.0)
+    assert louder.size == pytest.approx(plain.louder(6.0).size) and louder.unit == "g"
+    with pytest.raises(SceneError, match="unit"):
+        Pulses(**shape, amplitude=3.0, unit="mm")
+    with pytest.raises(SceneError, match="does not go with impulse"):
+        Pulses(rate=2.0, impulse=0.1, unit="g")
