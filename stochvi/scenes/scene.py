@@ -490,8 +490,9 @@ class Scene(Checked):
         mean = mean_unit(self)
         return Scene(
             title=self.title,
+            cross_densities=self.cross_densities,
             **on_oscillator(absorbers, mean.structure, mean.impact_pairs, mean.excitations),
-        )
+        )._with_densities()
 
     def _with_densities(self) -> Scene:
         """The same scene with filtered noises by their density where a cross density names them."""

@@ -14,6 +14,7 @@ from stochvi import (
     ImpactPair,
     Isolator,
     Matrices,
+    Oscillator,
     Restitution,
     Scene,
     SceneError,
@@ -24,6 +25,9 @@ from stochvi import (
     history,
     simulate,
 )
+from stochvi.mathematics.frequency_response import InputMatrix
+from stochvi.model.model import model_of
+from stochvi.scenes import Absorber
 from stochvi.scenes.cross_densities import CrossDensity
 from stochvi.scenes.excitations import Excitation
 from stochvi.testing import assert_agrees
@@ -292,3 +296,25 @@ def test_white_noise_is_joined_with_white_noise_alone() -> None:
     cross = CrossDensity(between=["first", "second"], coherence=0.5)
     with pytest.raises(SceneError, match="white noise with white noise alone"):
         shaken([cross], WhiteNoise(on="left", name="first", intensity=0.2), table)
+
+
+def test_an_absorber_leaves_forces_correlated() -> None:
+    keys = {"frequency_hz": [0.2, 3.0], "density": [0.3, 0.1], "unit": "N2/Hz"}
+
+    def variance(coherence: float) -> float:
+        scene = Scene(
+            structure=Oscillator(mass=1.0, damping=0.2, stiffness=9.0),
+            excitations=[TabulatedNoise(name=name, **keys) for name in ("first", "second")],
+            cross_densities=[CrossDensity(between=["first", "second"], coherence=coherence)],
+            absorber=Absorber(mass=0.1, play=0.2, law=Restitution(coefficient=0.5)),
+        )
+        frequencies = np.geomspace(0.2, 3.0, 50)
+        total = np.zeros(len(frequencies))
+        for table, force in model_of(scene).tables:
+            assert isinstance(force, InputMatrix)
+            pushes = force(frequencies)[:, 0]
+            total += table(frequencies) * np.abs(pushes) ** 2
+        return float(np.trapezoid(total, frequencies))
+
+    # two equal forces in phase have twice the density of independent ones
+    assert variance(1.0) == pytest.approx(2.0 * variance(0.0), rel=1e-9)
