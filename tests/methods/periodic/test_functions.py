@@ -432,6 +432,36 @@ def test_functions_of_two_masses_pass_another_integrator() -> None:
 # What is refused
 
 
+@pytest.mark.verify
+def test_a_box_that_moves_along_one_axis_is_an_oscillator() -> None:
+    """Four equal mounts that stiffen are one mount of four times the force."""
+    corners = [(x, y, 0.0) for x in (-0.2, 0.2) for y in (-0.15, 0.15)]
+    law = {"kind": "duffing", "axis": "z", "cubic_stiffness": 4e9}
+    mounts = [
+        {"at": at, "stiffness": (2.2e4, 2.2e4, 3.4e4), "damping": (50.0, 50.0, 80.0), "spring": law}
+        for at in corners
+    ]
+    box = Scene.model_validate({
+        "structure": {"kind": "rigid-body", "mass": 12.0, "inertia": (0.2, 0.25, 0.15),
+                      "mount": mounts},
+        "excitation": [{"kind": "sine", "on": "base", "axis": "z", "amplitude": 20.0,
+                        "frequency_hz": 15.0}],
+    })  # fmt: skip
+    one = Scene.model_validate({
+        "structure": {"kind": "oscillator", "mass": 12.0, "damping": 320.0, "stiffness": 1.36e5,
+                      "spring": {"kind": "duffing", "cubic_stiffness": 16e9}},
+        "excitation": [{"kind": "sine", "amplitude": 240.0, "frequency_hz": 15.0}],
+    })  # fmt: skip
+    own, wanted = (
+        harmonic_response(each, [16.0, 18.0], coordinate=name).to_frame()["displacement_max"]
+        for each, name in ((box, "z"), (one, "x"))
+    )
+    assert own.to_numpy() == pytest.approx(wanted.to_numpy(), rel=1e-5)
+    softer = one.structure.replace(stiffness=1.30e5)
+    other = harmonic_response(one.replace(structure=softer), [16.0, 18.0]).to_frame()
+    assert abs(other["displacement_max"][0] / wanted[0] - 1.0) > 1e-3
+
+
 @pytest.mark.parametrize(
     ("keys", "sentence"),
     [
