@@ -16,7 +16,6 @@ def now() -> dict[str, dict[str, int]]:
     return words.counts()
 
 
-@pytest.mark.slow
 def test_no_room_says_a_variant_more_often(now: dict[str, dict[str, int]]) -> None:
     more = [
         f"{room}: {name}: {number}, at most {KEPT.get(room, {}).get(name, 0)}"

@@ -30,9 +30,11 @@ DECADES, SPEEDS = 6.0, 1200
 
 
 class Returns(NamedTuple):
-    """Energies beyond E_i from which impacts come to given energies, and the change of the
-    probability there that an impact from any higher energy ends below: minus one where it does
-    from there up no more."""
+    """Energies beyond E_i from which impacts come to given energies.
+
+    With each comes the change there of the probability that an impact from a higher energy ends
+    below. It is minus one where, from there up, none does any more.
+    """
 
     starts: Vector
     weights: Vector

@@ -52,8 +52,8 @@ LARGEST = 1e7
 """Size of a state beyond which a motion has escaped."""
 
 NEAR_TOP = 0.02
-"""Distance from an edge, relative to the size of the distances in a step, from which on the place
-is found where a motion turns just before the edge."""
+"""Distance from an edge, relative to the largest one in a step. A motion that turns nearer is
+followed to its turning point."""
 
 INSIDE = 1e-3
 """Way from an edge, in units of displacements or of a memory, over which a function is differenced
