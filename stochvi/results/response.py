@@ -196,7 +196,7 @@ class Response(Result):
 
         See Also
         --------
-        Response.plot : Their picture.
+        stochvi.simulate : The simulation whose densities they are; its `plot` draws them.
         """
         return densities_of(self) if self.method == "simulate" else {}
 
