@@ -31,7 +31,7 @@ SCENES = {
         excitation=[{"kind": "pulses", "on": "base", "rate": 20.0, "impulse": 0.01}]
     ),
     "shocks of a shape": document(
-        excitation=[PROFILE, {"kind": "pulses", "rate": 2.0, "shape": "half-sine",
+        excitation=[PROFILE, {"kind": "pulses", "rate": 0.02, "shape": "half-sine",
                               "duration": "20 ms", "amplitude": 50.0}]
     ),
     "sines beside noise": document(
