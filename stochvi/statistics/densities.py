@@ -83,7 +83,7 @@ class BandedDensity:
         kept = slice(first, last)
         mean = shares.mean(axis=0)[kept]
         error = shares.std(axis=0, ddof=1)[kept] / math.sqrt(paths)
-        # of few visits the scatter says too little; their number has its binomial error
+        # the scatter of few visits says too little: their number has its binomial error
         missed = (1.0 - seen[kept] / paths) / np.maximum(seen[kept], 1)
         error = np.maximum(error, mean * np.sqrt(missed))
         width = (high - low) / bins

@@ -42,9 +42,9 @@ LESS_THAN_A_DECADE, FEW_TICKS = 8.0, 6
 """Ratio of the ends of a logarithmic axis below which labels at 1, 2 and 5 alone are too few.
 Labels then stand at equal distances, and the second number is the most of them."""
 
-MOST_DECADES, MARGIN = 10, 3.0
-"""Largest number of decades of a logarithmic axis, and factor by which it reaches beyond its
-lines."""
+MOST_DECADES, MOST_OF_SPECTRA, MARGIN = 20, 10, 3.0
+"""Largest number of decades of a logarithmic axis, as of fatigue damage over two decades of
+frequency, and that of densities over frequency; and factor by which it reaches beyond its lines."""
 
 LONGEST_LINE, MOST_LINES = 70, 2
 """Largest number of characters in a line of text in a picture, and of lines to which a longer text
@@ -89,7 +89,7 @@ def as_written(ax: Axes) -> Figure:
     assert figure is not None
     for each in figure.axes:
         low, high = sorted(each.get_ylim())
-        if each.get_yscale() == "log" and not high < 10.0 ** (MOST_DECADES + 2) * low:
+        if each.get_yscale() == "log" and not high < 10.0 ** (MOST_OF_SPECTRA + 2) * low:
             limit_decades(each)
     for text in _words(figure):
         text.set_parse_math(False)
@@ -116,8 +116,8 @@ def _shortened(line: str) -> str:
     return "\n".join(textwrap.wrap(line, LONGEST_LINE, max_lines=MOST_LINES, placeholder=" …"))
 
 
-def limit_decades(ax: Axes) -> None:
-    """Limit a logarithmic y axis to what its lines reach, and to `MOST_DECADES`.
+def limit_decades(ax: Axes, most: int = MOST_DECADES) -> None:
+    """Limit a logarithmic y axis to what its lines reach, and to so many decades.
 
     The lower end of a band of errors may be zero, which a logarithmic axis draws 300 decades below.
     """
@@ -126,7 +126,7 @@ def limit_decades(ax: Axes) -> None:
     heights = heights[np.isfinite(heights) & (heights > 0.0)]
     if heights.size:
         low, high = float(heights.min()), float(heights.max())
-        ax.set_ylim(max(low / MARGIN, high / 10.0**MOST_DECADES), MARGIN * high)
+        ax.set_ylim(max(low / MARGIN, high / 10.0**most), MARGIN * high)
 
 
 def add_grid(ax: Axes) -> None:

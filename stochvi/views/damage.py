@@ -181,11 +181,14 @@ def plot_extremes(found: Damage, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax)
     f, shown = found.equipment_frequency_hz, ACCELERATION
     spectra, without = found.with_stops, found.without_stops
-    ax.fill_between(
-        f, shown(spectra.extreme_lower), shown(spectra.extreme_upper), color=WITH, alpha=BAND_ALPHA,
-        linewidth=0, label="largest of 95 % of missions",
-    )  # fmt: skip
-    ax.plot(f, shown(spectra.extreme_response.value), color=WITH, label="expected largest")
+    largest = "largest of the record"
+    if found.way != "record":  # one record has no scatter
+        largest = "expected largest"
+        ax.fill_between(
+            f, shown(spectra.extreme_lower), shown(spectra.extreme_upper), color=WITH,
+            alpha=BAND_ALPHA, linewidth=0, label="largest of 95 % of missions",
+        )  # fmt: skip
+    ax.plot(f, shown(spectra.extreme_response.value), color=WITH, label=largest)
     if without is not None and without is not spectra:
         ax.plot(f, shown(without.extreme_response.value), color=WITHOUT, label="without stops")
     if found.shocks is not None:

@@ -84,8 +84,11 @@ def plot(found: Result, ax: Axes | None = None) -> Axes:
 
 
 def plot_response(found: Response, ax: Axes | None = None) -> Axes:
-    """The densities of a simulation between its stops, with 95 % bands. Of any other method mean
-    and one standard deviation of each coordinate and gap, and rates and mean speeds of impacts."""
+    """The densities of a simulation between its stops, with 95 % bands.
+
+    Other methods are drawn by the mean and one standard deviation of each coordinate and gap, with
+    the rates and mean speeds of impacts.
+    """
     if densities := found.densities():
         return _plot_densities(found, densities, ax)
     rows: list[tuple[str, Any, Any]] = [
@@ -167,7 +170,7 @@ def _of_motion(found: Response, name: str, pair: str, unit: float, length: str) 
     std = None if hits is None else hits.relative_displacement_std
     if name in found.coordinates:
         std = found.coordinates[name].displacement_std
-    words = [] if std is None else [f"std {value_with_error(std / unit)} {length}"]
+    words = [] if std is None else [f"std {float(std) / unit:.4g} {length}"]
     if hits is not None and hits.collision_rate is not None:
         words.append(f"{value_with_error(hits.collision_rate)} impacts/s")
     return words

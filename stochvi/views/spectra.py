@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from stochvi.mathematics.shown_units import NUMBER, ShownQuantity, Size
-from stochvi.views.axes import limit_decades
+from stochvi.views.axes import MOST_OF_SPECTRA, limit_decades
 from stochvi.views.colours import BAND_ALPHA, COLOURS, OWNERS, TRANSFERS
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def plot_curve(
     ax.plot(curve.frequency_hz, quantity(curve.value), color=colour, linewidth=0.9, label=label)
     ax.set_xscale("log")
     ax.set_yscale("log")
-    limit_decades(ax)
+    limit_decades(ax, MOST_OF_SPECTRA)
     return ax
 
 

@@ -77,7 +77,9 @@ class Start:
                  "tolerances without a distribution for it"],
             )  # fmt: skip
         names = [each.name for each in model_of(found.scene).pairs]
-        common = [names.index(name) for name in getattr(found, "common", ())]
+        common = (
+            [names.index(each) for each in found.common] if isinstance(found, PairsSizing) else []
+        )
         return cls(
             scene=found.scene, mission=found.mission, stops=found.stops,
             chance=found.any_hit or found.target.value, target=found.target.value,

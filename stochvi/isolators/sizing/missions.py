@@ -37,12 +37,11 @@ from stochvi.scenes.between_units import varied
 from stochvi.scenes.phases import Phase, bias_of_steps, steps_of_bands
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import one_gap
+from stochvi.statistics.mission_parts import INDEPENDENT, parts_of_mission
 from stochvi.statistics.pair_crossings import PairMotion
 from stochvi.statistics.reliability.phases import (
-    INDEPENDENT,
     NEGLIGIBLE,
     lag_of,
-    parts_of_phases,
     spoken_lags,
 )
 from stochvi.statistics.reliability.random_levels import FOLLOWED, felt_by
@@ -92,7 +91,7 @@ def size_mission(scene: Scene, target: Target, run: Run) -> MissionSizing:
         for name, phase in phases.items()
         if phase.expected(guess) > NEGLIGIBLE * most
     }
-    for name, part in parts_of_phases(run, busy):
+    for name, part in parts_of_mission(run, busy):
         phases[name] = phases[name].simulated(target, part)
     joint = _Joint(phases, steps_of_bands(scene.phases))
     clearance = joint.clearance(hazard, guess)

@@ -18,7 +18,6 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.results.errors import Interrupted, NotConverged
 from stochvi.results.estimates import Estimate, provenance
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
@@ -31,7 +30,7 @@ from stochvi.statistics.damage.answer import (
 )
 from stochvi.statistics.damage.equipment import Equipment
 from stochvi.statistics.damage.equivalent import equivalent_values
-from stochvi.statistics.reliability.phases import INDEPENDENT, parts_of_phases
+from stochvi.statistics.mission_parts import INDEPENDENT, asked_in_parts, complete
 
 ENDS = (0.025, 0.975)
 """Probabilities that a largest response stays below the ends of its range."""
@@ -56,21 +55,11 @@ def of_phases(scene: Scene, ask: Callable[[Scene, float, Run], Damage], run: Run
     """
     scenes = {phase.name: phase.of(scene) for phase in scene.phases}
     durations = {phase.name: phase.duration for phase in scene.phases}
-    found, missing = dict[str, Damage](), list[str]()
-    for name, part in parts_of_phases(run, durations):
-        try:
-            found[name] = ask(scenes[name], durations[name], part)
-        except (NotConverged, Interrupted) as error:
-            if error.partial is None:
-                raise
-            found[name] = error.partial
-            missing.append(f"in phase {name}: {error}")
+    found, missing = asked_in_parts(
+        run, durations, lambda name, part: ask(scenes[name], durations[name], part)
+    )
     answer = together(scene, found, run)
-    if run.deadline.interrupted:
-        raise run.deadline.fell_short("before the damage of every phase was found", "", answer)
-    if missing:
-        raise NotConverged("; ".join(missing), answer)
-    return answer
+    return complete(answer, missing, run, of="damage of every phase", where="in phase")
 
 
 def together(scene: Scene, found: Mapping[str, Damage], run: Run) -> Damage:

@@ -20,7 +20,7 @@ from stochvi.methods.monte_carlo.kernels.equipment import BEFORE, NODES
 from stochvi.methods.replay.kernel import SPEED, STOP, TIME
 from stochvi.methods.replay.march import Motion, SampledExcitation, integrate, rest_of
 from stochvi.methods.replay.method import records_of, shaking_of, unmet
-from stochvi.model.model import Model
+from stochvi.model.model import Model, Pair, Stop
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.scene import Scene
@@ -67,9 +67,11 @@ class Replayed:
         self.model, self.place, self.equipment = model, place, equipment
         segments = shaking_of(records_of(scene, model), model)
         self.duration = float(sum(each.step * (len(each.base) - 1) for each in segments))
-        first = [integrate(model, each, rest_of(model), keep=False) for each in segments]
-        fastest = max(float(each.impacts[:, SPEED].max(initial=0.0)) for each in first)
-        longest = min(equipment.longest_step, contact_time(model, fastest) / CONTACT_SAMPLES)
+        speeds = [0.0]
+        if not model.rigid:  # faster contacts of Hertz's law and of tables are shorter
+            coarse = [integrate(model, each, rest_of(model), keep=False) for each in segments]
+            speeds += [float(each.impacts[:, SPEED].max(initial=0.0)) for each in coarse]
+        longest = min(equipment.longest_step, contact_time(model, max(speeds)) / CONTACT_SAMPLES)
         self.parts = math.ceil(segments[0].step / longest)
         self.step = segments[0].step / self.parts
         if self.duration / self.step > MOST_SAMPLES:
@@ -82,6 +84,11 @@ class Replayed:
                 ],
             )
         self.segments = [_refined(each, self.parts) for each in segments]
+
+    @property
+    def stops(self) -> list[tuple[Pair, Stop]]:
+        """The stops in the order of the log of impacts, each with its pair."""
+        return [(pair, stop) for pair in self.model.pairs for stop in pair.stops]
 
     @property
     def window(self) -> int:
@@ -106,14 +113,13 @@ class Replayed:
         model, jumps = self.model, np.zeros(motion.samples)
         row = np.asarray(model.output_rows[model.outputs.index(self.place)])
         moved = row @ np.linalg.inv(model.mass)
-        stops = [(pair, stop) for pair in model.pairs for stop in pair.stops]
-        for number, (pair, stop) in enumerate(stops):
-            own = motion.impacts[motion.impacts[:, STOP] == number] if stop.rigid else ()
-            for impact in own:
-                speed = np.array([impact[SPEED]])
-                impulse = pair.mass * speed[0] * (1.0 + float(stop.restitution_at(speed)[0]))
-                place = min(int(impact[TIME] / self.step), motion.samples - 1)
-                jumps[place] -= stop.side * impulse * float(moved @ pair.direction)
+        for number, (pair, stop) in enumerate(self.stops):
+            if not stop.rigid:
+                continue
+            own = motion.impacts[motion.impacts[:, STOP] == number]
+            impulse = pair.mass * own[:, SPEED] * (1.0 + stop.restitution_at(own[:, SPEED]))
+            place = np.minimum((own[:, TIME] / self.step).astype(int), motion.samples - 1)
+            np.add.at(jumps, place, -stop.side * impulse * float(moved @ pair.direction))
         return jumps
 
     def spectra(
@@ -177,11 +183,10 @@ class Replayed:
         self, records: Sequence[RecordOfPlace], levels: Sequence[float], shocks: Shocks | None
     ) -> Hits:
         """Impacts of the record, their energy and accelerations."""
-        stops = [(pair, stop) for pair in self.model.pairs for stop in pair.stops]
         count, work, loss, above = 0, 0.0, 0.0, np.zeros(len(levels))
         for record in records:
             count += len(record.impacts)
-            for number, (pair, stop) in enumerate(stops):
+            for number, (pair, stop) in enumerate(self.stops):
                 speed = record.impacts[record.impacts[:, STOP] == number, SPEED]
                 energy = 0.5 * pair.mass * speed**2
                 work += float(energy.sum())
@@ -192,12 +197,12 @@ class Replayed:
         def hourly(value: float) -> Estimate:
             return Estimate(value=value * HOUR / self.duration, bias=0.0, how=HOW)
 
-        soft = not all(stop.rigid for _, stop in stops)
         return Hits(
             shocks=shocks, impacts_per_hour=hourly(float(count)),
             contacts_above={
                 f"{level:g}": hourly(float(number))
-                for level, number in zip(levels, above, strict=True) if soft
+                for level, number in zip(levels, above, strict=True)
+                if not self.model.rigid
             },
             work_per_hour=hourly(work), loss_per_hour=hourly(loss),
         )  # fmt: skip

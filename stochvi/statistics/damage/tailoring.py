@@ -5,7 +5,7 @@ exponent b of fatigue. A test that takes T in place of the mission M thus has
 
     g = (M / T)^(1 / b)
 
-times the rms (IEC 60068-2-64 and MIL-STD-810H, method 514.8, annex A). Its profile is an envelope
+times the rms (the relation of MIL-STD-810H, method 514.8, annex A). Its profile is an envelope
 with few breakpoints: straight in logarithms, and nowhere below the density of equal damage.
 """
 

@@ -12,20 +12,20 @@ limits about effect measures: a general approach, Statistics in Medicine 27, 200
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model, model_of
-from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
+from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.sampling.run import Run
 from stochvi.scenes.phases import Phase, bias_of_steps, steps_of_bands
 from stochvi.scenes.scene import Scene
+from stochvi.statistics.mission_parts import INDEPENDENT, asked_in_parts, complete
 from stochvi.statistics.reliability.answer import Chance, Reliability
 
 CERTAIN = 1.0 - 1e-15
@@ -41,8 +41,6 @@ LAG = 0.125
 """Largest share by which a sine that moves through a resonance moves a mass less than one that
 stands still. It is that over w' / (zeta w)^2, with the change of its frequency w'. It was measured
 up to a ratio of 1, at damping ratios of 0.02 to 0.1."""
-
-INDEPENDENT = "each phase starts in its own stationary motion, and phases are independent"
 
 
 def of_phases(
@@ -74,47 +72,7 @@ def of_phases(
     like = next(iter(found.values()))
     found |= {name: _never_hit(like, durations[name], most) for name, most in idle.items()}
     answer = _together(scene, {name: found[name] for name in scenes}, missing, idle, run)
-    return complete(answer, missing, run, of="phase", where="in phase")
-
-
-def asked_in_parts(
-    run: Run, durations: Mapping[str, float], ask: Callable[[str, Run], Reliability]
-) -> tuple[dict[str, Reliability], dict[str, str]]:
-    """The risk of each part of a mission by name, and why what was not found as accurately as asked
-    for was not."""
-    found: dict[str, Reliability] = {}
-    missing: dict[str, str] = {}
-    for name, part in parts_of_phases(run, durations):
-        try:
-            found[name] = ask(name, part)
-        except (NotConverged, Interrupted) as error:
-            if error.partial is None:
-                raise
-            found[name] = error.partial
-            reasons = error.partial.missing or {"accuracy": str(error)}
-            missing |= {f"{name}, {event}": why for event, why in reasons.items()}
-    return found, missing
-
-
-def complete(
-    answer: Reliability, missing: Mapping[str, str], run: Run, *, of: str, where: str
-) -> Reliability:
-    """The answer of all parts, carried by an error where one was interrupted or fell short."""
-    if run.deadline.interrupted:
-        raise run.deadline.fell_short(f"before the risk of every {of} was found", "", answer)
-    if missing:
-        reasons = "; ".join(f"{name.replace('_', ' ')}: {why}" for name, why in missing.items())
-        raise NotConverged(f"{where} {reasons}", answer)
-    return answer
-
-
-def parts_of_phases(run: Run, durations: Mapping[str, float]) -> Iterator[tuple[str, Run]]:
-    """The names of phases, each with its part of a run. Phases have paths of their own, so that
-    their errors are independent."""
-    ends = np.cumsum([0.0, *durations.values()]) / sum(durations.values())
-    for number, (name, (low, high)) in enumerate(zip(durations, pairwise(ends), strict=True)):
-        share = run.deadline.share(1.0 / (len(durations) - number))
-        yield name, run.part(low, high, f"phase {name}", share, seed=run.seed + number)
+    return complete(answer, missing, run, of="risk of every phase", where="in phase")
 
 
 def _idle(scenes: Mapping[str, Scene], durations: Mapping[str, float]) -> dict[str, float]:

@@ -25,8 +25,9 @@ from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, provenance
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
+from stochvi.statistics.mission_parts import asked_in_parts, complete
 from stochvi.statistics.reliability.answer import Chance, Reliability
-from stochvi.statistics.reliability.phases import asked_in_parts, complete, crossings_of
+from stochvi.statistics.reliability.phases import crossings_of
 
 TRIED = 7
 """Number of levels at which the risk is simulated."""
@@ -138,7 +139,7 @@ def of_random_level(
     rates = expected(level.gain(tried))
     asked = _Asked(level, felt, mission, duration, expected, tried, rates)
     answer = _together(scene, asked, found, missing, run)
-    return complete(answer, missing, run, of="level", where="at a level of")
+    return complete(answer, missing, run, of="risk of every level", where="at a level of")
 
 
 def _rice(scene: Scene) -> Callable[[Vector], Vector]:
