@@ -137,6 +137,10 @@ class Phases:
         phases = 2.0 * math.pi * np.abs(turns - np.floor(turns + 0.5))
         return float(max(abs(one[-1] - other[-1]), np.max(phases)))
 
+    def images(self, u: Vector) -> Matrix:
+        """The regime from its first impact on."""
+        return u[None]
+
 
 class Unstruck:
     """The motion without impacts: there is one at each place."""
@@ -152,6 +156,10 @@ class Unstruck:
     def apart(self, one: Vector, other: Vector) -> float:
         """The difference of two places."""
         return float(abs(one[-1] - other[-1]))
+
+    def images(self, u: Vector) -> Matrix:
+        """The motion at u."""
+        return u[None]
 
 
 class Finder:
@@ -428,9 +436,10 @@ class Finder:
             return Unstruck()
         return Phases(self.family.expansion, pattern_of(track.stops, track.periods))
 
-    def _continuation(self, problem: Problem) -> Continuation:
+    def _continuation(self, problem: Problem, drawn: Vector | None = None) -> Continuation:
         reach = solver.WEIGHT * min(0.1, FARTHEST / self.family.span)
-        return Continuation(problem, solver.WEIGHT * self.grid, reach, self.deadline.passed)
+        drawn = solver.WEIGHT * self.grid if drawn is None else drawn
+        return Continuation(problem, drawn, reach, self.deadline.passed)
 
     def _name(self, sigma: float) -> str:
         """Name of an ordinary point at a place."""

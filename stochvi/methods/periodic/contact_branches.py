@@ -84,6 +84,10 @@ class Orbit(NamedTuple):
         """Its point of a branch."""
         return np.append(self.state, solver.WEIGHT * self.sigma)
 
+    def away(self, u: Vector) -> float:
+        """The distance of the state of a point from the nearest of its own."""
+        return float(np.abs(self.ends - u[:-1]).max(axis=1).min())
+
 
 class Motion(NamedTuple):
     """The result of the flow over some periods."""
@@ -173,13 +177,16 @@ class ContactFinder(Finder):
         for track in self.tracks:
             if track.periods != orbit.periods:
                 continue
+            here = self._continuation(self.problem_of(track), orbit.u[-1:])
             for number, u in track.around(orbit.sigma):
-                if np.abs(orbit.ends - u[:-1]).max(axis=1).min() > NEAR * size:
+                if orbit.away(u) > NEAR * size:
                     continue
-                known = self.orbit(u[:-1], track.periods, orbit.sigma)
-                if known is None:
-                    continue
-                if np.abs(orbit.ends - known.state).max(axis=1).min() < SAME:
+                # close to a period doubling the chord alone would lead to the shorter regime
+                around = track.points[number : number + 2]
+                known = (*around, *here.between(around[0], around[-1]))
+                if any(
+                    abs(each[-1] - orbit.u[-1]) < SAME and orbit.away(each) < SAME for each in known
+                ):
                     return OnBranch(track, number)
         return None
 
@@ -283,7 +290,13 @@ class ContactFinder(Finder):
         """The branch through a regime, as branches of one order of contacts each; what was looked
         at before the deadline."""
         problem = Shooting(self, orbit.periods)
-        points, names = self._continuation(problem).through(orbit.u, self._name(orbit.sigma))
+        known = [
+            problem.images(u)
+            for each in self.tracks
+            if each.periods == orbit.periods
+            for u in each.points
+        ]
+        points, names = self._continuation(problem).through(orbit.u, self._name(orbit.sigma), known)
         words = [
             self._word(u, orbit.periods)
             for u in itertools.takewhile(lambda _: not self.deadline.passed(), points)
@@ -418,6 +431,12 @@ class Shooting:
     def apart(self, one: Vector, other: Vector) -> float:
         """The largest difference of two points."""
         return float(np.max(np.abs(one - other)))
+
+    def images(self, u: Vector) -> Matrix:
+        """The state after each period; that at u alone where the motion cannot be followed."""
+        motion = self.finder.at_point(u, self.periods, factors=False)
+        states = u[None, :-1] if motion is None else motion.ends[:-1]
+        return np.column_stack([states, np.full(len(states), u[-1])])
 
 
 def _different(orbits: Sequence[Orbit]) -> list[Orbit]:

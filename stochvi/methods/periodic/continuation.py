@@ -9,7 +9,7 @@ nothing of its course: the regimes there are added between its own points.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -44,6 +44,10 @@ BESIDE = 0.25
 """Largest distance of a regime from the chord between two points of its branch, in lengths of the
 chord: one that is farther away belongs to another branch."""
 
+APART, MET = 0.5, 1e-7
+"""A branch may come back to a regime that it passed at least such a length of arc before; largest
+difference of points that are one regime."""
+
 PARTS = 64
 """Largest number of parts of a chord into which it is divided until regimes lie beside it."""
 
@@ -68,6 +72,9 @@ class Problem(Protocol):
 
     def apart(self, one: Vector, other: Vector) -> float:
         """The largest difference of two points."""
+
+    def images(self, u: Vector) -> Matrix:
+        """All points of the regime at u, as from each of its periods on."""
 
 
 class BranchPoints(NamedTuple):
@@ -97,19 +104,23 @@ class Continuation:
     ) -> None:
         self.problem, self.drawn, self.reach, self.given_up = problem, drawn, reach, given_up
 
-    def through(self, u: Vector, name: str) -> BranchPoints:
-        """The branch through a regime, in both directions, until it leaves the range, closes, or an
-        impact vanishes."""
-        points, names, closed = self._from(u, 1.0)
-        before, names_before, _ = ([], [], True) if closed else self._from(u, -1.0)
+    def through(self, u: Vector, name: str, known: Sequence[Matrix] = ()) -> BranchPoints:
+        """The branch through a regime, in both directions, until it leaves the range, closes, an
+        impact vanishes, or it comes to a regime that is known or that it has passed."""
+        points, names, closed = self._from(u, 1.0, known)
+        after = [*known, np.array(points).reshape(-1, len(u))]
+        before, names_before, _ = ([], [], True) if closed else self._from(u, -1.0, after)
         return BranchPoints(
             np.array([*before[::-1], u, *points]), [*names_before[::-1], name, *names]
         )  # fmt: skip
 
-    def _from(self, u: Vector, direction: float) -> tuple[list[Vector], list[str], bool]:
+    def _from(
+        self, u: Vector, direction: float, known: Sequence[Matrix]
+    ) -> tuple[list[Vector], list[str], bool]:
         """Points of a branch, the parameter first in a direction, with their names, and whether it
         has closed."""
         points, names = list[Vector](), list[str]()
+        passed, left = list[tuple[float, Matrix]](), np.concatenate([u[None], *known])[1:]
 
         def add(name: str, *found: Vector) -> None:
             points.extend(found)
@@ -138,23 +149,48 @@ class Continuation:
             length += step
             if not place.slowest > 0.0:
                 end = self._bisected(last, step, lambda each: each.slowest > 0.0)[0]
-                add(POINT, *self._between(last.u, end))
+                add(POINT, *self.between(last.u, end))
                 add(GRAZING, end)
                 break
+            # a loop that does not hold the first regime would be followed again and again, and at a
+            # period doubling the same regimes follow, a period later
+            own = [each[:1] for at, each in passed if at < length - APART]
+            later = [each[1:] for _, each in passed]
+            met = self._met(last.u, place.u, np.concatenate([left, *own, *later]))
+            if met is not None:
+                place = place._replace(u=met)
+            passed.append((length, self.problem.images(place.u)))
             begin = last.u
             if place.tangent[-1] * last.tangent[-1] < 0.0:
                 begin = self._bisected(last, step, _rising(last.tangent[-1]))[1]
-                add(POINT, *self._between(last.u, begin))
+                add(POINT, *self.between(last.u, begin))
                 add(FOLD, begin)
-            add(POINT, *self._between(begin, place.u))
+            add(POINT, *self.between(begin, place.u))
             if not 0.0 <= place.u[-1] <= WEIGHT:
                 break
             add(NODE, place.u)
+            if met is not None:
+                break
             last = place
-            if length > 4.0 * step + 0.5 and self.problem.apart(last.u, u) < step:
+            if length > 4.0 * step + APART and self.problem.apart(last.u, u) < step:
                 return points, names, True
             step = min(1.5 * step, LONGEST_STEP)
         return points, names, False
+
+    def _met(self, start: Vector, end: Vector, earlier: Matrix) -> Vector | None:
+        """The first of some regimes through which a step of the branch leads; None if none."""
+        if not len(earlier):
+            return None
+        length = float(np.linalg.norm(end - start))
+        way = (end - start) / length
+        along = (earlier - start) @ way
+        beside = np.linalg.norm(earlier - start - along[:, None] * way, axis=1)
+        close = np.flatnonzero((along > 0.0) & (along <= length) & (beside < BESIDE * length))
+        for number in close[np.argsort(along[close])]:
+            place = self.problem.corrected(start + along[number] * way, way)
+            if place is not None and np.abs(place.u - earlier[number]).max() < MET:
+                return np.asarray(earlier[number])
+        return None
 
     def _ahead(self, last: Place, step: float) -> Place | None:
         """The regime a step ahead, its tangent in the same sense."""
@@ -196,7 +232,7 @@ class Continuation:
                 high = middle
         return end, tried
 
-    def _between(self, start: Vector, end: Vector, parts: int = PARTS) -> list[Vector]:
+    def between(self, start: Vector, end: Vector, parts: int = PARTS) -> list[Vector]:
         """The regimes at the values that are drawn between two points of a branch, if they lie
         close to the chord; else those of the two halves of the chord."""
         way, values = end - start, self.drawn
@@ -217,7 +253,7 @@ class Continuation:
             middle = self.problem.corrected(start + 0.5 * way, way / np.linalg.norm(way))
             if middle is not None:
                 halves = (start, middle.u), (middle.u, end)
-                return [each for a, b in halves for each in self._between(a, b, parts // 2)]
+                return [each for a, b in halves for each in self.between(a, b, parts // 2)]
         return found
 
 

@@ -18,6 +18,9 @@ from stochvi.methods.periodic.kernels import solver
 SAME = 1e-6
 """Difference of phases, rad, or of states up to which two regimes are one."""
 
+ROUNDING = 1e-12
+"""Difference of places up to which they are one."""
+
 FASTEST = 1e6
 """Impact speed, in the units of the kernels, above which a solution is rounding: the phases of its
 impacts leave the motion undetermined."""
@@ -151,13 +154,15 @@ class Track:
         """Each place where the branch passes a value: the number of the point before it, and the
         point of the chord to the next."""
         away = self.sigma - sigma
+        # a regime from which the branch was followed is one of its points but for rounding
+        away[np.abs(away) < ROUNDING] = 0.0
         for number in np.flatnonzero((away[:-1] * away[1:] <= 0.0) & (away[:-1] != away[1:])):
             share = away[number] / (away[number] - away[number + 1])
             start, end = self.points[number], self.points[number + 1]
             u = start + share * (end - start)
             u[-1] = solver.WEIGHT * sigma
             yield int(number), u
-        if len(away) == 1 and abs(away[0]) < 1e-12:
+        if len(away) == 1 and away[0] == 0.0:
             yield 0, self.points[0].copy()
 
     def with_points(self, places: list[int], others: Track) -> Track:

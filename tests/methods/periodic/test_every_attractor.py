@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -24,6 +25,9 @@ doubles its period."""
 
 TWO_REGIMES = 65
 """Scene with two stable regimes and a jump up and down, whose answer is spoiled on purpose."""
+
+DOUBLED = 5
+"""Scene in which a branch of two periods joins one of one period."""
 
 SCENES = 200
 """Number of scenes."""
@@ -236,6 +240,21 @@ def both(seed: int) -> tuple[Case, HarmonicResponse, Seen]:
 )
 def test_what_flights_end_in_and_where_they_jump_is_listed(seed: int) -> None:
     assert not compared(*both(seed)).wrong
+
+
+@pytest.mark.slow
+def test_each_regime_is_listed_once() -> None:
+    """A branch that doubles its period passes through each regime again, a period later."""
+    one = case(DOUBLED)
+    found, copies, periods = harmonic_response(one.scene, one.values), 0, list[int]()
+    for value in one.values.tolist():
+        rows = found.at(value)[["periods", "displacement_max", "impact_speed_max", "multiplier"]]
+        numbers = rows.to_numpy(float)
+        periods += rows.periods.tolist()
+        copies += sum(
+            np.allclose(a, b, rtol=1e-6, atol=1e-9) for a, b in itertools.combinations(numbers, 2)
+        )
+    assert max(periods) == 2 and copies == 0
 
 
 @pytest.mark.slow
