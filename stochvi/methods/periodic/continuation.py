@@ -45,8 +45,8 @@ BESIDE = 0.25
 chord: one that is farther away belongs to another branch."""
 
 APART, MET = 0.5, 1e-7
-"""A branch may come back to a regime that it passed at least such a length of arc before; largest
-difference of points that are one regime."""
+"""A branch may come back to a regime that it passed at least such a length of arc before. Points that
+differ by no more than the second number are one regime."""
 
 PARTS = 64
 """Largest number of parts of a chord into which it is divided until regimes lie beside it."""
@@ -152,8 +152,8 @@ class Continuation:
                 add(POINT, *self.between(last.u, end))
                 add(GRAZING, end)
                 break
-            # a loop that does not hold the first regime would be followed again and again, and at a
-            # period doubling the same regimes follow, a period later
+            # a loop that does not hold the first regime would be followed again and again;
+            # beyond a period doubling the same regimes follow, a period later
             own = [each[:1] for at, each in passed if at < length - APART]
             later = [each[1:] for _, each in passed]
             met = self._met(last.u, place.u, np.concatenate([left, *own, *later]))
