@@ -45,8 +45,8 @@ BESIDE = 0.25
 chord: one that is farther away belongs to another branch."""
 
 APART, MET = 0.5, 1e-7
-"""A branch may come back to a regime that it passed at least such a length of arc before. Points that
-differ by no more than the second number are one regime."""
+"""A branch may come back to a regime that it passed at least such a length of arc before. Points
+that differ by no more than the second number are one regime."""
 
 PARTS = 64
 """Largest number of parts of a chord into which it is divided until regimes lie beside it."""
@@ -105,8 +105,11 @@ class Continuation:
         self.problem, self.drawn, self.reach, self.given_up = problem, drawn, reach, given_up
 
     def through(self, u: Vector, name: str, known: Sequence[Matrix] = ()) -> BranchPoints:
-        """The branch through a regime, in both directions, until it leaves the range, closes, an
-        impact vanishes, or it comes to a regime that is known or that it has passed."""
+        """The branch through a regime, in both directions, until it leaves the range or closes, or
+        an impact vanishes.
+
+        It also ends at a regime that is known, or that it has passed.
+        """
         points, names, closed = self._from(u, 1.0, known)
         after = [*known, np.array(points).reshape(-1, len(u))]
         before, names_before, _ = ([], [], True) if closed else self._from(u, -1.0, after)
