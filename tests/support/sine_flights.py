@@ -274,12 +274,16 @@ def swept(m: Mass, frequencies: np.ndarray, near: float = 1e-4) -> Swept:
 
 def jumped(m: Mass, before: Motion, place: float, upwards: bool, near: float) -> float | None:
     """Where a motion changes at once in a slow sweep over a relative distance on both sides of a
-    place, as the relative distance from it; None where it does not."""
+    place, or repeats itself no more, as the relative distance from it; None where it does not.
+
+    How large a motion is that does not repeat itself depends on how long it is flown.
+    """
     way, last = (1.0 if upwards else -1.0), before
     for away in (0.1 * near * np.arange(-10, 11)).tolist():
         frequency = place * (1.0 + way * away)
         there = settled(m, 2.0 * math.pi * frequency, last.state)
-        if changed(last, there, frequency) > SMALLEST:
+        ended = last.periods and not there.periods
+        if ended or changed(last, there, frequency) > SMALLEST:
             return abs(away)
         last = there
     return None

@@ -16,7 +16,7 @@ from stochvi.mathematics.arrays import Matrix, Vector, Whole
 from stochvi.methods.periodic.branches import Finder
 from stochvi.methods.periodic.kernels import flights, solver
 from stochvi.methods.periodic.simulations import SETTLING, simulate
-from stochvi.methods.periodic.tracks import Track
+from stochvi.methods.periodic.tracks import ROUNDING, Track
 
 PERIODIC, REGULAR, CHAOTIC = "periodic", "other regular", "chaotic"
 """Kinds of motion: a stable regime of the exact solver; another motion whose perturbations do not
@@ -260,7 +260,7 @@ class Attractors:
         chosen = [
             (track, int(number))
             for track in finder.tracks
-            for number in np.flatnonzero(np.abs(track.sigma - sigma) < 1e-12)
+            for number in np.flatnonzero(np.abs(track.sigma - sigma) < ROUNDING)
             if track.admissible[number] and not track.names[number]
         ]
         struck = [track.points[number, :-1] for track, number in chosen if track.stops]

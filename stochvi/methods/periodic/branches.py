@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -32,7 +32,7 @@ from stochvi.methods.periodic.kernels import solver
 from stochvi.methods.periodic.regimes import pattern_of, states_of
 from stochvi.methods.periodic.resting import Rests
 from stochvi.methods.periodic.simulations import MOST_SIMULATED, REPEATS, FinalMotion, simulate
-from stochvi.methods.periodic.tracks import OnBranch, Regime, Track
+from stochvi.methods.periodic.tracks import ROUNDING, OnBranch, Regime, Track
 from stochvi.results.deadline import NEVER, Deadline
 
 leave_out_of_budgets()
@@ -131,15 +131,15 @@ class Phases:
         motion = solver.motion_at(self.expansion, u[-1] / solver.WEIGHT)
         return u if solver.settle(motion, self.pattern, u[:-1], states) else None
 
-    def apart(self, one: Vector, other: Vector) -> float:
-        """The largest difference of two points, phases but for whole turns."""
-        turns = (one[:-1] - other[:-1]) / (2.0 * math.pi)
-        phases = 2.0 * math.pi * np.abs(turns - np.floor(turns + 0.5))
-        return float(max(abs(one[-1] - other[-1]), np.max(phases)))
+    def difference(self, points: Matrix, u: Vector) -> Matrix:
+        """How far each of some points lies from u, but for whole periods of the force."""
+        away = np.asarray(points - u)
+        away[:, :-1] -= 2.0 * math.pi * np.round(away[:, :1] / (2.0 * math.pi))
+        return away
 
     def images(self, u: Vector) -> Matrix:
-        """The regime from its first impact on."""
-        return u[None]
+        """The regime from each impact on from which the order of impacts is the same."""
+        return turned(u[None], self.pattern, tuple(self.pattern.stops.tolist()))
 
 
 class Unstruck:
@@ -153,13 +153,31 @@ class Unstruck:
         """The motion at u."""
         return u
 
-    def apart(self, one: Vector, other: Vector) -> float:
-        """The difference of two places."""
-        return float(abs(one[-1] - other[-1]))
+    def difference(self, points: Matrix, u: Vector) -> Matrix:
+        """How far each of some places lies from u."""
+        return points - u
 
     def images(self, u: Vector) -> Matrix:
         """The motion at u."""
         return u[None]
+
+
+def ordinary(track: Track) -> Matrix:
+    """Points of a branch at which no other branch crosses it."""
+    return track.points[[name in (POINT, NODE) for name in track.names]]
+
+
+def turned(points: Matrix, pattern: solver.Pattern, stops: tuple[int, ...]) -> Matrix:
+    """Points of a branch from each impact on from which the stops are hit in a wanted order; their
+    phases are those of a pattern."""
+    own, count = tuple(pattern.stops.tolist()), len(stops)
+    later = points[:, :-1] + 2.0 * math.pi * pattern.periods
+    parts = [
+        np.column_stack([points[:, first:-1], later[:, :first], points[:, -1]])
+        for first in range(count)
+        if own[first:] + own[:first] == stops
+    ]
+    return np.concatenate([*parts, np.empty((0, count + 1))])
 
 
 class Finder:
@@ -302,20 +320,35 @@ class Finder:
         return place
 
     def _known(self, regime: Regime) -> OnBranch | None:
+        for track in self._alike(regime):
+            for number, u in self._passing(track, regime.sigma):
+                if Regime(track.stops, track.periods, u[:-1], regime.sigma).same(regime):
+                    return OnBranch(track, number)
+        return None
+
+    def _alike(self, regime: Regime) -> Iterator[Track]:
+        """The branches on which a regime may lie."""
         for track in self.tracks:
             if track.by_state or track.periods != regime.periods or not track.stops:
                 continue
-            if sorted(track.stops) != sorted(regime.stops):
+            if sorted(track.stops) == sorted(regime.stops):
+                yield track
+
+    def _passing(
+        self, track: Track, sigma: float, near: Callable[[Vector], bool] = lambda _: True
+    ) -> Iterator[tuple[int, Vector]]:
+        """The regimes of a branch at a place, if the chord there is near enough, each with the
+        number of the point before it."""
+        place = np.array([solver.WEIGHT * sigma])
+        here = self._continuation(self.problem_of(track), place)
+        for number, u in track.around(sigma):
+            if not near(u):
                 continue
-            problem = self.problem_of(track)
-            for number, u in track.around(regime.sigma):
-                found = problem.settled(u)
-                if found is None:
-                    continue
-                known = Regime(track.stops, track.periods, found[:-1], regime.sigma)
-                if known.same(regime):
-                    return OnBranch(track, number)
-        return None
+            # close to a period doubling the chord alone would lead to the shorter regime
+            around = track.points[number : number + 2]
+            for each in (*around, *here.between(around[0], around[-1])):
+                if abs(each[-1] - place[0]) <= solver.WEIGHT * ROUNDING:
+                    yield number, each
 
     def starts(self) -> Matrix:
         """States (number, 2 n) from which simulations start: rest, and speeds of the pairs."""
@@ -443,7 +476,7 @@ class Finder:
 
     def _name(self, sigma: float) -> str:
         """Name of an ordinary point at a place."""
-        return POINT if np.min(np.abs(self.grid - sigma)) < 1e-12 else NODE
+        return POINT if np.min(np.abs(self.grid - sigma)) < ROUNDING else NODE
 
     def without_impacts(self) -> list[Track]:
         """The motion without impacts."""
@@ -472,7 +505,13 @@ class Finder:
     def _followed(self, seed: Regime) -> list[Track]:
         problem = Phases(self.family.expansion, pattern_of(seed.stops, seed.periods))
         u = np.append(seed.theta, solver.WEIGHT * seed.sigma)
-        found = self._continuation(problem).through(u, self._name(seed.sigma))
+        known = [
+            turned(ordinary(each), pattern_of(each.stops, each.periods), seed.stops)
+            for each in self._alike(seed)
+        ]
+        found = self._continuation(problem).through(
+            u, self._name(seed.sigma), np.concatenate([np.empty((0, len(u))), *known])
+        )
         track = self.inspected(seed.stops, seed.periods, found.points, found.names)
         return self._trimmed(self._located(track))
 

@@ -12,13 +12,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic import continuation
-from stochvi.methods.periodic.branches import LOOKED_AT, SUBHARMONICS, Finder
+from stochvi.methods.periodic.branches import LOOKED_AT, SUBHARMONICS, Finder, ordinary
 from stochvi.methods.periodic.continuation import GRAZING, Problem
 from stochvi.methods.periodic.kernels import contact_flow, solver
 from stochvi.methods.periodic.regimes import unstruck
@@ -84,9 +85,9 @@ class Orbit(NamedTuple):
         """Its point of a branch."""
         return np.append(self.state, solver.WEIGHT * self.sigma)
 
-    def away(self, u: Vector) -> float:
-        """The distance of the state of a point from the nearest of its own."""
-        return float(np.abs(self.ends - u[:-1]).max(axis=1).min())
+    def away(self, state: Vector) -> float:
+        """The distance of a state from the nearest of its own."""
+        return float(np.abs(self.ends - state).max(axis=1).min())
 
 
 class Motion(NamedTuple):
@@ -106,6 +107,10 @@ class ContactFinder(Finder):
     random_starts = 96
 
     converged = CONVERGED
+
+    @cached_property
+    def _found(self) -> dict[Track, Matrix]:
+        return {}
 
     def find(self) -> list[Track]:
         """All branches that were found."""
@@ -177,16 +182,9 @@ class ContactFinder(Finder):
         for track in self.tracks:
             if track.periods != orbit.periods:
                 continue
-            here = self._continuation(self.problem_of(track), orbit.u[-1:])
-            for number, u in track.around(orbit.sigma):
-                if orbit.away(u) > NEAR * size:
-                    continue
-                # close to a period doubling the chord alone would lead to the shorter regime
-                around = track.points[number : number + 2]
-                known = (*around, *here.between(around[0], around[-1]))
-                if any(
-                    abs(each[-1] - orbit.u[-1]) < SAME and orbit.away(each) < SAME for each in known
-                ):
+            beside = self._passing(track, orbit.sigma, lambda u: orbit.away(u[:-1]) < NEAR * size)
+            for number, u in beside:
+                if orbit.away(u[:-1]) < SAME:
                     return OnBranch(track, number)
         return None
 
@@ -238,8 +236,8 @@ class ContactFinder(Finder):
             motion = self.flown(one.sigma, one.state + middle * way, EDGE_PERIODS, factors=False)
             if motion is None:
                 return None
-            away = [np.abs(each.ends - motion.ends[-1]).max(axis=1).min() for each in (one, other)]
-            low, high = (middle, high) if away[0] < away[1] else (low, middle)
+            nearer = one.away(motion.ends[-1]) < other.away(motion.ends[-1])
+            low, high = (middle, high) if nearer else (low, middle)
         motion = self.flown(one.sigma, one.state + low * way, CAPTURE_PERIODS, factors=False)
         if motion is None:
             return None
@@ -290,13 +288,10 @@ class ContactFinder(Finder):
         """The branch through a regime, as branches of one order of contacts each; what was looked
         at before the deadline."""
         problem = Shooting(self, orbit.periods)
-        known = [
-            problem.images(u)
-            for each in self.tracks
-            if each.periods == orbit.periods
-            for u in each.points
-        ]
-        points, names = self._continuation(problem).through(orbit.u, self._name(orbit.sigma), known)
+        known = [self._images(each) for each in self.tracks if each.periods == orbit.periods]
+        points, names = self._continuation(problem).through(
+            orbit.u, self._name(orbit.sigma), np.concatenate([np.empty((0, self.size + 1)), *known])
+        )
         words = [
             self._word(u, orbit.periods)
             for u in itertools.takewhile(lambda _: not self.deadline.passed(), points)
@@ -319,6 +314,15 @@ class ContactFinder(Finder):
             if self.deadline.passed():
                 break
         return found
+
+    def _images(self, track: Track) -> Matrix:
+        """All points of the regimes of a branch, which are found once."""
+        if track not in self._found:
+            problem = self.problem_of(track)
+            self._found[track] = np.concatenate(
+                [np.empty((0, self.size + 1)), *(problem.images(u) for u in ordinary(track))]
+            )
+        return self._found[track]
 
     def _word(self, u: Vector, periods: int) -> tuple[int, ...]:
         motion = self.at_point(u, periods, factors=False)
@@ -428,9 +432,9 @@ class Shooting:
         orbit = self.finder.orbit(u[:-1], self.periods, u[-1] / solver.WEIGHT)
         return None if orbit is None or orbit.periods != self.periods else orbit.u
 
-    def apart(self, one: Vector, other: Vector) -> float:
-        """The largest difference of two points."""
-        return float(np.max(np.abs(one - other)))
+    def difference(self, points: Matrix, u: Vector) -> Matrix:
+        """How far each of some points lies from u."""
+        return points - u
 
     def images(self, u: Vector) -> Matrix:
         """The state after each period; that at u alone where the motion cannot be followed."""
@@ -443,7 +447,7 @@ def _different(orbits: Sequence[Orbit]) -> list[Orbit]:
     """The regimes among some, each once."""
     found = list[Orbit]()
     for orbit in orbits:
-        if all(np.abs(each.ends - orbit.state).max(axis=1).min() > SAME for each in found):
+        if all(each.away(orbit.state) > SAME for each in found):
             found.append(orbit)
     return found
 

@@ -8,8 +8,9 @@ nothing of its course: the regimes there are added between its own points.
 
 from __future__ import annotations
 
+import bisect
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -44,9 +45,11 @@ BESIDE = 0.25
 """Largest distance of a regime from the chord between two points of its branch, in lengths of the
 chord: one that is farther away belongs to another branch."""
 
-APART, MET = 0.5, 1e-7
-"""A branch may come back to a regime that it passed at least such a length of arc before. Points
-that differ by no more than the second number are one regime."""
+APART = 0.5
+"""A branch comes back to a regime at least such a length of arc after it has passed it."""
+
+MET = 1e-7
+"""Largest difference of points that are one regime."""
 
 PARTS = 64
 """Largest number of parts of a chord into which it is divided until regimes lie beside it."""
@@ -70,11 +73,11 @@ class Problem(Protocol):
     def settled(self, u: Vector) -> Vector | None:
         """The regime near u at its own place of the range; None where there is none."""
 
-    def apart(self, one: Vector, other: Vector) -> float:
-        """The largest difference of two points."""
+    def difference(self, points: Matrix, u: Vector) -> Matrix:
+        """How far each of some points lies from u."""
 
     def images(self, u: Vector) -> Matrix:
-        """All points of the regime at u, as from each of its periods on."""
+        """All points of the regime at u, this one first: a regime starts at each of its periods."""
 
 
 class BranchPoints(NamedTuple):
@@ -104,26 +107,27 @@ class Continuation:
     ) -> None:
         self.problem, self.drawn, self.reach, self.given_up = problem, drawn, reach, given_up
 
-    def through(self, u: Vector, name: str, known: Sequence[Matrix] = ()) -> BranchPoints:
-        """The branch through a regime, in both directions, until it leaves the range or closes, or
-        an impact vanishes.
-
-        It also ends at a regime that is known, or that it has passed.
-        """
+    def through(self, u: Vector, name: str, known: Matrix) -> BranchPoints:
+        """The branch through a regime, in both directions, until it leaves the range or an impact
+        vanishes. It also ends at a regime that is `known`, or that it has passed."""
         points, names, closed = self._from(u, 1.0, known)
-        after = [*known, np.array(points).reshape(-1, len(u))]
-        before, names_before, _ = ([], [], True) if closed else self._from(u, -1.0, after)
+        passed = [known, *(self.problem.images(each) for each in points)]
+        before, names_before, _ = (
+            ([], [], True) if closed else self._from(u, -1.0, np.concatenate(passed))
+        )
         return BranchPoints(
             np.array([*before[::-1], u, *points]), [*names_before[::-1], name, *names]
         )  # fmt: skip
 
     def _from(
-        self, u: Vector, direction: float, known: Sequence[Matrix]
+        self, u: Vector, direction: float, known: Matrix
     ) -> tuple[list[Vector], list[str], bool]:
         """Points of a branch, the parameter first in a direction, with their names, and whether it
         has closed."""
         points, names = list[Vector](), list[str]()
-        passed, left = list[tuple[float, Matrix]](), np.concatenate([u[None], *known])[1:]
+        images = self.problem.images(u)
+        # the regimes that were passed, the length of arc at each, and their other images
+        passed, lengths, others = images[:1], [0.0], np.concatenate([known, images[1:]])
 
         def add(name: str, *found: Vector) -> None:
             points.extend(found)
@@ -155,44 +159,48 @@ class Continuation:
                 add(POINT, *self.between(last.u, end))
                 add(GRAZING, end)
                 break
-            # a loop that does not hold the first regime would be followed again and again;
-            # beyond a period doubling the same regimes follow, a period later
-            own = [each[:1] for at, each in passed if at < length - APART]
-            later = [each[1:] for _, each in passed]
-            met = self._met(last.u, place.u, np.concatenate([left, *own, *later]))
-            if met is not None:
-                place = place._replace(u=met)
-            passed.append((length, self.problem.images(place.u)))
+            back = passed[: bisect.bisect_left(lengths, length - APART)]
+            met = self._met(last.u, place.u, np.concatenate([back, others]))
+            place = met or place
+            images = self.problem.images(place.u)
+            passed, others = np.vstack([passed, images[:1]]), np.vstack([others, images[1:]])
+            lengths.append(length)
             begin = last.u
             if place.tangent[-1] * last.tangent[-1] < 0.0:
-                begin = self._bisected(last, step, _rising(last.tangent[-1]))[1]
-                add(POINT, *self.between(last.u, begin))
-                add(FOLD, begin)
+                turn = self._bisected(last, step, _rising(last.tangent[-1]))[1]
+                # where a branch doubles its period the equations are singular, and may lead astray
+                if _beside(last.u, place.u, turn) < BESIDE:
+                    begin = turn
+                    add(POINT, *self.between(last.u, begin))
+                    add(FOLD, begin)
             add(POINT, *self.between(begin, place.u))
             if not 0.0 <= place.u[-1] <= WEIGHT:
                 break
             add(NODE, place.u)
             if met is not None:
-                break
+                away = self.problem.difference(u[None], met.u)
+                return points, names, bool(np.abs(away).max() < MET)
             last = place
-            if length > 4.0 * step + APART and self.problem.apart(last.u, u) < step:
-                return points, names, True
             step = min(1.5 * step, LONGEST_STEP)
         return points, names, False
 
-    def _met(self, start: Vector, end: Vector, earlier: Matrix) -> Vector | None:
-        """The first of some regimes through which a step of the branch leads; None if none."""
-        if not len(earlier):
-            return None
+    def _met(self, start: Vector, end: Vector, earlier: Matrix) -> Place | None:
+        """The first of some regimes through which a step of the branch leads; None if none.
+
+        Without it a loop would be followed again and again. Beyond a period doubling the branch
+        has the regimes that it had before, a period later.
+        """
         length = float(np.linalg.norm(end - start))
-        way = (end - start) / length
-        along = (earlier - start) @ way
-        beside = np.linalg.norm(earlier - start - along[:, None] * way, axis=1)
+        way, gone = (end - start) / length, self.problem.difference(earlier, start)
+        along = gone @ way
+        beside = np.linalg.norm(gone - along[:, None] * way, axis=1)
         close = np.flatnonzero((along > 0.0) & (along <= length) & (beside < BESIDE * length))
         for number in close[np.argsort(along[close])]:
             place = self.problem.corrected(start + along[number] * way, way)
-            if place is not None and np.abs(place.u - earlier[number]).max() < MET:
-                return np.asarray(earlier[number])
+            if place is None:
+                continue
+            if np.abs(self.problem.difference(earlier[number][None], place.u)).max() < MET:
+                return place
         return None
 
     def _ahead(self, last: Place, step: float) -> Place | None:
@@ -258,6 +266,13 @@ class Continuation:
                 halves = (start, middle.u), (middle.u, end)
                 return [each for a, b in halves for each in self.between(a, b, parts // 2)]
         return found
+
+
+def _beside(start: Vector, end: Vector, u: Vector) -> float:
+    """How far a point lies from the line through two others, in lengths of their chord."""
+    way = (end - start) / np.linalg.norm(end - start)
+    gone = u - start
+    return float(np.linalg.norm(gone - gone @ way * way) / np.linalg.norm(end - start))
 
 
 def _rising(way: float) -> Callable[[Place], bool]:

@@ -19,7 +19,7 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.continuation import GRAZING, NODE, POINT, STICKING
 from stochvi.methods.periodic.kernels import flights, solver
 from stochvi.methods.periodic.simulations import FinalMotion, simulate
-from stochvi.methods.periodic.tracks import OnBranch, Track
+from stochvi.methods.periodic.tracks import ROUNDING, OnBranch, Track
 from stochvi.results.deadline import Deadline
 
 EXACT, COARSE = 1e-7, 1e-4
@@ -192,7 +192,7 @@ class Rests:
         )
 
     def _name(self, sigma: float) -> str:
-        return POINT if np.min(np.abs(self.drawn - sigma)) < 1e-12 else NODE
+        return POINT if np.min(np.abs(self.drawn - sigma)) < ROUNDING else NODE
 
     def _from(
         self, here: BasinRun, sigma: float, places: Vector

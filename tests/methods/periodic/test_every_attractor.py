@@ -26,8 +26,9 @@ doubles its period."""
 TWO_REGIMES = 65
 """Scene with two stable regimes and a jump up and down, whose answer is spoiled on purpose."""
 
-DOUBLED = 5
-"""Scene in which a branch of two periods joins one of one period."""
+DOUBLED = (4, 5)
+"""Scenes, with rigid and with compliant stops, in which branches join those that double a period;
+no regime is the mirror image of another."""
 
 SCENES = 200
 """Number of scenes."""
@@ -243,9 +244,10 @@ def test_what_flights_end_in_and_where_they_jump_is_listed(seed: int) -> None:
 
 
 @pytest.mark.slow
-def test_each_regime_is_listed_once() -> None:
+@pytest.mark.parametrize("seed", DOUBLED)
+def test_each_regime_is_listed_once(seed: int) -> None:
     """A branch that doubles its period passes through each regime again, a period later."""
-    one = case(DOUBLED)
+    one = case(seed)
     found, copies, periods = harmonic_response(one.scene, one.values), 0, list[int]()
     for value in one.values.tolist():
         rows = found.at(value)[["periods", "displacement_max", "impact_speed_max", "multiplier"]]
@@ -254,7 +256,7 @@ def test_each_regime_is_listed_once() -> None:
         copies += sum(
             np.allclose(a, b, rtol=1e-6, atol=1e-9) for a, b in itertools.combinations(numbers, 2)
         )
-    assert max(periods) == 2 and copies == 0
+    assert max(periods) > 1 and copies == 0
 
 
 @pytest.mark.slow
