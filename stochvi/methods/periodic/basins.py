@@ -233,7 +233,7 @@ def basins(
     Parameters
     ----------
     scene
-        As for `harmonic_response`, with rigid stops.
+        As for `harmonic_response`, with rigid stops, and springs and dampers that are linear.
     plane
         Two numbers of a start with their values: "displacement.NAME" (m) or "velocity.NAME" (m/s)
         of a coordinate; all others are those at rest under the constant loads. By default the
@@ -311,6 +311,9 @@ def basins(
     return answer
 
 
+INSTEAD = "; sine finds its regimes, and bifurcation follows a motion from a start"
+"""Remedy where a map of basins does not follow forces."""
+
 RECOGNISED = (
     "a motion ends in a regime where it enters surroundings from which the regime is approached: "
     "without impacts by its energy, else as found for 256 states around the regime"
@@ -319,18 +322,25 @@ RECOGNISED = (
 
 
 class Place:
-    """A scene at its own values: its regimes, and the states from which motions can start."""
+    """A scene at its own values: its regimes, and the states from which motions can start.
+
+    `of_any_force` says that stops may be compliant, and springs and dampers functions.
+    """
 
     def __init__(
-        self, scene: Scene, most_impacts: int, deadline: Deadline, *, compliant: bool = False
+        self, scene: Scene, most_impacts: int, deadline: Deadline, *, of_any_force: bool = False
     ) -> None:
         self.model = model_of(scene)
-        if conditions := unmet(self.model, compliant=compliant):
-            raise NotApplicable("sine" if compliant else "basins", conditions)
+        if conditions := unmet(self.model, compliant=of_any_force, with_functions=of_any_force):
+            if not unmet(self.model, compliant=True, with_functions=True):
+                conditions = [each + INSTEAD for each in conditions]
+            raise NotApplicable("sine" if of_any_force else "basins", conditions)
         _, values, scene_at = varied(scene, None, None)
         value = float(values[0])
         low, high = (1.0 - MARGIN) * value, (1.0 + MARGIN) * value
-        self.family = Family.of(lambda each: model_of(scene_at(each)), low, high, None)
+        self.family = Family.of(
+            lambda each: model_of(scene_at(each)), low, high, None, with_functions=of_any_force
+        )
         self.sigma = float(self.family.sigma(value))
         self.states = States(self.model, self.family, self.sigma)
         self.finder = finder_of(self.family, np.array([self.sigma]), most_impacts, deadline)

@@ -45,10 +45,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
-LEAP = 64
-"""Number of periods over which perturbations are followed at once before a motion between stops
-that are compliant is watched; they grow by less than the range of floating-point numbers."""
-
 MOST_DRAWN = 8
 """Largest number of impacts that are kept for each period that is watched; if there are more, the
 last ones are kept."""
@@ -250,7 +246,9 @@ def bifurcation(
     low, high = float(values[0]), float(values[-1])
     if low == high:
         raise ValueError(f"{key} must have at least two values, got {low:g}")
-    family = Family.of(lambda value: model_of(scene_at(value)), low, high, None)
+    family = Family.of(
+        lambda value: model_of(scene_at(value)), low, high, None, with_functions=True
+    )
     finder = finder_of(family, family.sigma(values), 1, deadline)
     if slow := too_slow(finder):
         raise NotApplicable("sine", [slow])
@@ -280,7 +278,7 @@ def _swept(
 ) -> BifurcationSweep:  # fmt: skip
     """One sweep; it ends where impacts come too fast to be followed."""
     family = finder.family
-    (state,) = states.starts(start or {})
+    state = _start_of(finder, states, start)
     sigmas, flown = [], list[TrackedPath]()
     for sigma in finder.grid if upwards else finder.grid[::-1]:
         flight = _watched(finder, float(sigma), state, settling, watched, MOST_DRAWN * watched)
@@ -302,6 +300,12 @@ def _swept(
     )
 
 
+def _start_of(finder: Finder, states: States, start: Mapping[str, float] | None) -> Vector:
+    """The state that a user gives, where no hysteresis has a memory."""
+    (state,) = states.starts(start or {})
+    return np.pad(state, (0, finder.size - len(state)))
+
+
 def _watched(
     finder: Finder, sigma: float, state: Vector, skipped: int, periods: int, most: int
 ) -> TrackedPath | None:
@@ -312,14 +316,14 @@ def _watched(
         return watch(course, state, skipped, periods, most)
     perturbation = unit_perturbation(len(state))[:, 0]
     ends, growth = np.empty((periods, len(state))), np.empty(periods)
-    impacts = [np.empty((0, 3))]
-    leaps = [LEAP] * (skipped // LEAP) + ([skipped % LEAP] if skipped % LEAP else [])
+    impacts, leap = [np.empty((0, 3))], finder.followed_at_once
+    leaps = [leap] * (skipped // leap) + ([skipped % leap] if skipped % leap else [])
     for period, flown in enumerate(leaps + [1] * periods, start=-len(leaps)):
-        motion = finder.flown(sigma, state, flown)
-        if motion is None:
+        found = finder.perturbed(sigma, state, flown, perturbation)
+        if found is None:
             return None
+        motion, perturbation = found
         state[:] = motion.ends[-1]
-        perturbation = motion.factors @ perturbation
         size = float(np.linalg.norm(perturbation))
         perturbation = perturbation / size
         if period >= 0:
@@ -385,8 +389,8 @@ def lyapunov_exponent(
             f"settling must be at least 0 and periods at least {BATCHES}, got {settling} and "
             f"{periods}"
         )
-    place = Place(scene, 1, NEVER, compliant=True)
-    (state,) = place.states.starts(start or {})
+    place = Place(scene, 1, NEVER, of_any_force=True)
+    state = _start_of(place.finder, place.states, start)
     flight = _watched(place.finder, place.sigma, state, settling, periods, 1)
     if flight is None:
         raise NotApplicable(

@@ -155,6 +155,18 @@ class ContactFinder(Finder):
         kept = kept[np.argsort(kept[:, 0], kind="stable")]
         return Motion(ends, grown, kept, *sizes)
 
+    def perturbed(
+        self, sigma: float, state: Vector, periods: int, perturbation: Vector
+    ) -> tuple[Motion, Vector] | None:
+        """A motion over some periods, at most `followed_at_once`, and what becomes of a small
+        perturbation of its start; None where contacts come too fast to be followed."""
+        motion = self.flown(sigma, state, periods)
+        return None if motion is None else (motion, motion.factors @ perturbation)
+
+    followed_at_once = 64
+    """Largest number of periods over which a perturbation is followed at once: it grows by less
+    than the range of floating-point numbers."""
+
     def simulate(
         self, sigma: float, state: Vector, phase: float = 0.0, periods: int = LOOKED_AT
     ) -> FinalMotion | None:

@@ -8,7 +8,7 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.branches import Finder
 from stochvi.methods.periodic.contact_branches import ContactFinder, Motion
 from stochvi.methods.periodic.family import Family
-from stochvi.methods.periodic.kernels import contact_flow, function_flow
+from stochvi.methods.periodic.kernels import contact_flow, function_flow, solver
 from stochvi.methods.periodic.simulations import MOST_KEPT
 from stochvi.results.deadline import NEVER, Deadline
 
@@ -45,26 +45,67 @@ class FunctionFinder(ContactFinder):
         motion = self._flown(system, state, periods, phase)
         if motion is None or not factors:
             return motion
-        grown = np.empty((self.size, self.size))
-        for column, way in enumerate(CHANGE * np.eye(self.size)):
-            sides = [self._flown(system, state + side * way, periods, phase) for side in (-1, 1)]
-            if sides[0] is None or sides[1] is None:
-                return None
-            grown[:, column] = (sides[1].ends[-1] - sides[0].ends[-1]) / (2.0 * CHANGE)
-        return motion._replace(factors=grown)
+        moved = [
+            self._flown(system, state + way, periods, phase, measured=False)
+            for way in CHANGE * np.eye(self.size)
+        ]
+        ends = [each.ends[-1] for each in moved if each is not None]
+        if len(ends) < len(moved):
+            return None
+        return motion._replace(factors=(np.array(ends) - motion.ends[-1]).T / CHANGE)
+
+    def at_point(self, u: Vector, periods: int, *, factors: bool = True) -> Motion | None:
+        """As for stops; factors are differences on both sides where both can be followed, those of
+        Newton's iteration on one."""
+        sigma, state = u[-1] / solver.WEIGHT, u[:-1]
+        motion = self.flown(sigma, state, periods, factors=False)
+        if motion is None or not factors:
+            return motion
+        system = self.system(sigma)
+        grown = [self._grown(system, state, periods, 0.0, way) for way in np.eye(self.size)]
+        known = [each for each in grown if each is not None]
+        if len(known) < self.size:
+            return self.flown(sigma, state, periods)
+        return motion._replace(factors=np.array(known).T)
+
+    def _grown(
+        self, system: function_flow.System, state: Vector, periods: int, phase: float, way: Vector
+    ) -> Vector | None:
+        """Growth of a small perturbation in a direction, by differences."""
+        low, high = (
+            self._flown(system, state + change * way, periods, phase, measured=False)
+            for change in (-CHANGE, CHANGE)
+        )
+        if low is None or high is None:
+            return None
+        return np.asarray((high.ends[-1] - low.ends[-1]) / (2.0 * CHANGE))
+
+    def perturbed(
+        self, sigma: float, state: Vector, periods: int, perturbation: Vector
+    ) -> tuple[Motion, Vector] | None:
+        system = self.system(sigma)
+        motion = self._flown(system, state, periods, 0.0)
+        grown = self._grown(system, state, periods, 0.0, perturbation)
+        return None if motion is None or grown is None else (motion, grown)
+
+    followed_at_once = 1
+    """A perturbation that is differenced has to stay small."""
 
     def _flown(
-        self, system: function_flow.System, state: Vector, periods: int, phase: float
-    ) -> Motion | None:
-        ends, log = np.empty((periods + 1, self.size)), np.zeros((MOST_KEPT, 3 + self.size))
+        self, system: function_flow.System, state: Vector, periods: int, phase: float,
+        *, measured: bool = True,
+    ) -> Motion | None:  # fmt: skip
+        """A motion, and its output and contacts where they are `measured`."""
+        kept = MOST_KEPT if measured else 0
+        ends, log = np.empty((periods + 1, self.size)), np.zeros((kept, 3 + self.size))
         none = np.empty((0, 0))
         hits, *sizes = function_flow.flow(
             system, np.ascontiguousarray(state), phase, contact_flow.Record(ends, log, none)
         )
         if hits < 0 or not np.all(np.isfinite(ends)):
             return None
-        kept = log[: min(hits, MOST_KEPT)]
-        return Motion(ends, none, kept[np.argsort(kept[:, 0], kind="stable")], *sizes)
+        log = log[: min(hits, kept)]
+        return Motion(ends, none, log[np.argsort(log[:, 0], kind="stable")], *sizes)
 
     def system(self, sigma: float) -> function_flow.System:
         """The scene at a place of the range."""

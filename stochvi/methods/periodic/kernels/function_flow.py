@@ -593,7 +593,10 @@ def advance(system, modes, y, rates, phase, step, limit, places, work, out, late
 @kernel
 def flow(system, start, phase, record):
     """Follow a motion over whole periods of the force from a phase of it, as `contact_flow.flow`.
-    Factors of perturbations are not found."""
+
+    Factors of perturbations are not found. Where the log of the record is empty, contacts are
+    counted alone, and displacement, acceleration and amplitude are 0.
+    """
     motion, size, parts = system.motion, len(start), len(system.functions.kinds)
     n, m = motion.rows.shape[1], len(motion.positions)
     work = Work(
@@ -621,6 +624,7 @@ def follow(system, modes, start, phase, record, work, places):
     """`flow`, in arrays of which no owners are counted."""
     motion, functions = system.motion, system.functions
     ends, log, _ = record
+    measured = len(log) > 0
     periods, size, parts = len(ends) - 1, len(start), len(functions.kinds)
     y, fresh, rates, later = work.states[0], work.states[1], work.states[2], work.states[3]
     put(start, y)
@@ -654,27 +658,28 @@ def follow(system, modes, start, phase, record, work, places):
             if not largest < LARGEST:
                 return -1, displacement, acceleration, 0.0
             then = now + motion.omega * length
-            place, moving = output_of(motion, y)
-            place_, moving_ = output_of(motion, fresh)
-            displacement = max(displacement, swing((place, place_), (moving, moving_), length))
-            if length > 0.0 and period >= periods - MEASURED:
-                push, jerk = acceleration_of(system, modes, y, rates, now, probe, work)
-                push_, jerk_ = acceleration_of(system, modes, fresh, later, then, probe, work)
-                acceleration = max(acceleration, swing((push, push_), (jerk, jerk_), length))
-            for number in range(2):
-                # cosine and sine; each product by its values and slopes
-                angle, angle_ = now - 0.5 * math.pi * number, then - 0.5 * math.pi * number
-                wave, wave_ = math.cos(angle), math.cos(angle_)
-                turning, turning_ = (
-                    -motion.omega * math.sin(angle),
-                    -motion.omega * math.sin(angle_),
-                )
-                bend = moving * wave + place * turning - moving_ * wave_ - place_ * turning_
-                part = 0.5 * length * (place * wave + place_ * wave_) + length**2 / 12.0 * bend
-                if number == 0:
-                    even += part
-                else:
-                    odd += part
+            if measured:
+                place, moving = output_of(motion, y)
+                place_, moving_ = output_of(motion, fresh)
+                displacement = max(displacement, swing((place, place_), (moving, moving_), length))
+                if length > 0.0 and period >= periods - MEASURED:
+                    push, jerk = acceleration_of(system, modes, y, rates, now, probe, work)
+                    push_, jerk_ = acceleration_of(system, modes, fresh, later, then, probe, work)
+                    acceleration = max(acceleration, swing((push, push_), (jerk, jerk_), length))
+                for number in range(2):
+                    # cosine and sine; each product by its values and slopes
+                    angle, angle_ = now - 0.5 * math.pi * number, then - 0.5 * math.pi * number
+                    wave, wave_ = math.cos(angle), math.cos(angle_)
+                    turning, turning_ = (
+                        -motion.omega * math.sin(angle),
+                        -motion.omega * math.sin(angle_),
+                    )
+                    bend = moving * wave + place * turning - moving_ * wave_ - place_ * turning_
+                    part = 0.5 * length * (place * wave + place_ * wave_) + length**2 / 12.0 * bend
+                    if number == 0:
+                        even += part
+                    else:
+                        odd += part
             put(fresh, y)
             left -= length
             if left < 1e-13:
@@ -686,9 +691,10 @@ def follow(system, modes, start, phase, record, work, places):
                 return -1, displacement, acceleration, 0.0
             stop, speed = enter(system, modes, passed, y, then, work, rates)
             if stop >= 0:
-                slot = hits % len(log)
-                log[slot, 0], log[slot, 1], log[slot, 2] = then, stop, speed
-                put(fresh, log[slot, 3:])
+                if measured:
+                    slot = hits % len(log)
+                    log[slot, 0], log[slot, 1], log[slot, 2] = then, stop, speed
+                    put(fresh, log[slot, 3:])
                 hits += 1
                 fastest = max(fastest, speed)
                 if system.laws.counts[stop] == 0 and speed <= STILL * fastest:
