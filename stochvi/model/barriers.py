@@ -6,6 +6,7 @@ sqrt(2 (E - E_i)); the impact leaves E_i + R^2 (E - E_i).
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -115,29 +116,24 @@ class SpeedBarrier:
             grid = np.union1d(grid, self.law.speed)
         back = grid * self.returned(0.5 * grid**2)
         slow = own * self.returned(above)
-        turn, found, last = 0, [], np.zeros(len(own), np.int64)
-        while True:
+        faster, number = back > own[:, None], np.arange(len(grid))
+        first = place = np.searchsorted(grid, own, side="right")
+        for turn in itertools.count():
+            # after an even number of passages rebounds are slower than the speed itself
+            ahead = (number >= place[:, None]) & (faster if turn % 2 == 0 else ~faster)
+            passed = ahead.any(axis=1)
+            if not passed.any():
+                return
+            place = np.where(passed, ahead.argmax(axis=1), len(grid))
+            at, speed = place[passed], own[passed]
+            from_own = (at == first[passed]) & (turn == 0)
+            low = np.where(from_own, speed, grid[at - 1])
+            below = np.where(from_own, slow[passed], back[at - 1])
+            rise = back[at] - below
+            share = np.divide(speed - below, rise, out=np.ones_like(rise), where=rise != 0.0)
             starts = np.full_like(own, np.inf)
-            for k, speed in enumerate(own):
-                first = int(np.searchsorted(grid, speed, side="right")) if turn == 0 else last[k]
-                # after an even number of passages rebounds are slower than the speed itself
-                passed = back[first:] > speed if turn % 2 == 0 else back[first:] <= speed
-                place = first + int(np.argmax(passed)) if passed.any() else len(grid)
-                last[k] = place
-                if place < len(grid):
-                    low, below = (
-                        (speed, slow[k])
-                        if turn == 0 and place == first
-                        else (grid[place - 1], back[place - 1])
-                    )
-                    rise = back[place] - below
-                    share = (speed - below) / rise if rise else 1.0
-                    starts[k] = (low + share * (grid[place] - low)) ** 2 / 2.0
-            if not np.isfinite(starts).any():
-                break
-            found.append(Returns(starts, np.full_like(own, -1.0 if turn % 2 == 0 else 1.0)))
-            turn += 1
-        yield from found
+            starts[passed] = (low + share * (grid[at] - low)) ** 2 / 2.0
+            yield Returns(starts, np.full_like(own, -1.0 if turn % 2 == 0 else 1.0))
 
 
 AnyBarrier = Barrier | SpeedBarrier

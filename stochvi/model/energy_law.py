@@ -19,6 +19,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.impact_rates import NO_STOP, StopStatistics
@@ -34,9 +35,6 @@ VARIANTS = (CONTINUOUS, FINITE_JUMPS, UNFOLDED)
 
 NODES, WEIGHTS = gauss_legendre(12)
 """Nodes and weights of the Gauss-Legendre rule of each panel of energies, and of each orbit."""
-
-INTEGRATED = np.polynomial.legendre.Legendre.basis
-"""Function from a degree to the Legendre polynomial of this degree."""
 
 PANELS = 14
 """Number of panels between the energies of two stops, and above the last one. With twice as many,
@@ -313,14 +311,12 @@ class EnergyLaw:
 
 def _legendre_integrals(z: Vector) -> Matrix:
     """Integrals of the Legendre polynomials from each z to 1."""
-    columns = []
-    for degree in range(len(NODES)):
-        whole = INTEGRATED(degree).integ()
-        columns.append(whole(1.0) - whole(z))
-    return np.stack(columns, axis=1)
+    values, degrees = legvander(z, len(NODES)), np.arange(1, len(NODES))
+    # (2 n + 1) P_n is the derivative of P_(n + 1) - P_(n - 1)
+    return np.column_stack([1.0 - z, (values[:, :-2] - values[:, 2:]) / (2.0 * degrees + 1.0)])
 
 
-_TO_COEFFICIENTS = np.linalg.inv(np.polynomial.legendre.legvander(NODES, len(NODES) - 1))
+_TO_COEFFICIENTS = np.linalg.inv(legvander(NODES, len(NODES) - 1))
 """Matrix that turns values at the nodes of a panel into coefficients of Legendre polynomials."""
 
 
