@@ -414,7 +414,7 @@ class Shooting:
         """The regime on the plane through u with a normal; None where Newton's iteration fails."""
         finder, at = self.finder, u.copy()
         for _ in range(MOST_ITERATIONS):
-            motion = finder.at_point(at, self.periods)
+            motion = finder.flown(at[-1] / solver.WEIGHT, at[:-1], self.periods)
             sides = [
                 finder.at_point(_moved(at, side * CHANGE), self.periods, factors=False)
                 for side in (-1, 1)
