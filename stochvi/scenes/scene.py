@@ -706,8 +706,10 @@ class Scene(Checked):
 
     def _misfit_of_several(self, excitation: Excitation) -> str:
         """Fault of the place of a force between two places, or on several; empty if nothing is."""
-        known, key = self.structure.places, "weights" if excitation.between is None else "between"
-        if isinstance(self.structure, RigidBody) or len(known) < 2:
+        key = "weights" if excitation.between is None else "between"
+        rigid = isinstance(self.structure, RigidBody)
+        known = AXES if rigid else tuple(self.structure.places)
+        if len(known) < 2 or (rigid and key == "between"):
             return (
                 f"takes {key} with a structure of several coordinates or points only, got "
                 f"{self.structure.kind!r}"

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
@@ -54,6 +54,9 @@ counts as leading to the nearer of the two."""
 CAPTURE_PERIODS = 8
 """Number of periods in which a motion that starts on the edge between two regimes comes close to
 the unstable regime on it."""
+
+FARTHEST = 1e3
+"""Distance from its start at which Newton's iteration along a branch is given up."""
 
 BEYOND = 0.2
 """Share of the range by which Newton's iteration may leave it. Far outside, the series of the
@@ -107,6 +110,9 @@ class ContactFinder(Finder):
     random_starts = 96
 
     converged = CONVERGED
+
+    kept = 0.0
+    """Changes below such a share of the one before let Newton's iteration keep its slopes."""
 
     @cached_property
     def _found(self) -> dict[Track, Matrix]:
@@ -231,13 +237,18 @@ class ContactFinder(Finder):
                 return
             if (orbit := self._on_edge(one, other)) is not None:
                 yield orbit
-        random = np.random.default_rng(0)
-        for periods in SUBHARMONICS:
-            for start in size * random.normal(size=(RANDOM_STARTS, self.size)):
+        for periods, starts in zip(SUBHARMONICS, self.newton_starts(sigma), strict=True):
+            for start in size * starts:
                 if self.deadline.passed():
                     return
                 if (orbit := self.orbit(start, periods, sigma, reach=REACH * size)) is not None:
                     yield orbit
+
+    def newton_starts(self, sigma: float) -> Matrix:
+        """States from which Newton's iteration is started at a place, for each number of periods,
+        in units of the motions there: (numbers of periods, states, size)."""
+        random = np.random.default_rng(0)
+        return random.normal(size=(len(SUBHARMONICS), RANDOM_STARTS, self.size))
 
     def _on_edge(self, one: Orbit, other: Orbit) -> Orbit | None:
         """The unstable regime that parts the starts of two stable ones: a start between them that
@@ -274,22 +285,26 @@ class ContactFinder(Finder):
     def orbit(self, start: Vector, periods: int, sigma: float, reach: float = 1e3) -> Orbit | None:
         """The regime that Newton's iteration ends at; None where it fails, or leaves the states
         within a reach."""
-        state = start.copy()
-        for _ in range(MOST_ITERATIONS):
-            motion = self.flown(sigma, state, periods)
+        ends = np.empty((0, len(start)))
+
+        def equations(state: Vector, slopes: bool) -> Linearised | None:
+            nonlocal ends
+            motion = self.flown(sigma, state, periods, factors=slopes)
             if motion is None:
                 return None
-            change = _solved(motion.factors - np.eye(len(state)), state - motion.ends[-1])
-            if change is None or not np.abs(state + change).max() < reach:
-                return None
-            state = state + change
-            if np.abs(change).max() < self.converged * (1.0 + np.abs(state).max()):
-                ends = np.concatenate([state[None], motion.ends[1:-1]])
-                for shorter in range(1, periods):
-                    if periods % shorter == 0 and np.abs(ends[shorter] - state).max() < SAME:
-                        return Orbit(state, ends[:shorter], sigma)
-                return Orbit(state, ends, sigma)
-        return None
+            ends = motion.ends
+            matrix = motion.factors - np.eye(len(state)) if slopes else None
+            return Linearised(ends[-1] - state, matrix)
+
+        found = _root(equations, start, self, lambda state: bool(np.abs(state).max() < reach))
+        if found is None:
+            return None
+        state = found.place
+        ends = np.concatenate([state[None], ends[1:-1]])
+        for shorter in range(1, periods):
+            if periods % shorter == 0 and np.abs(ends[shorter] - state).max() < SAME:
+                return Orbit(state, ends[:shorter], sigma)
+        return Orbit(state, ends, sigma)
 
     # Branches
 
@@ -412,32 +427,36 @@ class Shooting:
 
     def corrected(self, u: Vector, normal: Vector) -> continuation.Place | None:
         """The regime on the plane through u with a normal; None where Newton's iteration fails."""
-        finder, at = self.finder, u.copy()
-        for _ in range(MOST_ITERATIONS):
-            motion = finder.flown(at[-1] / solver.WEIGHT, at[:-1], self.periods)
+        finder = self.finder
+
+        def equations(at: Vector, slopes: bool) -> Linearised | None:
+            motion = finder.flown(at[-1] / solver.WEIGHT, at[:-1], self.periods, factors=slopes)
+            if motion is None:
+                return None
+            left = np.append(motion.ends[-1] - at[:-1], normal @ (at - u))
+            if not slopes:
+                return Linearised(left, None)
             sides = [
                 finder.at_point(_moved(at, side * CHANGE), self.periods, factors=False)
                 for side in (-1, 1)
             ]
-            if motion is None or sides[0] is None or sides[1] is None:
+            if sides[0] is None or sides[1] is None:
                 return None
             slope = (sides[1].ends[-1] - sides[0].ends[-1]) / (2.0 * CHANGE * solver.WEIGHT)
-            matrix = np.vstack(
-                [np.column_stack([motion.factors - np.eye(len(slope)), slope]), normal]
-            )
-            right = np.append(at[:-1] - motion.ends[-1], -normal @ (at - u))
-            change = _solved(matrix, right)
-            if change is None or not np.abs(change).max() < 1e3:
-                return None
-            at = at + change
-            if not -BEYOND < at[-1] / solver.WEIGHT < 1.0 + BEYOND:
-                return None
-            if np.abs(change).max() < finder.converged * (1.0 + np.abs(at).max()):
-                tangent = _solved(matrix, np.append(np.zeros(len(slope)), 1.0))
-                if tangent is None:
-                    return None
-                return continuation.Place(at, tangent / np.linalg.norm(tangent), math.inf)
-        return None
+            matrix = [np.column_stack([motion.factors - np.eye(len(slope)), slope]), normal]
+            return Linearised(left, np.vstack(matrix))
+
+        def possible(at: Vector) -> bool:
+            inside = -BEYOND < at[-1] / solver.WEIGHT < 1.0 + BEYOND
+            return inside and bool(np.abs(at - u).max() < FARTHEST)
+
+        found = _root(equations, u, finder, possible)
+        if found is None:
+            return None
+        tangent = _solved(found.slopes, np.append(np.zeros(len(u) - 1), 1.0))
+        if tangent is None:
+            return None
+        return continuation.Place(found.place, tangent / np.linalg.norm(tangent), math.inf)
 
     def settled(self, u: Vector) -> Vector | None:
         """The regime near u at its place of the range; None where Newton's iteration fails."""
@@ -485,6 +504,51 @@ def _moved(u: Vector, change: float) -> Vector:
     moved = u.copy()
     moved[-1] += change * solver.WEIGHT
     return moved
+
+
+class Linearised(NamedTuple):
+    """What is left of equations at a place, and its slopes; None where they were not asked for."""
+
+    left: Vector
+    slopes: Matrix | None
+
+
+class Root(NamedTuple):
+    """A solution of equations, and their slopes close to it."""
+
+    place: Vector
+    slopes: Matrix
+
+
+def _root(
+    equations: Callable[[Vector, bool], Linearised | None], start: Vector, finder: ContactFinder,
+    possible: Callable[[Vector], bool],
+) -> Root | None:  # fmt: skip
+    """The place that Newton's iteration ends at; None where it fails, or leaves the possible ones.
+
+    Slopes that are differences cost many motions. As long as each change is far smaller than the
+    one before, they are only corrected by what the last one has shown (C. G. Broyden, Math. Comp.
+    19 (1965) 577).
+    """
+    at, change, slopes = start.copy(), np.full(len(start), np.inf), np.empty((0, 0))
+    before = float(np.abs(start).max())
+    for _ in range(MOST_ITERATIONS):
+        size = float(np.abs(change).max())
+        found = equations(at, not size < finder.kept * before)
+        if found is None:
+            return None
+        if found.slopes is None:
+            slopes = slopes + np.outer(found.left, change) / (change @ change)
+        else:
+            slopes = found.slopes
+        solution = _solved(slopes, -found.left)
+        if solution is None or not possible(at + solution):
+            return None
+        before, change = min(before, size), solution
+        at = at + change
+        if np.abs(change).max() < finder.converged * (1.0 + np.abs(at).max()):
+            return Root(at, slopes)
+    return None
 
 
 def _solved(matrix: Matrix, right: Vector) -> Vector | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.methods.periodic.branches import Finder
+from stochvi.methods.periodic.branches import SUBHARMONICS, Finder
 from stochvi.methods.periodic.contact_branches import ContactFinder, Motion
 from stochvi.methods.periodic.family import Family
 from stochvi.methods.periodic.kernels import contact_flow, function_flow, solver
@@ -14,6 +14,9 @@ from stochvi.results.deadline import NEVER, Deadline
 
 CHANGE = 1e-5
 """Change of a state, in the units of the kernels, over which the flow is differenced."""
+
+FEW_STARTS = 4
+"""As `RANDOM_STARTS` of `contact_branches`."""
 
 SPEEDS = 1.0, 3.0, 10.0
 """Speeds from which simulations start: lengths of the kernels times the frequency of the force."""
@@ -28,6 +31,7 @@ class FunctionFinder(ContactFinder):
 
     random_starts = 32
     converged = 1e-9
+    kept = 0.1
     stable = 1.0 + 1e-6
 
     @property
@@ -118,6 +122,11 @@ class FunctionFinder(ContactFinder):
         return self._system[1]
 
     _system: tuple[float, function_flow.System] | None = None
+
+    def newton_starts(self, sigma: float) -> Matrix:
+        # a start costs more than with linear springs: few, others at each place
+        random = np.random.default_rng(self.seeds.index(sigma))
+        return random.normal(size=(len(SUBHARMONICS), FEW_STARTS, self.size))
 
     # Starts, with memories
 

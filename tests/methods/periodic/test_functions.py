@@ -22,6 +22,7 @@ from stochvi import (
     harmonic_response,
 )
 from stochvi.methods.periodic.answer import Branch, HarmonicResponse
+from stochvi.methods.periodic.function_branches import FunctionFinder
 from stochvi.scenes import (
     BoucWen,
     Coulomb,
@@ -490,3 +491,25 @@ def test_a_modulation_is_refused() -> None:
     )
     with pytest.raises(NotApplicable):
         harmonic_response(scene)
+
+
+def test_kept_slopes_lead_to_the_same_regimes_with_fewer_motions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    scene = oscillator(CASES["duffing"], STOPS["viscoelastic"], 0.2)
+    answers, counts = [], list[int]()
+    own = FunctionFinder._flown
+
+    def counted(*values: object, **keys: object) -> object:
+        counts[-1] += 1
+        return own(*values, **keys)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(FunctionFinder, "_flown", counted)
+    for kept in (FunctionFinder.kept, 0.0):
+        monkeypatch.setattr(FunctionFinder, "kept", kept)
+        counts.append(0)
+        answers.append(harmonic_response(scene, budget=300.0).at(0.2))
+    assert counts[0] < 0.95 * counts[1]
+    for name in ("periods", "displacement_max", "impact_speed_max", "multiplier"):
+        one, other = (np.sort(each[name].to_numpy()) for each in answers)
+        assert one == pytest.approx(other, rel=1e-6), name
