@@ -157,8 +157,8 @@ def fly(m, w, state, periods, sizes, ends):
                     else:
                         low, below, above = middle, value, above * (0.5 if side < 0 else 1.0)
                         side = -1
-                if low == 0.0:
-                    high = max(high, 1e-13 * period)
+                # rounding would let a stop that is left be pressed again, without end
+                high = max(high, 1e-13 * period)
                 x, v = step(m, w, mode, x, v, t, high)
                 t += high
                 side = 1 if abs(x - m.upper) < abs(x - m.lower) else -1
