@@ -29,7 +29,7 @@ title = "isolated box on a truck"
 
 [structure]
 kind = "isolator"            # "oscillator": on a fixed base, "isolator": on a moving one
-frequency_hz = 12.0          # with exactly one of zeta and Q
+frequency_hz = 12.0          # with exactly one of zeta, Q and loss_factor
 zeta = 0.1
 # mass = 2.5                 # kg; needed if a force acts on the mass
 # or: mass (kg), damping (N s/m) and stiffness (N/m); mounts = 4 if these are those of one of four

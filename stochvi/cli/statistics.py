@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -109,9 +110,10 @@ def stability(options: Common, scene: str, **asked: Any) -> None:
 @click.option("--speed-threshold", type=SPEED, help="Slowest impact that counts, m/s.")
 @click.option("--slow-impacts", is_flag=True, help="Resolve impacts down to the threshold.")
 @click.option("--first-hits", is_flag=True, help="Simulate the rate of first impacts, too.")
+@click.option("--mission", type=TIME, metavar="TIME", help="Print the impacts in this time, too.")
 @keeping
 @common("open budget", "seed", "threads", "json", "out", "quiet")
-def impacts(options: Common, scene: str, **asked: Any) -> None:
+def impacts(options: Common, scene: str, mission: float | None, **asked: Any) -> None:
     """Collect impacts: rates, intervals, speeds, energy."""
     from stochvi.scenes.scene import load_scene
     from stochvi.statistics.impacts import impacts as solve
@@ -133,7 +135,8 @@ def impacts(options: Common, scene: str, **asked: Any) -> None:
 
             return draw_impacts(answer, loaded.title)
 
-        options.show(answer, print_impacts, "impacts", record=judged_record(loaded))
+        told = partial(print_impacts, mission=mission)
+        options.show(answer, told, "impacts", record=judged_record(loaded))
         if options.out is not None:
             write_table(answer.histograms(), options.out / "histograms.csv")
         if any(pair.speeds is not None for pair in answer.pairs.values()):

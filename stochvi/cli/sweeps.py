@@ -15,12 +15,12 @@ from stochvi.cli.program import FAILED, main, stop
 SIZE, RISK = {"rate", "probability", "exceedance"}, {"mission", "impact_speed", "peak_acceleration"}
 
 OPTIONS = {
-    "simulate": {"rel_error", "paths", "duration", "dask", "budget", "threads"},
-    "size": SIZE | RISK | {"rel_error", "dask", "budget", "threads"},
-    "reliability": RISK | {"rel_error", "dask", "budget", "threads"},
-    "replay": {"threads"},
+    "simulate": {"rel_error", "paths", "duration", "dask", "budget"},
+    "size": SIZE | RISK | {"rel_error", "dask", "budget"},
+    "reliability": RISK | {"rel_error", "dask", "budget"},
 }
-"""Options of the methods; the others have none."""
+"""Options of the methods; the others have none. All take the common ones: --threads changes nothing
+where nothing is sampled."""
 
 
 def _check_options(method: str, given: Mapping[str, Any]) -> None:
@@ -100,7 +100,7 @@ def sweep(
     from stochvi.views.sweep import terminal_table, unseen, write_sweep, write_sweep_table
     from stochvi.views.tables import LAST_DIGITS, NEVER_SEEN, print_frame
 
-    given = {"threads": options.threads, "dask": dask} | asked
+    given = {"dask": dask} | asked
     given = {name: value for name, value in given.items() if value is not None}
     loaded = load_scene(scene)
     document = loaded.document(as_written=True)
@@ -121,7 +121,8 @@ def sweep(
         ):
             table = solve(
                 loaded, ranges, method=method, out=options.out, executor=executor, progress=report,
-                common=random_numbers == "common", seed=options.seed, **given,
+                common=random_numbers == "common", seed=options.seed, threads=options.threads,
+                **given,
             )  # fmt: skip
     except KeyboardInterrupt as reason:
         so_far = getattr(reason, "partial", None)

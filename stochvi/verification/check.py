@@ -462,14 +462,16 @@ def _vanish(size: float, *estimates: Estimate) -> bool:
     )
 
 
-def _other_threshold(of: str, quantity: str, first: Response, second: Response) -> bool:
-    """Whether two responses count impacts of a pair above different speeds."""
-    if not quantity.startswith(COUNTED):
-        return False
-    one, other = (
-        float(each.impact_pairs[of].get("speed_threshold") or 0.0) for each in (first, second)
-    )
-    return abs(one - other) > SAME_THRESHOLD * max(one, other)
+def counts_others(quantity: str, one: float, other: float) -> bool:
+    """Whether a quantity depends on the slowest impacts that count, and two speed thresholds, m/s,
+    differ."""
+    return quantity.startswith(COUNTED) and abs(one - other) > SAME_THRESHOLD * max(one, other)
+
+
+def threshold_of(response: Response, of: str) -> float:
+    """Speed above which a response counts impacts of a pair, m/s; 0 where it counts all."""
+    pair = response.impact_pairs.get(of)
+    return 0.0 if pair is None else float(pair.get("speed_threshold") or 0.0)
 
 
 DETERMINISTIC_ERROR = 1e-9
@@ -511,7 +513,9 @@ def _row(
             tolerance, verdict = None, BIAS_UNKNOWN
         elif response.cost.paths and _vanish(size, estimate, truth):
             tolerance, score, verdict = None, None, ZERO
-    elif reference is not None and _other_threshold(of, quantity, response, reference):
+    elif reference is not None and counts_others(
+        quantity, threshold_of(response, of), threshold_of(reference, of)
+    ):
         verdict = OTHER_THRESHOLD
     return Comparison(
         of=of,

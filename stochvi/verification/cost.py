@@ -40,7 +40,13 @@ from stochvi.sampling.options import RunOptions
 from stochvi.sampling.run import ENDLESS, Run, sampled
 from stochvi.sampling.sampler import Sampler
 from stochvi.scenes.scene import Scene
-from stochvi.verification.check import DETERMINISTIC_ERROR, FOR_SOLVER, approximations
+from stochvi.verification.check import (
+    DETERMINISTIC_ERROR,
+    FOR_SOLVER,
+    approximations,
+    counts_others,
+    threshold_of,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -449,6 +455,9 @@ def cost(scene: Scene, *, paths: int | None = None, **options: Unpack[RunOptions
         rows += steps
         limit = _limit_of_steps(quantity, plans, order)
         for answer in free:
+            counted = plan.layout.thresholds.get(key[0], 0.0)
+            if counts_others(key[1], counted, threshold_of(answer[0], key[0])):
+                continue
             # a method is not its own judge
             others = taken == FOKKER_PLANCK and not answer[0].method.startswith(taken)
             by_truth = others or taken == "exact"

@@ -242,10 +242,16 @@ def _spring_in_words(scene: Scene) -> tuple[str, str]:
     if not isinstance(structure, Oscillator):
         return "spring", "damper"
     if structure.frequency_hz is not None:
-        damper = f"zeta {structure.zeta:g}" if structure.Q is None else f"Q {structure.Q:g}"
-        return f"{structure.frequency_hz:g} Hz", damper
+        return f"{structure.frequency_hz:g} Hz", _damper_in_words(structure)
     times = f"{structure.in_parallel} x " if structure.in_parallel > 1 else ""
     return f"{times}{structure.stiffness:g} N/m", f"{times}{structure.damping:g} N s/m"
+
+
+def _damper_in_words(structure: Oscillator) -> str:
+    """The damping of a natural frequency, by the key that states it."""
+    if structure.loss_factor is not None:
+        return f"loss factor {structure.loss_factor:g}"
+    return f"zeta {structure.zeta:g}" if structure.Q is None else f"Q {structure.Q:g}"
 
 
 def _draw_stops(ax: Axes, pair: ImpactPair, heights: Mapping[float, float], bottom: float) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from stochvi.isolators.sizing.answer import spoken_mission
 from stochvi.mathematics.shown_units import SPEED, shown_as
 from stochvi.results.estimates import format_with_error
 from stochvi.views.tables import (
@@ -51,15 +52,30 @@ def print_spectrum(console: Console, found: ResponseSpectrum) -> None:
     _print_limits(console, found.assumptions, found.warnings)
 
 
-def print_impacts(console: Console, found: ImpactStatistics) -> None:
-    """Print the rates of impacts with their intervals."""
+def print_impacts(console: Console, found: ImpactStatistics, mission: float | None = None) -> None:
+    """Print the rates of impacts with their intervals, and the impacts in a mission, s."""
     print_frame(
         console,
         found.to_table(),
         "impacts, with 95 % intervals of the rates, by their statistical errors alone",
     )
     console.print(found.summary(), highlight=False)
+    if mission is not None:
+        console.print(_in_mission(found, mission), highlight=False)
     _print_limits(console, found.assumptions, found.warnings)
+
+
+def _in_mission(found: ImpactStatistics, mission: float) -> str:
+    """The mean number of impacts of each pair in a mission, s, with its 95 % interval: the rate
+    times the time, of a motion that is stationary from the start."""
+    sentences = []
+    for name, pair in found.pairs.items():
+        rate = pair.rates["both"]
+        low, high = rate.lower * mission, rate.upper * mission
+        mean = f"{rate.estimate.value * mission:.4g} ({low:.4g} to {high:.4g})"
+        number = f"at most {high:.4g}" if rate.estimate.value == 0.0 else mean
+        sentences.append(f"{name}: {number} impacts in {spoken_mission(mission)}")
+    return "; ".join(sentences)
 
 
 def _print_limits(console: Console, assumptions: Sequence[str], warnings: Sequence[str]) -> None:

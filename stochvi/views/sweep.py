@@ -130,7 +130,10 @@ def unseen(table: pd.DataFrame) -> pd.Series:
 
 
 def _quantity(name: str) -> ShownQuantity:
-    return readable(UNITS.get(name.rsplit(".", 1)[1], "1"))
+    """A quantity as its method shows it: a response in SI units, answers on gaps in mm and g."""
+    last = name.rsplit(".", 1)[1]
+    unit = UNITS.get(last, "1")
+    return readable(unit) if last in SUMMARY_UNITS else shown_as(unit)
 
 
 def _named(table: pd.DataFrame, quantity: str) -> str:

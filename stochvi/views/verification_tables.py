@@ -21,6 +21,7 @@ from stochvi.verification.check import (
 from stochvi.verification.check_of_many import BALANCES_ONLY
 from stochvi.verification.cost import TARGETS, ModelError, StepError, WorkPrecision, spoken_time
 from stochvi.views.tables import (
+    NO_VALUE,
     QUANTITY_NAMES,
     effects_in_words,
     formatted_cell,
@@ -315,9 +316,12 @@ def _print_models(console: Console, found: WorkPrecision) -> None:
     table = new_table(title, ["quantity", *names])
     for key in dict.fromkeys((row.of, row.quantity) for row in found.models):
         errors = {row.method: row for row in found.models if (row.of, row.quantity) == key}
-        cells = [_model_error(errors[m]) if m in errors else "" for m in methods]
+        cells = [_model_error(errors[m]) if m in errors else NO_VALUE for m in methods]
         table.add_row(_whose(found, *key), *cells)
     print_table(console, table)
+    print_line(
+        console, f"{NO_VALUE}: not known, or of impacts above another speed than the simulation counts"
+    )
 
 
 def _model_error(row: ModelError) -> str:

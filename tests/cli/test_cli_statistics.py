@@ -140,6 +140,15 @@ def test_quiet_is_silent_and_a_scene_without_stops_has_no_impacts(
     assert stochvi("impacts", ELASTIC, *IMPACTS[1:], *options) == (0, "", "")
 
 
+def test_impacts_of_a_mission_are_the_rate_times_its_time(stochvi: Run, tmp_path: Path) -> None:
+    told = stochvi("impacts", ELASTIC, *IMPACTS[1:], "--mission", "2h", "--out", tmp_path).out
+    table = pd.read_csv(tmp_path / "impacts.csv").set_index("quantity")
+    row = 7200.0 * table.loc["rate, both", ["value", "lower", "upper"]].astype(float)
+    said = "{:.4g} ({:.4g} to {:.4g}) impacts in 2 h".format(*row)
+    assert said in told
+    assert " impacts in " not in stochvi("impacts", ELASTIC, *IMPACTS[1:]).out
+
+
 def test_a_history_is_a_document_tables_a_picture_and_an_animation(
     stochvi: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

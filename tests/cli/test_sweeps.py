@@ -140,6 +140,8 @@ def test_the_terminal_shows_the_limit_of_what_was_never_seen() -> None:
     shown = terminal_table(table, ["structure.damping"])
     limit = table["stops.collision_rate.upper_95"].iloc[0]
     assert f"at most {limit:.2g}" in shown.iloc[0].tolist()
+    # as simulate shows them; sizings, in mm, are asserted below
+    assert {"std. dev. of displ. (m)", "F1, sum of w per s (m/s^2)"} <= set(shown)
     assert unseen(table).tolist() == [True] and "structure.damping (N s/m)" in shown
 
 
@@ -598,6 +600,8 @@ def test_the_command_writes_a_table_and_pictures(tmp_path: Path) -> None:
     assert json.loads(kept.read_text())["method"] == "exact"
     done = CliRunner().invoke(main, [*ask, "--vary", f"{R}=0.5", "--method", "exact"])
     assert done.exit_code == 1 and "2 of 2 rows fell short" in done.output
+    done = CliRunner().invoke(main, [*ask, "--method", "exact", "--threads", "1"])
+    assert done.exit_code == 0  # nothing is sampled: it changes nothing
     done = CliRunner().invoke(main, [*ask, "--method", "exact", "--paths", "10"])
     assert done.exit_code == 2 and "--paths is for --method simulate" in done.output
 

@@ -68,7 +68,7 @@ def test_what_is_replaced_is_checked():
     assert scene.replace(impact_pairs=[]).effects() != scene.effects()
     with pytest.raises(SceneError, match="did you mean 'structure'"):
         scene.replace(strukture=Oscillator(mass=1.0, damping=0.1, stiffness=1.0))
-    with pytest.raises(SceneError, match="exactly one of zeta and Q"):
+    with pytest.raises(SceneError, match="exactly one of zeta, Q and loss_factor"):
         Isolator(frequency_hz=12.0, Q=5.0).replace(zeta=0.1)
 
 
@@ -143,10 +143,14 @@ def test_a_scene_becomes_numbers_per_unit_mass():
     )
 
 
-def test_q_and_zeta_say_the_same():
+def test_q_zeta_and_the_loss_factor_say_the_same():
     by_q, by_zeta = Oscillator(frequency_hz=12.0, Q=5.0), Oscillator(frequency_hz=12.0, zeta=0.1)
-    assert by_q.omega == by_zeta.omega == 2.0 * math.pi * 12.0
+    by_loss = Isolator(frequency_hz=12.0, loss_factor=0.2)
+    assert by_q.omega == by_zeta.omega == by_loss.omega == 2.0 * math.pi * 12.0
     assert by_q.damping_rate == pytest.approx(by_zeta.damping_rate, rel=1e-15)
+    assert by_loss.damping_rate == pytest.approx(by_zeta.damping_rate, rel=1e-15)
+    with pytest.raises(SceneError, match="got frequency_hz, zeta, loss_factor"):
+        Isolator(frequency_hz=12.0, zeta=0.1, loss_factor=0.2)
 
 
 def test_a_level_in_decibels_raises_the_whole_table():
@@ -292,7 +296,7 @@ def test_a_bad_table_file_gives_a_sentence_with_the_key_and_its_name(tmp_path, c
         (lambda: Oscillator(mass=-1.0), "mass must be greater than 0, got -1.0"),
         (
             lambda: Oscillator(frequency_hz=1.0),
-            "needs frequency_hz with exactly one of zeta and Q, got frequency_hz",
+            "needs frequency_hz with exactly one of zeta, Q and loss_factor, got frequency_hz",
         ),
         (lambda: ImpactPair(lower=1.0, upper=0.0), "needs lower < upper, got 1 and 0"),
         (

@@ -226,7 +226,7 @@ def _law(value: Any, got: str, expected: str, key: str = "coefficient") -> Mista
 
 
 FINITE = "must be a finite number"
-PHYSICAL_OR_MODAL = "frequency_hz with exactly one of zeta and Q"
+PHYSICAL_OR_MODAL = "frequency_hz with exactly one of zeta, Q and loss_factor"
 
 MISTAKES = {
     "unknown section": Mistake(changed(["impact"], 1.0), "impact", "not a known", "'impact_pair'"),

@@ -384,7 +384,9 @@ def test_the_fokker_planck_equation_confirms_the_limit_of_the_steps(lossy: WorkP
 
     def misses(method: str, said: float) -> float:
         rows = [row for row in lossy.models if row.method == method and row.stated_bias != 0.0]
-        assert len(rows) == 6
+        # a closure counts all impacts, the simulation those above a threshold
+        rated = any(row.quantity == "collision_rate" for row in rows)
+        assert rated == (method == "fokker-planck") and len(rows) == 5 + rated
         return max(
             abs(row.model_error) - Z * row.model_error_error - said * (row.stated_bias or 0.0)
             for row in rows

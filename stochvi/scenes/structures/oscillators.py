@@ -30,11 +30,15 @@ from stochvi.scenes.validation import (
     given,
 )
 
+DAMPING_RATIOS = ("zeta", "Q", "loss_factor")
+"""Keys that state the damping of a natural frequency, of which exactly one is given."""
+
 
 class Oscillator(AnyStructure):
     """A mass on a spring and a damper, x'' + b x' + omega^2 x = f(t).
 
-    Give `mass`, `damping` and `stiffness`, or `frequency_hz` with exactly one of `zeta` and `Q`.
+    Give `mass`, `damping` and `stiffness`, or `frequency_hz` with exactly one of `zeta`, `Q` and
+    `loss_factor`.
 
     Parameters
     ----------
@@ -44,9 +48,10 @@ class Oscillator(AnyStructure):
         Damper, N s/m, and spring, N/m.
     frequency_hz
         Undamped natural frequency, Hz, omega = 2 pi frequency_hz.
-    zeta, Q
-        Damping ratio, b = 2 zeta omega, or quality factor, Q = 1 / (2 zeta). A natural frequency, a
-        damping ratio or a damper may be a `BetweenUnits`, which differs between units.
+    zeta, Q, loss_factor
+        Damping ratio, b = 2 zeta omega; quality factor, Q = 1 / (2 zeta); or loss factor at the
+        natural frequency, 2 zeta. A natural frequency, a damping ratio or a damper may be a
+        `BetweenUnits`, which differs between units.
 
     Raises
     ------
@@ -74,24 +79,27 @@ class Oscillator(AnyStructure):
     frequency_hz: VariedPositive | None = None
     zeta: VariedNonNegative | None = None
     Q: Positive | None = None
+    loss_factor: NonNegative | None = None
 
     @model_validator(mode="after")
     def _one_description(self) -> Self:
         physical = [name for name in ("damping", "stiffness") if getattr(self, name) is not None]
-        modal = [name for name in ("frequency_hz", "zeta", "Q") if getattr(self, name) is not None]
+        ratios = [name for name in DAMPING_RATIOS if getattr(self, name) is not None]
+        modal = ["frequency_hz", *ratios] if self.frequency_hz is not None else ratios
         if physical and modal:
             raise ValueError(
-                "must be given by mass, damping and stiffness or by frequency_hz with zeta or Q, "
-                f"got a mixture: {', '.join(physical + modal)}"
+                "must be given by mass, damping and stiffness or by frequency_hz with zeta, Q or "
+                f"loss_factor, got a mixture: {', '.join(physical + modal)}"
             )
         if not modal and (len(physical) < 2 or self.mass is None):
             raise ValueError(
-                "needs mass, damping and stiffness, or frequency_hz with exactly one of zeta and "
-                f"Q, got {given(self, 'mass', 'damping', 'stiffness')}"
+                "needs mass, damping and stiffness, or frequency_hz with exactly one of zeta, Q "
+                f"and loss_factor, got {given(self, 'mass', 'damping', 'stiffness')}"
             )
-        if modal and (self.frequency_hz is None or (self.zeta is None) == (self.Q is None)):
+        if modal and (self.frequency_hz is None or len(ratios) != 1):
             raise ValueError(
-                f"needs frequency_hz with exactly one of zeta and Q, got {', '.join(modal)}"
+                "needs frequency_hz with exactly one of zeta, Q and loss_factor, got "
+                f"{', '.join(modal)}"
             )
         return self
 
@@ -141,9 +149,16 @@ class Oscillator(AnyStructure):
         if self.damping is not None:
             assert self.mass is not None
             return self.in_parallel * self.damping / self.mass
-        zeta = self.zeta if self.Q is None else 0.5 / self.Q
-        assert zeta is not None
-        return 2.0 * zeta * self.omega
+        return 2.0 * self._damping_ratio * self.omega
+
+    @property
+    def _damping_ratio(self) -> float:
+        if self.Q is not None:
+            return 0.5 / self.Q
+        if self.loss_factor is not None:
+            return 0.5 * self.loss_factor
+        assert self.zeta is not None
+        return self.zeta
 
 
 class Isolator(Oscillator):
