@@ -319,9 +319,7 @@ def _print_models(console: Console, found: WorkPrecision) -> None:
         cells = [_model_error(errors[m]) if m in errors else NO_VALUE for m in methods]
         table.add_row(_whose(found, *key), *cells)
     print_table(console, table)
-    print_line(
-        console, f"{NO_VALUE}: not known, or of impacts above another speed than the simulation counts"
-    )
+    print_line(console, f"{NO_VALUE}: not known, or of impacts above another speed than simulated")
 
 
 def _model_error(row: ModelError) -> str:
