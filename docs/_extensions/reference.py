@@ -446,7 +446,8 @@ def coverage_page() -> str:
         "Every scene that ships, and which methods cover it. The table is made from what the "
         "methods say of themselves; where a method is not named, it refuses the scene in one of "
         "the sentences below. `stochvi explain` says the same of a scene of your own. These "
-        "methods answer for the stationary motion, except `first_passage` and `transient`.",
+        "methods answer for the stationary motion, except `first_passage` and `transient`. "
+        "[Limits](../reference/limits.md) has `size`, `reliability`, `damage` and `replay`.",
         "",
         "| methods | scenes |",
         "|---|---|",

@@ -759,8 +759,8 @@ def model_of(scene: Scene) -> Model:
         names = [phase.name for phase in scene.phases]
         sentence = (
             f"must be one here, got {len(names)} ({', '.join(names)}); name it, as in "
-            f"FILE.toml#{names[0]} (in Python scene.in_phase({names[0]!r})), or ask reliability "
-            "or size for all of them"
+            f"FILE.toml#{names[0]} (in Python scene.in_phase({names[0]!r})), or ask reliability, "
+            "size or damage for all of them"
         )
         raise SceneError([("phase", sentence)])
     model = _build_model(scene.expanded)

@@ -282,7 +282,7 @@ class WorkPrecision(Result):
             if found is None:
                 parts.append(f"{100.0 * target:g} % out of known reach")
                 continue
-            reckoned = "" if found.simulated else ", by the order"
+            reckoned = "" if found.simulated else ", predicted"
             reason = self._reason(found) if found.seconds > LONG_SECONDS else ""
             price = f"{spoken_time(found.seconds)} (step {found.step:.3g} s{reckoned}{reason})"
             if found.seconds > UNCERTAIN * found.least_seconds:

@@ -67,8 +67,8 @@ def simulate(
     stops); for a tabulated density the response without stops is synthesised and the impacts are
     added. The bias of a finite step is measured by running some of the paths at twice the step,
     with the same noise: |difference| / (2^order - 1). The order is 2, less where slow impacts on
-    inelastic stops in white noise are missed (see `step_bias.extrapolated`); where it is not known
-    the bias is None.
+    inelastic stops in white noise are missed: *The bias of a step* in the manual has them. Where it
+    is not known the bias is None.
 
     Parameters
     ----------
