@@ -26,9 +26,6 @@ from stochvi.methods.periodic.regimes import unstruck
 from stochvi.methods.periodic.simulations import MOST_KEPT, REPEATS, SETTLING, FinalMotion
 from stochvi.methods.periodic.tracks import SAME, OnBranch, Track
 
-CHANGE = 1e-6
-"""Step of sigma over which the flow is differenced."""
-
 CONVERGED = 1e-11
 """Change of a state, in the units of the kernels, at which Newton's iteration has converged."""
 
@@ -110,6 +107,10 @@ class ContactFinder(Finder):
     random_starts = 96
 
     converged = CONVERGED
+
+    change = 1e-8
+    """Change of the place of the range, in units of the range, over which the flow is differenced.
+    In chaos its slopes may change by a hundredth of themselves within 1e-6."""
 
     kept = 0.0
     """Changes below such a share of the one before let Newton's iteration keep its slopes."""
@@ -437,12 +438,12 @@ class Shooting:
             if not slopes:
                 return Linearised(left, None)
             sides = [
-                finder.at_point(_moved(at, side * CHANGE), self.periods, factors=False)
+                finder.at_point(_moved(at, side * finder.change), self.periods, factors=False)
                 for side in (-1, 1)
             ]
             if sides[0] is None or sides[1] is None:
                 return None
-            slope = (sides[1].ends[-1] - sides[0].ends[-1]) / (2.0 * CHANGE * solver.WEIGHT)
+            slope = (sides[1].ends[-1] - sides[0].ends[-1]) / (2.0 * finder.change * solver.WEIGHT)
             matrix = [np.column_stack([motion.factors - np.eye(len(slope)), slope]), normal]
             return Linearised(left, np.vstack(matrix))
 
@@ -456,7 +457,9 @@ class Shooting:
         tangent = _solved(found.slopes, np.append(np.zeros(len(u) - 1), 1.0))
         if tangent is None:
             return None
-        return continuation.Place(found.place, tangent / np.linalg.norm(tangent), math.inf)
+        factors = found.slopes[:-1, :-1] + np.eye(len(u) - 1)
+        growth = float(np.abs(np.linalg.eigvals(factors)).max())
+        return continuation.Place(found.place, tangent / np.linalg.norm(tangent), math.inf, growth)
 
     def settled(self, u: Vector) -> Vector | None:
         """The regime near u at its place of the range; None where Newton's iteration fails."""

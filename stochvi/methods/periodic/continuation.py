@@ -45,11 +45,19 @@ BESIDE = 0.25
 """Largest distance of a regime from the chord between two points of its branch, in lengths of the
 chord: one that is farther away belongs to another branch."""
 
+CALM = 2
+"""Number of short steps after one that has failed whose length is halved, too: a corner of a branch
+is come to by bisection."""
+
 APART = 0.5
 """A branch comes back to a regime at least such a length of arc after it has passed it."""
 
 MET = 1e-7
 """Largest difference of points that are one regime."""
+
+MOST_GROWTH = 1e4
+"""A branch is followed as long as small perturbations of its regimes grow by no more than this. No
+motion stays near such a regime, and it takes ever smaller steps to find the next one."""
 
 PARTS = 64
 """Largest number of parts of a chord into which it is divided until regimes lie beside it."""
@@ -57,11 +65,12 @@ PARTS = 64
 
 class Place(NamedTuple):
     """A regime of a branch: its point u and the tangent there, and its smallest impact speed, or
-    its shortest flight if that is less."""
+    its shortest flight if that is less. Small perturbations grow by `growth` in its periods."""
 
     u: Vector
     tangent: Vector
     slowest: float
+    growth: float = 0.0
 
 
 class Problem(Protocol):
@@ -138,20 +147,20 @@ class Continuation:
             return points, names, False
         if last.tangent[-1] * direction < 0.0:
             last = last._replace(tangent=-last.tangent)
-        step, length = FIRST_STEP, 0.0
+        step, length, calm = FIRST_STEP, 0.0, CALM
         for _ in range(MOST_STEPS):
             if self.given_up():
                 break
             step = min(step, self.reach / max(abs(last.tangent[-1]), 1e-12))
             place = self._ahead(last, step)
             if place is None or place.tangent @ last.tangent < TURN:
-                step *= 0.5
+                step, calm = 0.5 * step, 0
                 if step < SHORTEST_STEP:
                     corner = self._round(last)
                     if corner is None:
                         break
                     add(NODE, corner.u)
-                    last, step = corner, FIRST_STEP
+                    last, step, calm = corner, FIRST_STEP, CALM
                 continue
             length += step
             if not place.slowest > 0.0:
@@ -177,11 +186,15 @@ class Continuation:
             if not 0.0 <= place.u[-1] <= WEIGHT:
                 break
             add(NODE, place.u)
+            if place.growth > MOST_GROWTH:
+                break
             if met is not None:
                 away = self.problem.difference(u[None], met.u)
                 return points, names, bool(np.abs(away).max() < MET)
             last = place
-            step = min(1.5 * step, LONGEST_STEP)
+            calm += 1
+            careful = calm <= CALM and step < CORNER[-1]
+            step = min((0.5 if careful else 1.5) * step, LONGEST_STEP)
         return points, names, False
 
     def _met(self, start: Vector, end: Vector, earlier: Matrix) -> Place | None:

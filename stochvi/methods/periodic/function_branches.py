@@ -31,6 +31,7 @@ class FunctionFinder(ContactFinder):
 
     random_starts = 32
     converged = 1e-9
+    change = 1e-6
     kept = 0.1
     stable = 1.0 + 1e-6
 
