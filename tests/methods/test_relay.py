@@ -24,7 +24,9 @@ from stochvi import (
     linearise,
     simulate,
 )
+from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.periodic import RelayBetweenStops, SwitchedDrive
+from stochvi.model.model import model_of
 from stochvi.scenes import Relay
 from stochvi.testing import assert_agrees
 from stochvi.verification.explain import explain
@@ -120,6 +122,46 @@ def test_a_relay_between_stops_has_the_density_of_fokker_and_planck() -> None:
     for name, estimate in told(found).items():
         assert_agrees(estimate, known[name].value)
     assert_agrees(found.identities["energy"], 0.0)
+
+
+@pytest.mark.parametrize("restitution", [0.1, 0.3])
+def test_rates_have_a_bias_where_no_impact_can_be_slow(restitution: float) -> None:
+    twin = RelayTwin(**{**vars(BETWEEN), "restitution": restitution})
+    keys = {"speed_threshold": 0.02}
+    known = fokker_planck(scene_of(twin), **keys).impact_pairs["stops"]
+    weaker = RelayTwin(**{**vars(twin), "force": 0.85 * twin.force})
+    wrong = fokker_planck(scene_of(weaker), **keys).impact_pairs["stops"]
+    found = simulate(scene_of(twin), paths=128, duration=100.0, seed=1, **keys)
+    for name in ("collision_rate", "impact_speed_mean"):
+        estimate = found.impact_pairs["stops"][name]
+        assert estimate.bias is not None
+        assert_agrees(estimate, known[name].value)
+        with pytest.raises(AssertionError):
+            assert_agrees(estimate, wrong[name].value)
+    assert not any("not resolved" in each for each in found.warnings)
+
+
+@pytest.mark.parametrize(("intensity", "restitution"), [(20.0, 0.4), (0.5, 0.0)])
+def test_rates_have_no_bias_where_impacts_may_be_slow(intensity: float, restitution: float) -> None:
+    """Strong noise throws a striker back to its stop; without rebound it stays there."""
+    twin = RelayTwin(**{**vars(STRIKER), "intensity": intensity, "restitution": restitution})
+    found = simulate(scene_of(twin), paths=64, duration=20.0, seed=3)
+    assert found.impact_pairs["stops"]["collision_rate"].bias is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("restitution", [0.3, 0.4])
+def test_the_stated_bias_holds_that_of_the_step(restitution: float) -> None:
+    twin = RelayTwin(**{**vars(STRIKER), "restitution": restitution})
+    found = simulate(scene_of(twin), paths=128, duration=60.0, seed=3)
+    rate = found.impact_pairs["stops"]["collision_rate"]
+    plan = make_plan(model_of(scene_of(twin)), duration=60.0)
+    finer = plan.with_step(plan.step / 8.0)
+    rows = dict(zip(finer.layout.rows, finer.averages(4, 0, 128), strict=True))
+    counted = rows["stops", "n_lower"]
+    error = math.hypot(rate.standard_error, float(counted.std()) / math.sqrt(128))
+    assert rate.bias is not None
+    assert abs(rate.value - float(counted.mean())) < rate.bias + 4.5 * error
 
 
 def test_in_weak_noise_it_is_the_motion_without_noise() -> None:

@@ -29,6 +29,12 @@ from stochvi.methods.monte_carlo.quantities import (
     speed_mean,
 )
 from stochvi.methods.monte_carlo.response_sampler import PathsOf, ResponseSampler
+from stochvi.methods.monte_carlo.step_bias import (
+    FEW_SLOW,
+    RESOLVED,
+    bias_of_fast_impacts,
+    share_below,
+)
 from stochvi.model.balances import residuals
 from stochvi.model.build_response import build_response
 from stochvi.model.coverage import beyond_one_oscillator
@@ -202,7 +208,7 @@ class Simulation:
         value, error = fine
         # of events, `of_events` sees to it together with their number
         error *= 1.0 if name in EVENTS else student_factor(self.fine.count)
-        how = f"{self.fine.count} paths of {self.plan.duration:.4g} s"
+        how = self._paths
         if value == 0.0 and (name in RATES or name.startswith("impact_speed")):
             limit = self._limit_unseen(name) if name.startswith("collision_rate") else None
             return Estimate(value=0.0, how=f"no impact seen, {how}", upper_95=limit)
@@ -227,6 +233,11 @@ class Simulation:
             how=f"{how}; {source}",
             bias_error=self.plan.step_bias(name, change_error) or 0.0,
         )
+
+    @property
+    def _paths(self) -> str:
+        """The paths, in words."""
+        return f"{self.fine.count} paths of {self.plan.duration:.4g} s"
 
     def _limit_unseen(self, name: str) -> float:
         """Upper 95 % limit in 1/s of a rate of impacts if none was seen.
@@ -284,6 +295,7 @@ class Simulation:
             for name, quantity in known.items()
         }
         hit = self.fine.evaluate(known["collision_rate"])[0] > 0.0
+        found |= self._of_fast_impacts(pair, found)
         found["impact_speed_mean"] = self._speed_mean(pair, found) if hit else None
         if pair.relative:
             for name, quantity in of_gap(pair).items():
@@ -306,6 +318,46 @@ class Simulation:
             if name in EVENTS and each is not None
         }
         return PairResponse(**found, speed_threshold=self.layout.thresholds[pair.name])
+
+    def _of_fast_impacts(
+        self, pair: Pair, known: Mapping[str, Estimate | None]
+    ) -> dict[str, Estimate | None]:
+        """Rates with their bias where slow impacts would leave it unknown, but are few."""
+        share = self._share_of_slow_impacts(pair)
+        if share > FEW_SLOW:
+            return {}
+        found, rates = dict[str, Estimate | None](), of_pair(pair.name)
+        slow = share * self.fine.evaluate(rates["collision_rate"])[0]
+        for name, quantity in rates.items():
+            each = known[name]
+            if each is None or each.bias is not None:
+                continue
+            change, change_error = self.difference(quantity)
+            found[name] = replace(
+                each,
+                bias=bias_of_fast_impacts(abs(change), slow),
+                bias_error=bias_of_fast_impacts(change_error, 0.0),
+                how=f"{self._paths}; bias from {self.pairs.count} paths at twice the step, and "
+                f"from at most {100.0 * share:.2g} % slow impacts",
+            )
+        return found
+
+    def _share_of_slow_impacts(self, pair: Pair) -> float:
+        """Largest share of the impacts of a pair that twice the step may not resolve."""
+        model = self.model
+        if model.drives or any(part.white_modulation for part in model.functions):
+            return 1.0
+        known = of_pair(pair.name)
+        rate, first, second = (
+            self.fine.evaluate(known[name])[0]
+            for name in ("collision_rate", "impact_speed_rate", "impact_speed_square_rate")
+        )
+        if rate == 0.0:
+            return 1.0
+        row = pair.direction @ model.modal.shapes
+        intensity = float(row @ model.modal.white @ row)
+        slow = RESOLVED * math.sqrt(2.0 * intensity * self.plan.step)
+        return share_below(slow, first / rate, second / rate)
 
     def _sums_unseen(
         self, pair: Pair, known: Mapping[str, Estimate | None]
@@ -337,9 +389,15 @@ class Simulation:
             for part in parts
             if isinstance(part, Estimate)
         ]
-        if mean.bias is None or None in relative:
+        unseen = mean.bias is None and self.plan.step_bias("impact_speed_mean", 0.0) is not None
+        if unseen or None in relative:
             return replace(mean, bias=None)
-        return replace(mean, bias=mean.value * sum(part for part in relative if part is not None))
+        bias = mean.value * sum(part for part in relative if part is not None)
+        rate = known["collision_rate"]
+        if mean.bias is not None or rate is None:
+            return replace(mean, bias=bias)
+        bias_error = mean.value * rate.bias_error / rate.value
+        return replace(mean, bias=bias, bias_error=bias_error, how=rate.how)
 
     def _rate_of_all(self) -> float:
         """Impacts per second on all pairs together."""
@@ -404,9 +462,12 @@ class Simulation:
                 "with a longer duration"
             )
         several = len(pairs) > 1
-        unresolved = not self.plan.elastic and self.plan.step_bias("collision_rate", 0.0) is None
-        if unresolved and any(
-            COLLAPSE_RESTITUTION < stop.law.slow_restitution < 1.0 for stop in self.model.stops
+        unknown = not self.plan.elastic and self.plan.step_bias("collision_rate", 0.0) is None
+        if unknown and any(
+            COLLAPSE_RESTITUTION < stop.law.slow_restitution < 1.0
+            for pair in pairs
+            for stop in pair.stops
+            if self._share_of_slow_impacts(pair) > FEW_SLOW
         ):
             remedy = (
                 "a higher speed threshold leaves them out"
