@@ -21,8 +21,7 @@ from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal import Aloft, ModalPlan, plan_modal
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
 from stochvi.methods.periodic.attractors import PERIODIC, Attractors, KnownMotions
-from stochvi.methods.periodic.basins import BasinRegime, BasinRun, Place
-from stochvi.methods.periodic.family import unmet
+from stochvi.methods.periodic.basins import BasinRegime, BasinRun, Place, unmet_by_flights
 from stochvi.methods.periodic.states import States
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import not_gaussian
@@ -276,7 +275,7 @@ def lifetimes(
     """
     run = Run.of(options)
     model = model_of(scene)
-    conditions = unmet(model) + not_gaussian(model)
+    conditions = unmet_by_flights(model) + not_gaussian(model)
     if not model.noisy:
         conditions.append("excitation must contain noise besides the sine, got none")
     if conditions:

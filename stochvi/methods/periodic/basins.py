@@ -29,7 +29,7 @@ from stochvi.methods.periodic.kernels import flights, solver
 from stochvi.methods.periodic.method import MARGIN, noise_left_out, too_slow, varied
 from stochvi.methods.periodic.states import States
 from stochvi.model.calculations import calculation
-from stochvi.model.model import model_of
+from stochvi.model.model import Model, model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
@@ -321,6 +321,14 @@ RECOGNISED = (
 """Assumption of the recognition of regimes."""
 
 
+def unmet_by_flights(model: Model, *, of_any_force: bool = False) -> list[str]:
+    """Sentences on what flights from many starts do not follow, with a remedy where there is one;
+    `of_any_force` as for `Place`."""
+    conditions = unmet(model, compliant=of_any_force, with_functions=of_any_force)
+    instead = "" if unmet(model, compliant=True, with_functions=True) else INSTEAD
+    return [each + instead for each in conditions]
+
+
 class Place:
     """A scene at its own values: its regimes, and the states from which motions can start.
 
@@ -331,9 +339,7 @@ class Place:
         self, scene: Scene, most_impacts: int, deadline: Deadline, *, of_any_force: bool = False
     ) -> None:
         self.model = model_of(scene)
-        if conditions := unmet(self.model, compliant=of_any_force, with_functions=of_any_force):
-            if not unmet(self.model, compliant=True, with_functions=True):
-                conditions = [each + INSTEAD for each in conditions]
+        if conditions := unmet_by_flights(self.model, of_any_force=of_any_force):
             raise NotApplicable("sine" if of_any_force else "basins", conditions)
         _, values, scene_at = varied(scene, None, None)
         value = float(values[0])

@@ -14,9 +14,11 @@ from stochvi import (
     Scene,
     Sine,
     Viscoelastic,
+    WhiteNoise,
 )
 from stochvi.methods.periodic import Bifurcation, basins, bifurcation, lyapunov_exponent
 from stochvi.scenes import BoucWen, Duffing, SpringTable
+from stochvi.statistics import lifetimes
 
 C, CUBIC, AMPLITUDE = 0.05, 1.0, 7.5
 """Damping, N s/m, cubic stiffness, N/m^3, and force, N, of Ueda's oscillator of 1 kg, whose motion
@@ -118,3 +120,7 @@ def test_hysteresis_starts_without_a_memory() -> None:
 def test_a_map_of_basins_names_what_follows_functions() -> None:
     with pytest.raises(NotApplicable, match="sine finds its regimes, and bifurcation follows"):
         basins(oscillator(spring=Duffing(cubic_stiffness=1.0)))
+    noisy = oscillator(spring=Duffing(cubic_stiffness=1.0))
+    noisy = noisy.replace(excitations=(*noisy.excitations, WhiteNoise(intensity=0.01)))
+    with pytest.raises(NotApplicable, match="sine finds its regimes, and bifurcation follows"):
+        lifetimes(noisy)
