@@ -355,7 +355,8 @@ class Simulation:
         if rate == 0.0:
             return 1.0
         row = pair.direction @ model.modal.shapes
-        intensity = float(row @ model.modal.white @ row)
+        # without noise on the gap, rounding may leave a little below 0
+        intensity = max(float(row @ model.modal.white @ row), 0.0)
         slow = RESOLVED * math.sqrt(2.0 * intensity * self.plan.step)
         return share_below(slow, first / rate, second / rate)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.branches import SUBHARMONICS, Finder
-from stochvi.methods.periodic.contact_branches import ContactFinder, Motion
+from stochvi.methods.periodic.contact_branches import RANDOM_STARTS, ContactFinder, Motion
 from stochvi.methods.periodic.family import Family
 from stochvi.methods.periodic.kernels import contact_flow, function_flow, solver
 from stochvi.methods.periodic.simulations import MOST_KEPT
@@ -16,7 +16,7 @@ CHANGE = 1e-5
 """Change of a state, in the units of the kernels, over which the flow is differenced."""
 
 FEW_STARTS = 4
-"""As `RANDOM_STARTS` of `contact_branches`."""
+"""As `RANDOM_STARTS`, at each of many places: altogether they are more, and all differ."""
 
 SPEEDS = 1.0, 3.0, 10.0
 """Speeds from which simulations start: lengths of the kernels times the frequency of the force."""
@@ -125,9 +125,10 @@ class FunctionFinder(ContactFinder):
     _system: tuple[float, function_flow.System] | None = None
 
     def newton_starts(self, sigma: float) -> Matrix:
-        # a start costs more than with linear springs: few, others at each place
+        # a start costs more than with linear springs: few, others at each of many places
         random = np.random.default_rng(self.seeds.index(sigma))
-        return random.normal(size=(len(SUBHARMONICS), FEW_STARTS, self.size))
+        count = max(FEW_STARTS, RANDOM_STARTS // len(self.seeds))
+        return random.normal(size=(len(SUBHARMONICS), count, self.size))
 
     # Starts, with memories
 
