@@ -10,6 +10,7 @@ import numpy as np
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.periodic.branches import LOOKS, Finder
+from stochvi.methods.periodic.continuation import FOLD
 from stochvi.methods.periodic.simulations import REPEATS, SETTLING, FinalMotion
 from stochvi.methods.periodic.tracks import OnBranch, Track
 
@@ -196,8 +197,20 @@ class Sweep:
             return (
                 _step(end.sigma, end, there) if self._change(end, there) > LEAP else None
             ), there
-        jumped = self._change(end, first) > ABRUPT or self._has_jumped(end, there)
+        jumped = (
+            self._change(end, first) > ABRUPT
+            or (self._turns(end) and self._change(end, there) > SMALLEST)
+            or self._has_jumped(end, there)
+        )
         return (_step(end.sigma, end, there) if jumped else None), there
+
+    def _turns(self, end: SweepState) -> bool:
+        """Whether a branch turns back at its end: chaos beyond it may leave no second motion."""
+        if end.place is None:
+            return False
+        track, near = end.place.track, BEYOND[1] / self.finder.family.span
+        folds = track.sigma[[name == FOLD for name in track.names]]
+        return bool(np.any(np.abs(folds - end.sigma) < near))
 
     def _pushed(self, end: SweepState, there: SweepState) -> SweepState:
         """The motion to which a perturbation leads from the end of a branch."""
