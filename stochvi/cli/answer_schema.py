@@ -106,6 +106,13 @@ JUDGED = {"method": str, "passed": bool, "family_alarm_rate": float}
 WARNINGS_ALONE = dict.fromkeys(name for name in COMMON if name != "warnings")
 RECORD = {"record": RecordVerdict}
 
+ONE_OR_SEVERAL = Change(
+    METHOD | {"verdict": str, "made": RoundedClearance | Mapping[str, RoundedClearance]},
+    {"clearance": Clearance, "clearances": Mapping[str, Clearance]},
+    dict.fromkeys(("clearance", "clearances")),
+)
+"""Clearances of one pair, or of each of several."""
+
 CHANGES = {
     "AbsorberReport": Change(METHOD, renamed={"performances": "levels"}),
     "Basins": Change(METHOD),
@@ -124,11 +131,7 @@ CHANGES = {
         {f"damage_ratio_{error}": LIST for error in ("standard_error", "bias")},
         {"with_stops": None},
     ),
-    "DamageSizing": Change(
-        METHOD | {"verdict": str, "made": RoundedClearance | Mapping[str, RoundedClearance]},
-        {"clearance": Clearance, "clearances": Mapping[str, Clearance]},
-        dict.fromkeys(("clearance", "clearances")),
-    ),
+    "DamageSizing": ONE_OR_SEVERAL,
     "Design": Change(METHOD),
     "Environment": Change({"spectra": COLUMNS, "breakpoints": COLUMNS}),
     "Explanation": Change(METHOD),
@@ -163,7 +166,7 @@ CHANGES = {
         {"faster_hits": COLUMNS, "impacts": COLUMNS, "transmissibility": COLUMNS},
         renamed={"scene": None},
     ),
-    "MissionSizing": Change(METHOD | {"verdict": str, "made": RoundedClearance}),
+    "MissionSizing": ONE_OR_SEVERAL,
     "PairsSizing": Change(
         METHOD | {"verdict": str, "made": Mapping[str, RoundedClearance]}, renamed={"method": "by"}
     ),

@@ -212,7 +212,7 @@ def size(
     tolerances: str | None, common: str | None, **asked: Any,
 ) -> None:  # fmt: skip
     """Find the clearance that keeps a stated risk."""
-    from stochvi.cli.other_sizings import OTHER, other_sizing
+    from stochvi.cli.other_sizings import OTHER, names_in, other_sizing
     from stochvi.isolators.sizing.method import size as solve
     from stochvi.isolators.sizing.missions_answer import MissionSizing
     from stochvi.isolators.sizing.pairs_answer import PairsSizing
@@ -243,7 +243,7 @@ def size(
         with options.progress("sizing") as report:
             answer = solve(
                 loaded, peak_acceleration=acceleration(peak_acceleration), tolerances=allowed,
-                spreads=spreads, common=[] if common is None else _names(common),
+                spreads=spreads, common=names_in(common),
                 progress=report, **sampling, **asked,
             )  # fmt: skip
         assert not isinstance(answer, MissionSizing)  # phases were shown before
@@ -289,11 +289,6 @@ def size(
     if fell_short:
         more = f" (and {len(fell_short) - 1} more)" if len(fell_short) > 1 else ""
         stop(f"not as accurate as asked for: {fell_short[0]}{more}", FAILED)
-
-
-def _names(text: str) -> list[str]:
-    """Names that are separated by commas."""
-    return [name.strip() for name in text.split(",")]
 
 
 REPORT_SECONDS = 3.0

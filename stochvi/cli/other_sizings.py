@@ -58,10 +58,15 @@ def other_sizing(
         )
         what = "a scene with phases" if loaded.phases else alone
         part = "size one phase, as FILE.toml#PHASE" if loaded.phases else "leave it out"
-        _refuse(what, given, NEVER_WITH, part)
+        _refuse(what, given, tuple(name for name in NEVER_WITH if name != "common"), part)
         _show_phases(options, scene, loaded, given)
         return True
     return False
+
+
+def names_in(text: str | None) -> list[str]:
+    """Names that are separated by commas; none without a text."""
+    return [] if text is None else [name.strip() for name in text.split(",")]
 
 
 def _refuse(
@@ -140,10 +145,11 @@ def _show_phases(options: Common, scene: str, loaded: Scene, given: dict[str, An
     from stochvi.isolators.sizing.method import size
     from stochvi.views.sized_missions import plot_mission_sizing, print_mission_sizing
 
+    common = names_in(given["common"])
     given = {name: each for name, each in given.items() if name not in NEVER_WITH}
     _show(
-        options, "phases", partial(size, loaded), given, print_mission_sizing, plot_mission_sizing,
-        scene,
+        options, "phases", partial(size, loaded, common=common), given, print_mission_sizing,
+        plot_mission_sizing, scene,
     )  # fmt: skip
 
 

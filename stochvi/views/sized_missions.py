@@ -95,7 +95,7 @@ def plot_mission_sizing(found: MissionSizing, ax: Axes | None = None) -> Axes:
     )  # fmt: skip
     ax.set_yscale("log")
     ax.set_ylim(top=1.5)
-    ax.set_xlabel(f"clearance per side ({LENGTH})")
+    ax.set_xlabel(f"clearance per side{found.of_widest} ({LENGTH})")
     ax.set_ylabel(f"probability of an impact in {spoken_mission(found.mission)}")
     add_grid(ax)
     ax.legend(frameon=False)
@@ -131,7 +131,7 @@ def plot_damage_sizing(found: DamageSizing, ax: Axes | None = None) -> Axes:
     )  # fmt: skip
     ax.set_yscale("log")
     plain_ticks(ax)
-    ax.set_xlabel(f"clearance per side ({LENGTH})")
+    ax.set_xlabel(f"clearance per side{found.of_widest} ({LENGTH})")
     ax.set_ylabel("largest damage with stops over that without, less 1")
     add_grid(ax)
     ax.legend(frameon=False, fontsize="small")

@@ -19,16 +19,24 @@ from stochvi import (
     TabulatedNoise,
     Viscoelastic,
     damage,
+    load_scene,
     reliability,
     screen,
     size,
 )
 from stochvi.isolators import MissionSizing, size_by_damage
+from stochvi.isolators.sizing.pairs_answer import PairsSizing
+from stochvi.results.estimates import Estimate
+from stochvi.scenes.datasets import shipped_scene
+from stochvi.scenes.excitations.pulses import Pulses
+from stochvi.scenes.phases import Phase
 from stochvi.views.report import write_clearance_report
 from support import judges
 from support.mounts import two_stages
+from support.pairs import pair, uncoupled
 
 PROFILE = "mil-std-810h-truck-vertical-5hz"
+LAW = Viscoelastic(stiffness=2e6, damping_ratio=0.2)
 
 
 def mission(phases: list[dict[str, Any]], gravity: bool = False) -> Scene:
@@ -166,6 +174,144 @@ def test_what_no_mission_is_sized_for_is_refused() -> None:
         size(scene, probability=0.01, mission=60.0)
     with pytest.raises(NotApplicable, match="the target must be a probability"):
         size(scene, rate=1e-4)
+
+
+# Several pairs ---------------------------------------------------------------------------------
+
+ROAD_AND_COLD = [
+    Phase(name="road", duration=1800.0),
+    Phase(name="cold", duration=300.0, level_db=2.0, stiffness_factor=0.9),
+]
+MANY = {
+    "two stages": two_stages(LAW, LAW),
+    "a box": load_scene(shipped_scene("rigid-box")),
+    "one mass that hangs, with two pairs": Scene(
+        structure=Isolator(frequency_hz=12.0, zeta=0.1, mass=1.0, gravity=True),
+        excitations=[TabulatedNoise(profile=PROFILE)],
+        impact_pairs=[
+            ImpactPair(name="both", lower=-0.02, upper=0.01, law=LAW),
+            ImpactPair(name="upper alone", upper=0.01, law=LAW),
+        ],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MANY)
+def test_several_pairs_keep_the_probability_over_all_phases(name: str) -> None:
+    """Against `reliability` at the clearances, of all pairs together and of each alone."""
+    found = sized(MANY[name].replace(phases=ROAD_AND_COLD))
+    scene = found.sized()
+
+    def risk(scene: Scene) -> Estimate:
+        return reliability(scene, rel_error=0.05, seed=7).chances["hit"].estimate
+
+    at = found.curve.iloc[len(found.curve) // 2]
+    left = 4.5 / 1.96 * (at["probability_high"] - at["probability"])
+    assert at["clearance"] == pytest.approx(found.clearance.value)
+    assert left < 0.005
+    there = risk(scene)
+    assert abs(there.value - 0.05) < math.hypot(there.reach(4.5), left)
+    assert found.phases["share"].sum() == pytest.approx(1.0)
+    # a fiftieth less clearance is told apart
+    less = risk(found.sized(0.98 * found.clearance.value))
+    assert abs(less.value - 0.05) > math.hypot(less.reach(4.5), left)
+    alone = [risk(scene.replace(impact_pairs=[pair])) for pair in scene.impact_pairs]
+    assert max(each.value for each in alone) < 0.05 < sum(each.value for each in alone) * 1.2
+    for each in alone[1:]:
+        reach = math.hypot(each.reach(4.5), alone[0].reach(4.5), 4.5 * 0.1 * each.value)
+        assert abs(each.value - alone[0].value) < reach
+
+
+@pytest.mark.slow
+def test_one_phase_of_several_pairs_is_its_scene() -> None:
+    scene = two_stages(LAW, LAW)
+    asked = {"probability": 0.05, "rel_error": 0.1, "seed": 1}
+    whole = size(scene, mission=1800.0, **asked)  # type: ignore[arg-type]
+    assert isinstance(whole, PairsSizing)
+    one = sized(scene.replace(phases=[Phase(name="road", duration=1800.0)]), seed=1)
+    assert list(one.clearances) == list(whole.clearances)
+    for name, own in one.clearances.items():
+        other = whole.clearances[name]
+        reach = math.hypot(own.upper - own.value, other.upper - other.value)
+        assert abs(own.value - other.value) < 4.5 / 1.96 * reach
+        assert own.lower < own.value < own.upper
+    # half of the time needs less
+    half = sized(scene.replace(phases=[Phase(name="road", duration=900.0)]), seed=1)
+    assert all(half.clearances[name].upper < own.lower for name, own in one.clearances.items())
+
+
+@pytest.mark.slow
+def test_a_pair_that_moves_in_one_phase_alone_is_sized_by_it() -> None:
+    """Two masses that nothing couples, each shaken in a phase of its own: their risks add up."""
+    both = uncoupled(pair("left", "x", 3.0), pair("right", "z", 3.0))
+    scene = both.replace(
+        phases=[
+            Phase(name=name, duration=duration, excitations=[noise])
+            for name, duration, noise in zip(
+                ("one", "two"), (1000.0, 3000.0), both.excitations, strict=True
+            )
+        ]
+    )
+    found = sized(scene, seed=1)
+    assert found.phases["share"].tolist() == pytest.approx([0.5, 0.5], abs=0.02)
+    each = -math.expm1(0.5 * math.log1p(-0.05))
+    for chosen, phase in zip(scene.impact_pairs, scene.phases, strict=True):
+        alone = both.replace(impact_pairs=[chosen], excitations=phase.own_excitations)
+        keys = {"mission": phase.duration, "rel_error": 0.1, "seed": 2}
+        answer = size(alone, probability=each, **keys)  # type: ignore[arg-type]
+        assert isinstance(answer, PairsSizing)
+        own, mine = answer.clearances[chosen.name], found.clearances[chosen.name]
+        reach = math.hypot(mine.upper - mine.value, own.upper - own.value)
+        assert abs(mine.value - own.value) < 4.5 / 1.96 * reach
+
+
+@pytest.mark.slow
+def test_pairs_of_a_mission_have_a_clearance_in_common(tmp_path: Path) -> None:
+    scene = two_stages(LAW, LAW).replace(phases=ROAD_AND_COLD)
+    own, common = (sized(scene, common=names) for names in ([], ["bumpers", "box stops"]))
+    first, second = (each.value for each in common.clearances.values())
+    assert first == second < max(each.value for each in own.clearances.values())
+    assert first > min(each.value for each in own.clearances.values())
+    document = json.loads(json.dumps(own.to_dict(), allow_nan=False))
+    assert set(document["clearances"]) == set(document["made"]) == {"bumpers", "box stops"}
+    assert "clearance" not in document and own.stops_to_copy() == ""
+    assert own.summary().startswith("clearances: bumpers ") and "over 2 phases" in own.summary()
+    page = write_clearance_report(own, tmp_path).read_text("utf-8").replace("\u00a0", " ")
+    assert "Upper stop of box stops" in page and "isolated mass" not in page
+    made = own.as_made().impact_pairs[0].upper
+    assert made == pytest.approx(own.each_made["bumpers"].value, rel=1e-9)
+    with pytest.raises(ValueError, match=r"common must name impact pairs \(bumpers, box stops\)"):
+        size(scene, probability=0.05, common=["nothing"])
+
+
+@pytest.mark.slow
+def test_several_pairs_are_sized_for_shocks_beside_noise() -> None:
+    quiet = two_stages(LAW, LAW)
+    shocks = Pulses(on="base", rate=0.01, shape="half-sine", duration=0.02, amplitude=40.0)
+    scene = quiet.replace(excitations=[*quiet.excitations, shocks])
+    found = size(scene, probability=0.05, mission=600.0, rel_error=0.1, seed=1)
+    assert isinstance(found, MissionSizing)
+
+    def risk(scene: Scene) -> Estimate:
+        asked = {"mission": 600.0, "rel_error": 0.05, "seed": 7}
+        return reliability(scene.replace(phases=()), **asked).chances["hit"].estimate  # type: ignore[arg-type]
+
+    at = found.curve.iloc[len(found.curve) // 2]
+    left = 4.5 / 1.96 * (at["probability_high"] - at["probability"])
+    there = risk(found.sized())
+    assert abs(there.value - 0.05) < math.hypot(there.reach(4.5), left)
+    # without shocks far fewer are hit
+    without = risk(found.sized().replace(excitations=quiet.excitations))
+    assert without.value < 0.04
+
+
+def test_noise_of_varying_level_on_several_pairs_is_refused() -> None:
+    scene = two_stages(LAW, LAW)
+    (noise,) = scene.excitations
+    loud = scene.replace(excitations=[noise.replace(kurtosis=5.0, level_time=60.0)])
+    with pytest.raises(NotApplicable, match="on one pair that hangs evenly, got several pairs"):
+        size(loud, probability=0.05)
 
 
 # Damage ---------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -173,14 +173,18 @@ class Clearance:
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class ClearanceAnswer(Result):
-    """One clearance for the stops of one oscillator: what such answers have in common.
+    """One clearance for the stops of one oscillator, or of each pair: what such answers have in
+    common.
 
     Parameters
     ----------
     scene
         The scene; its stops are where it states them.
     clearance
-        Metres per side from the static equilibrium, with the 95 % interval.
+        Metres per side from the static equilibrium, with the 95 % interval; that of the widest
+        gap, where there are several.
+    clearances
+        The clearance of each pair by its name.
 
     See Also
     --------
@@ -191,11 +195,37 @@ class ClearanceAnswer(Result):
 
     scene: Scene
     clearance: Clearance
+    clearances: Mapping[str, Clearance]
 
     @property
     def made(self) -> RoundedClearance:
-        """The clearance to make, rounded up."""
+        """The clearance to make, rounded up; that of the widest gap, where there are several."""
         return RoundedClearance.of(self.clearance.value)
+
+    @property
+    def each_made(self) -> dict[str, RoundedClearance]:
+        """The clearance to make of each pair, rounded up."""
+        return {name: RoundedClearance.of(c.value) for name, c in self.clearances.items()}
+
+    @property
+    def several(self) -> bool:
+        """Whether there are several pairs."""
+        return len(self.clearances) > 1
+
+    @property
+    def of_widest(self) -> str:
+        """The name of the widest gap in words, empty where there is one pair."""
+        if not self.several:
+            return ""
+        return f" for {max(self.clearances, key=lambda name: self.clearances[name].value)}"
+
+    @property
+    def to_make(self) -> str:
+        """The clearances to make in words, with the verb that follows."""
+        places = places_in_words(self.each_made) if self.several else str(self.made)
+        first = "clearances" if self.several else "clearance"
+        keep = "keep" if self.several else "keeps"
+        return f"{first}: {places} per side from the static equilibrium {keep}"
 
     @property
     def hanging(self) -> Scene:
@@ -221,15 +251,26 @@ class ClearanceAnswer(Result):
         return {}
 
     def sized(self, clearance: float | None = None) -> Scene:
-        """The scene with its stops at a clearance (m), by default the calculated one."""
+        """The scene with the stops of the widest gap at a clearance (m), by default the calculated
+        one; those of the others are in the same proportions."""
         place = self.clearance.value if clearance is None else clearance
-        moved = at_clearances(self.hanging, place).impact_pairs
+        return self._at([place * c.value / self.clearance.value for c in self.clearances.values()])
+
+    def as_made(self) -> Scene:
+        """The scene with its stops at the clearances to make."""
+        return self._at([each.value for each in self.each_made.values()])
+
+    def _at(self, clearances: Sequence[float]) -> Scene:
+        """The scene with its stops at the clearances of its pairs."""
+        if not self.scene.impact_pairs:
+            return self.scene
+        moved = at_clearances(self.hanging, clearances).impact_pairs
         return self.scene.replace(impact_pairs=moved)
 
     def stops_to_copy(self) -> str:
-        """The stops at the clearance to make, as keys of a scene file; empty without a pair, and
-        where a record contradicts the noise for which they hold."""
-        if self.doubtful:
+        """The stops at the clearance to make, as keys of a scene file; empty without a pair or with
+        several, and where a record contradicts the noise for which they hold."""
+        if self.doubtful or self.several:
             return ""
         sides = [side for pair in self.scene.impact_pairs for side, _ in pair.stops()]
         return _stops_in_toml(
@@ -249,7 +290,10 @@ class ClearanceAnswer(Result):
         return self.verdict()
 
     def _document(self) -> dict[str, Any]:
-        return {"verdict": self.verdict(), "made": self.made, **super()._document()}
+        found = super()._document()
+        del found["clearance" if self.several else "clearances"]
+        made = self.each_made if self.several else self.made
+        return {"verdict": self.verdict(), "made": made, **found}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import (
-    Clearance,
     ClearanceAnswer,
-    RoundedClearance,
-    places_in_words,
     spoken_mission,
 )
-from stochvi.scenes.scene import Scene
 from stochvi.statistics.damage import Damage
 
 if TYPE_CHECKING:
@@ -53,7 +47,6 @@ class DamageSizing(ClearanceAnswer):
     stochvi.isolators.size_by_damage : The calculation.
     """
 
-    clearances: Mapping[str, Clearance]
     ratio: float
     mission: float
     sigma: float
@@ -68,32 +61,10 @@ class DamageSizing(ClearanceAnswer):
         """The clearance to make and what it keeps, in one sentence."""
         f = self.damage.equipment_frequency_hz
         band = f"{f[0]:.4g} Hz" if len(f) == 1 else f"{f[0]:.4g} to {f[-1]:.4g} Hz"
-        several = len(self.clearances) > 1
-        places = (
-            f"clearances: {places_in_words(self.each_made)}"
-            if several
-            else f"clearance: {self.made}"
-        )
         return (
-            f"{places} per side from the static equilibrium keep{'' if several else 's'} the "
-            f"damage of equipment at {band} within {self.ratio:.4g} times that without stops"
+            f"{self.to_make} the damage of equipment at {band} within {self.ratio:.4g} times that "
+            "without stops"
         )
-
-    @property
-    def each_made(self) -> dict[str, RoundedClearance]:
-        """The clearance to make of each pair, rounded up."""
-        return {name: RoundedClearance.of(c.value) for name, c in self.clearances.items()}
-
-    def sized(self, clearance: float | None = None) -> Scene:
-        """The scene with the stops of the widest gap at a clearance (m), by default the calculated
-        one. Those of the others are as far in rms motions."""
-        place = self.clearance.value if clearance is None else clearance
-        found = [place * c.value / self.clearance.value for c in self.clearances.values()]
-        return at_clearances(self.scene, found)
-
-    def stops_to_copy(self) -> str:
-        """The stops at the clearance to make, as keys of a scene file; empty for several pairs."""
-        return super().stops_to_copy() if len(self.clearances) == 1 else ""
 
     def calculated(self) -> str:
         """The clearance before rounding, and the equipment that decides."""
@@ -105,7 +76,4 @@ class DamageSizing(ClearanceAnswer):
         )
 
     def _document(self) -> dict[str, Any]:
-        found = {"method": "size:damage", **super()._document()}
-        several = len(self.clearances) > 1
-        del found["clearance" if several else "clearances"]
-        return found | ({"made": self.each_made} if several else {})
+        return {"method": "size:damage", **super()._document()}

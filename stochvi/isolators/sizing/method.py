@@ -61,8 +61,8 @@ def size(
     ----------
     scene
         One oscillator under stationary Gaussian noise, or a linear structure with any number of
-        pairs. For a probability the noise on one oscillator may vary in level, or shocks of a
-        shape may come at random times beside it. The laws of the
+        pairs. For a probability the noise on one oscillator may vary in level, and shocks of a
+        shape may come at random times beside noise. The laws of the
         stops are kept, their places are not: they go to equal distances from the static
         equilibrium, where the mass hangs.
     probability
@@ -93,7 +93,7 @@ def size(
         what the scene states (`stochvi.BetweenUnits`).
     mission
         Seconds of exposure, from a stationary start, by default an hour; left out where the scene
-        has phases, of which one oscillator is sized for a probability.
+        has phases, which are sized for a probability.
     **options
         `AccuracyOptions`: `rel_error` is that of the risk (probability, rate) at the clearance, by
         default 0.05. Where the `budget` ends first, the interval of a probability or of a rate is
@@ -139,7 +139,7 @@ def size(
     if scene.phases:
         return _of_phases(
             scene, target, mission, run, at=at, pair=pair, tolerances=tolerances,
-            spreads=spreads or None, common=common or None,
+            spreads=spreads or None, common=common,
         )  # fmt: skip
     if spreads is None and any(varied(scene)):
         from stochvi.isolators.production_risk.spreads import spreads_of
@@ -149,11 +149,8 @@ def size(
     if not 0.0 < mission < math.inf:
         raise ValueError(f"mission must be a positive number of seconds, got {mission}")
     model = model_of(scene)
-    names = [each.name for each in model.pairs]
-    for name, given in (("pair", [pair] if pair is not None else []), ("common", common)):
-        if not {*given} <= {*names}:
-            known = ", ".join(names) or "none"
-            raise ValueError(f"{name} must name impact pairs ({known}), got {', '.join(given)}")
+    _check_names(scene, "pair", [pair] if pair is not None else [])
+    _check_names(scene, "common", common)
     if common and pair is not None:
         raise ValueError(f"common must be left out where one pair is sized, got pair = {pair!r}")
     if spreads:
@@ -174,6 +171,14 @@ def size(
     if not worst or isinstance(found, PairsSizing):
         return found
     return _within_tolerances(found, run)
+
+
+def _check_names(scene: Scene, name: str, given: Sequence[str]) -> None:
+    """Raise `ValueError` where an argument names what is no impact pair of a scene."""
+    names = [each.name for each in scene.expanded.impact_pairs]
+    if not {*given} <= {*names}:
+        known = ", ".join(names) or "none"
+        raise ValueError(f"{name} must name impact pairs ({known}), got {', '.join(given)}")
 
 
 def _of_production(
@@ -208,8 +213,9 @@ def _of_production(
 
 
 def _of_phases(
-    scene: Scene, target: Target, mission: float | None, run: Run, **others: object
-) -> MissionSizing:
+    scene: Scene, target: Target, mission: float | None, run: Run, common: Sequence[str],
+    **others: object,
+) -> MissionSizing:  # fmt: skip
     """The sizing of a scene with phases; refuses arguments that are not for phases."""
     for name, value in {"mission": mission, **others}.items():
         if value is not None:
@@ -217,7 +223,12 @@ def _of_phases(
                 f"{name} must be left out where the scene has phases, shocks or noise of varying "
                 f"level, got {value}"
             )
-    found = size_mission(scene, target, run)
+    _check_names(scene, "common", common)
+    try:
+        found = size_mission(scene, target, run, common)
+    except NotApplicable as reason:
+        # the user called `size`, whatever function it came from
+        raise NotApplicable("size", reason.conditions) from reason
     if found.warnings:
         raise run.deadline.fell_short(found.warnings[0], "raise budget or rel_error", found)
     return found

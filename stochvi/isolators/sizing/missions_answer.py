@@ -37,11 +37,16 @@ class MissionSizing(ClearanceAnswer):
     mission
         Duration of all phases, s.
     clearance
-        Metres per side from the static equilibrium of the mount as stated, with the 95 % interval.
+        Metres per side from the static equilibrium of the mount as stated, with the 95 % interval;
+        that of the widest gap, where there are several.
+    clearances
+        The clearance of each pair by its name: each alone would be hit in the mission with the same
+        probability.
     phases
-        By phase its `duration` (s), `displacement_std` and `shift` of its static equilibrium (m),
-        `probability` of an impact at the clearance, its `share` of the hazard, and `clearance`,
-        which the phase alone needs for the target (NaN where it does not matter).
+        By phase its `duration` (s), `displacement_std` of the widest gap and `shift` of its static
+        equilibrium (m), `probability` of any impact at the clearances, its `share` of the hazard,
+        and `clearance` of that gap, which the phase alone needs for the target (NaN where it does
+        not matter).
     curve
         `probability` of an impact in the mission over `clearance`, with its 95 % limits
         `probability_low` and `probability_high`.
@@ -88,11 +93,8 @@ class MissionSizing(ClearanceAnswer):
 
     def verdict(self) -> str:
         """The clearance to make and the risk that it keeps, in one sentence."""
-        made = (
-            f"clearance: {self.made} per side from the static equilibrium keeps "
-            f"{self.target.kept(self.mission)}"
-            + (f", over {len(self.phases)} phases" if len(self.phases) > 1 else "")
-        )
+        over = f", over {len(self.phases)} phases" if len(self.phases) > 1 else ""
+        made = f"{self.to_make} {self.target.kept(self.mission)}{over}"
         judged = [f"phase {name}: {each.sentence()}" for name, each in self.doubtful.items()]
         return (
             f"{'. '.join(judged)}. For Gaussian noise of their spectra: {made}" if judged else made
@@ -100,11 +102,12 @@ class MissionSizing(ClearanceAnswer):
 
     def calculated(self) -> str:
         """The clearance before rounding, and the phase that decides."""
+        place = f"calculated: {self.clearance}{self.of_widest}"
         if len(self.phases) == 1:
-            return f"calculated: {self.clearance}"
+            return place
         most = self.phases.iloc[int(np.argmax(self.phases["share"]))]
         return (
-            f"calculated: {self.clearance}; phase {most['phase']} of "
+            f"{place}; phase {most['phase']} of "
             f"{spoken_mission(most['duration'])} has {spoken_percent(most['share'])} of the risk"
         )
 

@@ -8,6 +8,7 @@ else everything (`simulate`).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -45,7 +46,7 @@ from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import UNFINISHED, bursts, chance_of
 from stochvi.statistics.cluster_paths import WINDOWS
-from stochvi.statistics.first_crossings import first_crossings, one_gap
+from stochvi.statistics.first_crossings import one_gap
 from stochvi.statistics.pair_crossings import PairMotion, own_distances
 from stochvi.statistics.reliability import reliability
 
@@ -72,6 +73,9 @@ BY_BURSTS = (
 METHODS = {"probability": BY_FIRST_CROSSINGS, "rate": BY_HITS}
 """How the clearance is found, by the name of the target; for a target that is not here, by
 clusters."""
+
+SIDES = (-1.0, 1.0)
+"""Sides of the stops of a mass that has none yet."""
 
 SIMULATED = (
     "clearance", "clearance_in_sigma", "hit_rate", "hit_rate_low", "hit_rate_high",
@@ -104,13 +108,22 @@ def nominal_sizing(scene: Scene, asked: Question) -> Sizing | PairsSizing:
         raise NotApplicable("size", reason.conditions) from reason
 
 
-def risk_curve(
-    scene: Scene, target: Target, mission: float, run: Run, shift: float = 0.0
-) -> RiskCurve:
-    """Probability of any impact against clearance, from 1 sigma to a clearance that is more than
-    the target needs; the stops lie uneven where the static equilibrium is shifted, m, and the
-    clearance is that of the nearer one."""
-    (motion,) = PairMotion.under_shocks(one_gap(model_of(scene))).motions
+def risk_curve(scene: Scene, target: Target, mission: float, run: Run) -> RiskCurve:
+    """The curve of risk of one mass, see `curve_of_gap`."""
+    model = model_of(scene)
+    sides = [float(stop.side) for stop in model.stops] or SIDES
+    motion = PairMotion.under_shocks(one_gap(model))
+    return curve_of_gap(motion, target, mission, run, sides=sides)
+
+
+def curve_of_gap(
+    together: PairMotion, target: Target, mission: float, run: Run, *, number: int = 0,
+    shift: float = 0.0, sides: Sequence[float] = SIDES,
+) -> RiskCurve:  # fmt: skip
+    """Probability of an impact against clearance of one of some gaps, alone, from 1 sigma to a
+    clearance that is more than the target needs; the stops lie uneven where the static equilibrium
+    is shifted, m, and the clearance is that of the nearer one."""
+    motion = together.motions[number]
     chances = [*SEARCH.required, target.exceedance or 1.0]
     if target.name == "probability":
         chances.append(target.value)
@@ -119,18 +132,10 @@ def risk_curve(
     wanted = min(chances) / (20.0 * exposed)
     highest = max(motion.towards(side).distance_of(wanted) for side in (-1.0, 1.0))
     levels = clearances_of_curve(motion, SEARCH.lowest_sigma * motion.deviations[0], highest)
-    pair = scene.impact_pairs[0] if scene.impact_pairs else None
     farther = levels + 2.0 * abs(shift)
-    lower, upper = farther if shift > 0.0 else levels, levels if shift >= 0.0 else farther
-    found = partial_result(
-        first_crossings,
-        scene,
-        lower=None if pair is not None and pair.lower is None else lower,
-        upper=None if pair is not None and pair.upper is None else upper,
-        mission=mission,
-        **run.options(rel_error=run.rel_error),
-    )
-    return RiskCurve.of(found, mission)
+    places = {-1.0: farther if shift > 0.0 else levels, 1.0: levels if shift >= 0.0 else farther}
+    stops = {side: places[side] for side in sides}
+    return RiskCurve.of_gap(together, number, stops, mission, run)
 
 
 @dataclass(kw_only=True)

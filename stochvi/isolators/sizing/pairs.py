@@ -129,7 +129,7 @@ class SeveralPairs(SizingJob[PairsSizing]):
         self.check_crossings(self.together)
         *self.chances, self.three_sigma = self.together.probability(self.mission)
         self.given, self.alone = self._as_given()
-        self.total = _Total.of(self.risks, self.chances)
+        self.total = TotalRisk.of(self.risks, self.chances)
 
     def scene_at(self, place: float) -> Scene:
         """The scene with its stops where each sized pair alone has a risk."""
@@ -282,15 +282,17 @@ class SeveralPairs(SizingJob[PairsSizing]):
         levels = clearances_of_curve(
             motion, max(lowest, SEARCH.lowest_sigma * self.sigma[k]), highest
         )
-        rows = np.full((len(levels), *self.own.shape), math.inf)
-        for side in np.flatnonzero(np.isfinite(self.own[:, k])):
-            rows[:, side, k] = levels
+        stops = {
+            side: levels
+            for side, own in zip((-1.0, 1.0), self.own[:, k], strict=True)
+            if math.isfinite(own)
+        }
         if number and self.deadline.passed():
             raise self.deadline.fell_short(
                 f"after {number} of {len(self.sized)} pairs were looked at alone", "raise budget"
             )
         share = SHARE_OF_CURVES / (len(self.sized) - SHARE_OF_CURVES * number)
-        return RiskCurve.of(self._crossings(rows, share).of_one(k), self.mission)
+        return RiskCurve.of_gap(self.motion, k, stops, self.mission, self.part(share))
 
     def _as_given(self) -> tuple[Estimate | None, list[Estimate]]:
         """Probability of an impact between the stops of the scene, None where a mean gap lies
@@ -443,7 +445,7 @@ class SeveralPairs(SizingJob[PairsSizing]):
 
 
 @dataclass(frozen=True)
-class _Total:
+class TotalRisk:
     """-ln(1 - P) of an impact of any pair against the risk of each, logarithmic, between the risks
     that were looked at (monotone cubic); with the 95 % half widths of the logarithm."""
 
@@ -452,7 +454,7 @@ class _Total:
     halves: Vector
 
     @classmethod
-    def of(cls, risks: Vector, chances: Sequence[Estimate]) -> _Total:
+    def of(cls, risks: Vector, chances: Sequence[Estimate]) -> TotalRisk:
         """The curve from the probabilities at these risks; probabilities of 0 or 1 are left out, as
         their logarithms are infinite."""
         values = np.array([each.value for each in chances])

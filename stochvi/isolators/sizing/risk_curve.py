@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -89,6 +89,18 @@ class RiskCurve:
             probabilities=_falling(crossings.probability(mission)),
             first_rates=_falling(crossings.first_rate()),
         )
+
+    @classmethod
+    def of_gap(
+        cls, together: PairMotion, number: int, stops: Mapping[float, Vector], mission: float,
+        run: Run,
+    ) -> RiskCurve:  # fmt: skip
+        """The curve of one of some gaps that alone has stops, at distances by their sides."""
+        rows = np.full((2, len(next(iter(stops.values()))), len(together.motions)), math.inf)
+        for side, distances in stops.items():
+            rows[int(side > 0.0), :, number] = distances
+        found: PairCrossings = partial_result(together.crossings, *rows, mission, run)
+        return cls.of(found.of_one(number), mission)
 
     @property
     def largest_hazard(self) -> float:

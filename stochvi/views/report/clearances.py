@@ -55,11 +55,13 @@ def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
         cards=[
             Fact(
                 "Clearance to make", str(found.made),
-                f"per side, from the static equilibrium; rounded up to {found.made.step_in_words}",
+                f"per side{found.of_widest}, from the static equilibrium; rounded up to "
+                f"{found.made.step_in_words}",
             ),
             Fact(
                 "Calculated", spoken_length(found.clearance.value),
-                f"{LENGTH.span(found.clearance.lower, found.clearance.upper)}, 95 %",
+                f"{LENGTH.span(found.clearance.lower, found.clearance.upper)}, 95 %"
+                f"{found.of_widest}",
             ),
             *_cards(found),
         ],
@@ -73,15 +75,15 @@ def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
 
 def _evidence(found: ClearanceAnswer) -> tuple[str, list[Section]]:
     """The question in words, and the sections of what it rests on."""
+    of = "Clearances" if found.several else "Clearance of an isolated mass"
     if isinstance(found, MissionSizing):
         mission = spoken_mission(found.mission)
         return (
-            f"Clearance of an isolated mass for a mission of {mission} in "
+            f"{of} for a mission of {mission} in "
             f"{len(found.phases)} {'phases' if len(found.phases) > 1 else 'phase'}",
             [_phases(found), _environment(found)],
         )
     assert isinstance(found, DamageSizing)
-    of = "Clearances" if len(found.clearances) > 1 else "Clearance of an isolated mass"
     return (
         f"{of} by the damage of equipment in {spoken_mission(found.mission)}",
         [_damage(found)],
@@ -209,8 +211,7 @@ def _damage(found: DamageSizing) -> Section:
 
 def _stops(found: ClearanceAnswer) -> Section:
     """Where the stops stand, with the drawing of the scene."""
-    made = found.sized(found.made.value)
-    several = len(made.impact_pairs) > 1
+    made = found.as_made()
     return Section(
         title="Gap and stops",
         lead="A clearance is the distance of a stop from the static equilibrium, where the mass "
@@ -218,7 +219,7 @@ def _stops(found: ClearanceAnswer) -> Section:
         "unloaded spring.",
         facts=[
             Fact(
-                f"{side.capitalize()} stop{f' of {pair.name}' if several else ''}",
+                f"{side.capitalize()} stop{f' of {pair.name}' if found.several else ''}",
                 spoken_length(getattr(pair, side)),
                 f"from the unloaded spring; {law.phrase()}",
             )
