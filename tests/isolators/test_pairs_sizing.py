@@ -470,7 +470,7 @@ def test_a_chance_next_to_one_has_an_interval(hazard: float) -> None:
     values = np.minimum(-np.expm1(-hazards), pairs.KNOWN)
     errors = np.sqrt(values * (1.0 - values) / 1000.0) + 1e-4
     estimates = [Estimate(value=v, standard_error=e) for v, e in zip(values, errors, strict=True)]
-    total = pairs._Total.of(np.array([0.1, 0.2, 0.4]), estimates)
+    total = pairs.TotalRisk.of(np.array([0.1, 0.2, 0.4]), estimates)
     found = total.at(0.2)
     assert found.value == pytest.approx(values[1], rel=1e-6)
     assert 0.0 <= found.lower < found.value <= found.upper <= 1.0
