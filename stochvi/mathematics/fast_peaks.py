@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.fft import irfft, rfft
+from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Matrix, Vector, Waves
 from stochvi.mathematics.frequency_response import bin_variances
@@ -197,15 +198,22 @@ class PeakedRecords:
 
     def gaussian(self, random: np.random.Generator, records: int) -> Matrix:
         """Gaussian records u (samples, records)."""
-        real, imaginary = random.standard_normal((2, self.count, records))
-        size = 0.5 * self.samples * np.sqrt(self._shares)
-        return np.asarray(irfft(size[:, None] * (real - 1j * imaginary), self.samples, axis=0))
+        return self._gaussian_of(random.standard_normal((2, self.count, records)))
 
     def bins(self, random: np.random.Generator, records: int) -> Waves:
         """Records x by their transforms (count, records), as `rfft` of `samples` samples has."""
-        u = self.gaussian(random, records)
+        return self.bins_of(random.standard_normal((2, self.count, records)))
+
+    def bins_of(self, normals: NDArray[np.float64]) -> Waves:
+        """The same records from standard normal numbers (2, count, records)."""
+        u = self._gaussian_of(normals)
         raw = rfft(u + self.cubic * (u**3 - 3.0 * u), axis=0)[: self.count]
         return np.asarray(self.filter[:, None] * raw)
+
+    def _gaussian_of(self, normals: NDArray[np.float64]) -> Matrix:
+        real, imaginary = normals
+        size = 0.5 * self.samples * np.sqrt(self._shares)
+        return np.asarray(irfft(size[:, None] * (real - 1j * imaginary), self.samples, axis=0))
 
 
 class _Pilot:

@@ -107,7 +107,7 @@ def not_gaussian(model: Model) -> list[str]:
         got, follow = "pulses of a shape", f"{FOLLOWING_SHOCKS} follow them"
         if isinstance(each, FastPeaks):
             got = f"noise with fast peaks, of kurtosis {each.kurtosis:g}"
-            follow = f"{FOLLOWING_PEAKS} follow it"
+            follow = f"{FOLLOWING_PEAKS} follow it; without the kurtosis the rms motion is the same"
         found.append(f"excitation must be Gaussian noise, got {got}; {follow}")
     return found
 
@@ -239,7 +239,7 @@ def without_free_response(model: Model) -> list[str]:
     ]
 
 
-FOLLOWING_PEAKS = "simulate, impacts and damage"
+FOLLOWING_PEAKS = "simulate, impacts, damage and reliability"
 """Commands that follow noise with fast peaks."""
 
 FOLLOWING_SHOCKS = "simulate, impacts, damage, reliability and size"

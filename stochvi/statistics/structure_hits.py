@@ -39,7 +39,7 @@ from stochvi.statistics.bursts import Bursts, chance_of
 from stochvi.statistics.cluster_paths import WINDOW_RELAXATIONS, WINDOWS
 from stochvi.statistics.impact_counts import clusters_apart
 from stochvi.statistics.pair_crossings import PairCrossings, PairMotion
-from stochvi.statistics.rare_hits import risk_of_windows
+from stochvi.statistics.trial_splitting import risk_of_windows
 
 TYPICAL_SPEED = 1.25
 """Speed of a usual first impact in rms velocities: about half of the first impacts are faster."""

@@ -22,15 +22,12 @@ from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law
 from stochvi.statistics.rare_hits import (
     AfterCrossings,
-    Kind,
-    Levels,
+    ImpactTrials,
     Windows,
-    _moved,
     kinds_of,
-    pilot,
     rare_hits,
-    repetition,
 )
+from stochvi.statistics.trial_splitting import Levels, moved, pilot, repetition
 from stochvi.testing import assert_agrees
 from support.accuracies import rel_errors
 from support.pairs import pair, uncoupled
@@ -51,7 +48,7 @@ def truck(lower: float, upper: float, law: Law, upper_law: Law | None = None) ->
     return scene.model_copy(update={"impact_pairs": (pair,)})
 
 
-def estimate(kind: Kind, rows: np.ndarray, mission: float) -> Estimate:
+def estimate(kind: ImpactTrials, rows: np.ndarray, mission: float) -> Estimate:
     """The probability in a mission that repetitions show, with the error of their scatter."""
     count, mean = len(rows), rows.mean(axis=0)
     left_out = ((rows.sum(axis=0) - rows) / (count - 1)).T
@@ -62,7 +59,9 @@ def estimate(kind: Kind, rows: np.ndarray, mission: float) -> Estimate:
     return Estimate(value=value, standard_error=error, bias=bias)
 
 
-def by_splitting(kind: Kind, limit: float, mission: float, count: int) -> tuple[Levels, Estimate]:
+def by_splitting(
+    kind: ImpactTrials, limit: float, mission: float, count: int
+) -> tuple[Levels, Estimate]:
     levels = pilot(kind, limit, NEVER)
     rows = np.array([repetition(kind, levels, i, NEVER) for i in range(count)])
     return levels, estimate(kind, rows, mission)
@@ -102,7 +101,7 @@ def test_moves_leave_the_law_of_the_records_as_it_is() -> None:
     trials = bursts.fresh(0)
     fresh = bursts.fresh(1).records
     for draw in range(2, 4):
-        trials, kept = _moved(bursts, trials, -math.inf, 0.7, draw, random)
+        trials, kept = moved(bursts, trials, -math.inf, 0.7, draw, random)
     assert kept > 0.5  # minus infinity itself is not above the level
     middle = trials.records.shape[1] // 2
 

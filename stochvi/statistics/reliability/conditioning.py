@@ -18,6 +18,7 @@ from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import logarithmic_interval
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import first_crossings
+from stochvi.statistics.free_windows import windows_of
 from stochvi.statistics.impact_counts import ImpactCounts, count_impacts
 from stochvi.statistics.pair_crossings import own_distances, pair_crossings
 from stochvi.statistics.rare_hits import Windows, rare_hits
@@ -25,6 +26,7 @@ from stochvi.statistics.reliability.answer import Chance, PairRisk
 from stochvi.statistics.reliability.choice import Hits, Jobs
 from stochvi.statistics.structure_hits import Limit, overlap_of
 from stochvi.statistics.structure_hits import exceedance as exceedance_of_pairs
+from stochvi.statistics.trial_splitting import Question, RareHits
 
 Ends = tuple[float | None, float | None]
 """Lower and upper stop or barrier, m; None for none."""
@@ -225,9 +227,6 @@ def exceedance(scene: Scene, limit: Limit, mission: float, jobs: Jobs) -> Chance
         scene, limit.event, limit.value, mission=mission, outputs=limit.outputs or None,
         confidence=jobs.confidence, **jobs.sampling,
     )  # fmt: skip
-    rule = f"Student's, of the logarithm, from a jackknife over {found.repetitions} repetitions"
-    if found.chance.value == 0.0:
-        rule = f"upper limit: {found.chance.how}"
     way, why = (
         "bursts",
         (
@@ -243,9 +242,37 @@ def exceedance(scene: Scene, limit: Limit, mission: float, jobs: Jobs) -> Chance
                 "splitting finds those pieces of it that exceed the limit"
             ),
         )
+    return _from_splitting(found, limit.event, limit.value, way, why, jobs)
+
+
+def first_hit_under_peaks(scene: Scene, pair: str | None, mission: float, jobs: Jobs) -> Chance:
+    """P(any impact), or P(an impact on one pair), under noise with fast peaks."""
+    model, started = model_of(scene), time.process_time()
+    below, above = own_distances(model)
+    if pair is not None:
+        others = np.array([each.name != pair for each in model.pairs])
+        below, above = (np.where(others, math.inf, each) for each in (below, above))
+    kind = windows_of(model, below.tolist(), above.tolist(), mission, jobs.run.seed)
+    found = Question(1.0, mission, jobs.confidence, jobs.part).answer(kind)
+    assert found is not None  # pieces always end
+    why = (
+        "pieces of the motion: noise with fast peaks moves it as it comes, and a splitting finds "
+        "the pieces that reach a stop"
+    )
+    found = replace(found, seconds=time.process_time() - started)
+    return _from_splitting(found, "hit", None, "splitting", why, jobs)
+
+
+def _from_splitting(
+    found: RareHits, event: str, limit: float | None, way: str, why: str, jobs: Jobs
+) -> Chance:  # fmt: skip
+    """The probability that a splitting of trials found."""
+    rule = f"Student's, of the logarithm, from a jackknife over {found.repetitions} repetitions"
+    if found.chance.value == 0.0:
+        rule = f"upper limit: {found.chance.how}"
     return Chance(
-        event=limit.event,
-        limit=limit.value,
+        event=event,
+        limit=limit,
         estimate=found.chance,
         lower=found.lower,
         upper=found.upper,

@@ -38,6 +38,7 @@ from stochvi.results.estimates import TOO_FEW, Estimate, provenance
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
+from stochvi.statistics.free_windows import has_fast_peaks
 from stochvi.statistics.pair_crossings import same_gaps
 from stochvi.statistics.reliability.answer import Chance, Reliability
 from stochvi.statistics.reliability.choice import MISSED, Hits, Jobs, Way
@@ -47,6 +48,7 @@ from stochvi.statistics.reliability.conditioning import (
     by_conditioning,
     exceedance,
     first_hit,
+    first_hit_under_peaks,
     first_hits_of_pairs,
     harder_hits_of_pairs,
     hits_of_pairs,
@@ -90,8 +92,8 @@ def reliability(
         One oscillator: under white noise with any rigid stops, or compliant stops; under any
         Gaussian noise and sines beside it, with stops, from a stationary start. Or a linear
         structure of several coordinates or pairs under the same, from that start. Shocks of one
-        shape at random times may come beside the noise, for the probability of any impact. It may
-        have phases, which are then those of the mission.
+        shape at random times may come beside the noise, for the probability of any impact, and
+        the noise may have a kurtosis. It may have phases, which are then those of the mission.
     mission
         Duration, s; left out where the scene has phases.
     barrier
@@ -179,6 +181,10 @@ def reliability(
         return _at_varying_level(
             scene, mission, others, pair, run, confidence=confidence, start=start
         )
+    if has_fast_peaks(model):
+        _check_any_impact("noise with fast peaks", scene, others, start)
+        _check_several(model, barrier, start, way)
+        return _under_peaks(scene, pair, mission, jobs)
     if model.drawn:
         _check_any_impact("shocks", scene, others, start)
     if not model.single or model.drawn:
@@ -388,6 +394,33 @@ def _of_pairs(
     )
     if jobs.deadline.interrupted:
         raise jobs.deadline.fell_short("before its errors were small enough", "", found)
+    if missing:
+        raise NotConverged("; ".join(f"{name}: {why}" for name, why in missing.items()), found)
+    return found
+
+
+def _under_peaks(scene: Scene, pair: str | None, mission: float, jobs: Jobs) -> Reliability:
+    """The probability of any impact under noise with fast peaks."""
+    try:
+        chance = first_hit_under_peaks(scene, pair, mission, jobs)
+    except NotApplicable as reason:
+        raise NotApplicable("reliability", reason.conditions) from reason
+    missing = _inaccurate({"hit": chance.estimate}, jobs)
+    alone = [] if pair is None else [f"every number is that of {pair}, as if it alone had stops"]
+    found = Reliability(
+        mission=mission, start="stationary", chances={"hit": chance}, hits=None,
+        hits_interval=None, confidence=jobs.confidence,
+        assumptions=[
+            *_assumptions(scene, "stationary"),
+            "impacts after the first one are not followed under noise with fast peaks; impacts "
+            "counts all",
+            *alone,
+        ],
+        missing=missing, cost=jobs.run.cost(paths=chance.trials),
+        provenance=provenance(scene.document(), jobs.run.seed),
+    )  # fmt: skip
+    if jobs.deadline.interrupted:
+        raise jobs.deadline.fell_short("before its error was small enough", "", found)
     if missing:
         raise NotConverged("; ".join(f"{name}: {why}" for name, why in missing.items()), found)
     return found

@@ -1,0 +1,475 @@
+"""Splitting: the probability that the score of a stretch of random motion exceeds a limit, however
+small.
+
+A trial is made of numbers with a Gaussian distribution, and its score is a function of them. The
+probability that it exceeds a limit is a product of the probabilities to get from one level to the
+next (S. K. Au and J. L. Beck, Probab. Eng. Mech. 16 (2001) 263). Trials that exceed a level are
+copied, and every copy is moved by
+
+    y <- sqrt(1 - s^2) y + s z
+
+with z a fresh trial, which leaves the Gaussian distribution as it is (R. M. Neal 1998); it is taken
+back if it falls below the level. All trials weigh the same. A pilot that is no part of the answer
+fixes the levels and s. The mean over independent repetitions therefore has no bias (F. Cerou, P.
+Del Moral, T. Furon and A. Guyader, Stat. Comput. 22 (2012) 795); their scatter gives its error.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.mathematics.arrays import Vector
+from stochvi.results.deadline import Deadline
+from stochvi.results.errors import Interrupted, NotConverged
+from stochvi.results.estimates import TOO_FEW, Estimate
+from stochvi.results.intervals import (
+    events_suffice,
+    jackknife_error,
+    logarithmic_interval,
+    most_events,
+    student_factor,
+    upper_limit_unseen,
+)
+from stochvi.sampling.run import Run
+from stochvi.sampling.sampler import TrialSampler
+from stochvi.sampling.stop_flag import GivenUp
+from stochvi.statistics.bursts import UNFINISHED
+
+SHARE = 0.25
+"""Share of the trials that should exceed the next level."""
+
+MOVES = 4
+"""Number of moves of every trial at each level, so that its copies come to differ."""
+
+ACCEPTED = 0.35
+"""Share of the moves that should leave a trial above its level; the work for a given error hardly
+changes between 0.2 and 0.5."""
+
+FIRST_SIZE, SMALLEST_SIZE = 0.7, 0.02
+"""Size s of the first move of the pilot, and the smallest one."""
+
+CHANGED = 0.25
+"""Share of the trials of several pairs for which a move also draws the stop anew that is crossed:
+a stop that is reached seldom, but then hit hard, is found so."""
+
+SIZE_STEP = 1.3
+"""Factor by which the pilot changes the size s after each move."""
+
+MOST_LEVELS = 24
+"""Largest number of levels: probabilities below 0.25^24 = 4e-15 of a trial are not looked for."""
+
+FEWEST_REPETITIONS = 16
+"""Smallest number of repetitions in an answer: Student's quantile is then 2.13."""
+
+FEWEST_WITH_SHARE = 4
+"""Smallest number of repetitions that tell the share of late exceedances."""
+
+MOST_REPETITIONS = 2**14
+"""Largest number of repetitions, whatever the budget."""
+
+FOR_ANSWER = 0.7
+"""Share of the time that the pilot leaves to the repetitions, each of which takes about as long: a
+limit that it did not reach by then is given an upper limit, from the levels that it did reach."""
+
+FOR_LIMIT = 2.0 / 3.0
+"""Share of the levels reached that the repetitions go through where the pilot did not reach the
+limit: the last ones are left out, so that there is time for enough repetitions."""
+
+MARGIN = 1.1
+"""Factor on the number of repetitions for which the error so far asks."""
+
+PILOT = 2**20
+"""Number of the repetition that is the pilot."""
+
+STREAM = 0x5EED5
+"""Number that keeps the random numbers of this module apart from other uses of a seed."""
+
+
+class Trials(NamedTuple):
+    """Trials of one repetition.
+
+    Parameters
+    ----------
+    records
+        (trials, ...): Gaussian numbers. Those of impacts are (trials, samples, 2 modes):
+        displacement and velocity of each mode without stops, in turn, before anything is made a
+        crossing.
+    pairs
+        (trials, 2 + sines): standard normal numbers. The length of the first two is the slope of
+        the crossing over the rms velocity (Rayleigh's distribution). The third chooses the phases
+        of sines at a crossing; where there is none, each number chooses the phase of one sine.
+    side
+        (trials,): number of the stop that is crossed, see `Kind`.
+    score
+        (trials,): largest impact speed (m/s) or absolute acceleration (m/s^2); below 0 where no
+        stop is hit, and minus infinity where the crossing is no first impact.
+    """
+
+    records: Vector
+    pairs: Vector
+    side: NDArray[np.intp]
+    score: Vector
+
+    def chosen(self, which: NDArray[np.intp]) -> Trials:
+        """Copies of the trials of these numbers."""
+        return Trials(self.records[which], self.pairs[which], self.side[which], self.score[which])
+
+
+class Kind(ABC):
+    """A kind of trials."""
+
+    @property
+    @abstractmethod
+    def seed(self) -> int:
+        """Seed of all its random numbers."""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of trials in a repetition."""
+
+    @property
+    def several(self) -> bool:
+        """Whether trials belong to several stops, of which a move may choose another one."""
+        return False
+
+    @abstractmethod
+    def fresh(self, draw: int) -> Trials:
+        """Independent trials, without their scores; each `draw` has random numbers of its own."""
+
+    @abstractmethod
+    def scores(self, trials: Trials, *, half: bool = False, coarse: bool = False) -> Vector:
+        """The score of every trial; with `half` from the first half of what counts alone, with
+        `coarse` at twice the sampling interval."""
+
+    def drawn(self, draw: int) -> Trials:
+        """Independent trials with their scores."""
+        trials = self.fresh(draw)
+        return trials._replace(score=self.scores(trials))
+
+    @abstractmethod
+    def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
+        """Probability of an exceedance in a mission, from three probabilities of a trial: of an
+        exceedance (`exceeded`), of one in the second half of the count alone (`late`), and of a
+        score (`scored`)."""
+
+    @abstractmethod
+    def step_bias(self, difference: float) -> float | None:
+        """The bias that the sampling leaves in a probability, from its difference to half the
+        sampling rate."""
+
+    def bias(self, scored: float, mission: float) -> float:
+        """Relative bias of the risk: from overlapping clusters, and from clusters cut by the start
+        or the end of a mission."""
+        return 0.0
+
+    def unfinished(self, exceeded: float, late: float, scored: float) -> float:
+        """Share of the exceedances in the second half of the count, without those of new
+        clusters."""
+        return 0.0
+
+
+def risk_of_windows(exceeded: Vector, late: Vector, window: float, mission: float) -> Vector:
+    """Probability of an exceedance in a mission, s, from that in a window, s.
+
+    `late` is the part of the latter in which the first exceedance falls into the second half of the
+    window.
+    """
+    before = np.maximum(1.0 - (exceeded - late), 1e-300)
+    rate = -np.log1p(-np.minimum(late / before, 1.0 - 1e-15)) / (0.5 * window)
+    left = max(mission - window, 0.0)
+    return np.asarray(1.0 - (1.0 - np.minimum(exceeded, 1.0)) * np.exp(-rate * left))
+
+
+@dataclass(frozen=True)
+class Levels:
+    """The settings that the pilot fixes: the levels, each with the size of the moves there, and
+    whether the last level is the limit."""
+
+    levels: tuple[float, ...]
+    sizes: tuple[float, ...]
+    reached: bool
+
+
+class Repetition(NamedTuple):
+    """Probabilities that one repetition found for a trial.
+
+    They are those of an exceedance (at the sampling interval, and at twice that), of one in the
+    second half of the counted time, and of having a score.
+    """
+
+    exceeded: float
+    coarse: float
+    late: float
+    scored: float
+
+
+def pilot(kind: Kind, limit: float, deadline: Deadline, most: int = MOST_LEVELS) -> Levels:
+    """Levels, at most so many, and sizes of moves. About `SHARE` of the trials above one level
+    exceed the next; about `ACCEPTED` of the moves stay above their level."""
+    random = np.random.default_rng([kind.seed, STREAM, PILOT])
+    trials = kind.drawn(draw_of(PILOT, 0, 0))
+    levels: list[float] = []
+    sizes: list[float] = []
+    size = FIRST_SIZE
+    while len(levels) < most:
+        level = float(np.quantile(trials.score, 1.0 - SHARE, method="lower"))
+        if math.isinf(level):
+            level = 0.0  # few trials have a score: the first level is to have one
+        if level >= limit:
+            return Levels((*levels, limit), tuple(sizes), True)
+        if (levels and level <= levels[-1]) or not np.any(trials.score > level):
+            break
+        levels.append(level)
+        trials = copies(trials, np.flatnonzero(trials.score > level), random)
+        for move in range(MOVES):
+            if deadline.passed():
+                return Levels(tuple(levels[:-1]), tuple(sizes), False)
+            trials, kept = moved(
+                kind, trials, level, size, draw_of(PILOT, len(levels), move), random
+            )
+            size = size * SIZE_STEP if kept > ACCEPTED else size / SIZE_STEP
+            size = min(max(size, SMALLEST_SIZE), 1.0)
+        sizes.append(size)
+    return Levels(tuple(levels), tuple(sizes), False)
+
+
+def repetition(kind: Kind, levels: Levels, number: int, deadline: Deadline) -> Repetition:
+    """One splitting with fixed levels; `GivenUp` if the deadline came before its end."""
+    stage, scored = None, 0.0
+    for stage in stages(kind, levels, number, deadline):
+        scored = scored if stage.number else float(np.mean(stage.trials.score > -math.inf))
+    if stage is None or stage.number < len(levels.levels) - 1:
+        return Repetition(0.0, 0.0, 0.0, scored)
+    chance, trials = stage.chance, stage.trials
+    level = levels.levels[-1]
+    above = np.flatnonzero(trials.score > level)
+    early = kind.scores(trials.chosen(above), half=True) > level
+    coarse = kind.scores(trials, coarse=True) > level
+    return Repetition(
+        exceeded=chance * len(above) / len(trials.score),
+        coarse=chance * float(np.mean(coarse)),
+        late=chance * float(np.sum(~early)) / len(trials.score),
+        scored=scored,
+    )
+
+
+class Stage(NamedTuple):
+    """Trials of a splitting before its level of a number, and the probability that a trial is above
+    the level before."""
+
+    number: int
+    chance: float
+    trials: Trials
+
+
+def stages(kind: Kind, levels: Levels, number: int, deadline: Deadline) -> Iterator[Stage]:
+    """The stages of one splitting; they end before the last one where no trial exceeds a level."""
+    random = np.random.default_rng([kind.seed, STREAM, number])
+    trials, chance = kind.drawn(draw_of(number, 0, 0)), 1.0
+    for stage, level in enumerate(levels.levels[:-1]):
+        yield Stage(stage, chance, trials)
+        above = np.flatnonzero(trials.score > level)
+        if not len(above):
+            return
+        chance *= len(above) / len(trials.score)
+        trials = copies(trials, above, random)
+        for move in range(MOVES):
+            if deadline.passed():
+                raise GivenUp
+            draw = draw_of(number, stage + 1, move)
+            trials, _ = moved(kind, trials, level, levels.sizes[stage], draw, random)
+    yield Stage(len(levels.levels) - 1, chance, trials)
+
+
+def draw_of(number: int, stage: int, move: int) -> int:
+    """The number of a draw of trials in a stage of a repetition."""
+    return (number * (MOST_LEVELS + 1) + stage) * MOVES + move
+
+
+def copies(trials: Trials, above: NDArray[np.intp], random: np.random.Generator) -> Trials:
+    """As many trials as before, copied from those above a level, each about equally often."""
+    count = len(trials.score)
+    extra = random.permutation(above)[: count % len(above)]
+    return trials.chosen(np.concatenate([np.repeat(above, count // len(above)), extra]))
+
+
+def moved(
+    kind: Kind, trials: Trials, level: float, size: float, draw: int, random: np.random.Generator
+) -> tuple[Trials, float]:
+    """Every trial moved, and taken back if its score is not above the level; the share kept."""
+    fresh = kind.fresh(draw)
+    rest = math.sqrt((1.0 - size) * (1.0 + size))
+    fresh.records[:] *= size
+    fresh.records[:] += rest * trials.records
+    fresh.pairs[:] = rest * trials.pairs + size * fresh.pairs
+    side = trials.side
+    if kind.several:
+        side = np.where(random.random(len(side)) < CHANGED, fresh.side, side)
+    tried = fresh._replace(side=side)
+    tried = tried._replace(score=kind.scores(tried))
+    kept = tried.score > level
+    for own, new in zip(trials, tried, strict=True):
+        own[kept] = new[kept]
+    return trials, float(np.mean(kept))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RareHits:
+    """The probability of an exceedance in a mission, from repetitions of a splitting.
+
+    Parameters
+    ----------
+    chance
+        The probability, with the bias of the sampling interval and of clusters that meet. Where no
+        trial exceeded the limit it is 0, with an upper limit.
+    lower, upper
+        Ends of the confidence interval; 0 and the upper limit where no trial exceeded the limit.
+    kind
+        The kind of trials from which the probability was found.
+    repetitions, levels
+        Number of repetitions, and of levels in each.
+    seconds
+        CPU seconds of the pilot and the repetitions.
+    """
+
+    chance: Estimate
+    lower: float
+    upper: float
+    kind: Kind
+    repetitions: int
+    levels: int
+    seconds: float = 0.0
+
+    @property
+    def relative_error(self) -> float:
+        """Standard error over value; infinite where nothing was seen."""
+        value = self.chance.value
+        return self.chance.standard_error / value if value > 0.0 else math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class RepetitionSampler(TrialSampler):
+    """Repetitions of a splitting with fixed levels, each of which stands for a path."""
+
+    kind: Kind
+    levels: Levels
+
+    @property
+    def block(self) -> int:
+        """One repetition is a block."""
+        return 1
+
+    def trial(self, first_path: int, paths: int, deadline: Deadline) -> Repetition:
+        """One repetition."""
+        return repetition(self.kind, self.levels, first_path, deadline)
+
+    def describe(self, sample: list[Repetition]) -> str:
+        """Their number, in words."""
+        return f"{len(sample)} repetitions"
+
+
+@dataclass(frozen=True)
+class Question:
+    """A limit and a mission, the accuracy to which the probability is wanted, and the deadline."""
+
+    limit: float
+    mission: float
+    confidence: float
+    run: Run
+
+    def answer(self, kind: Kind) -> RareHits | None:
+        """The probability from one kind of trials; None where clusters do not end."""
+        run = self.run
+        levels = pilot(kind, self.limit, run.deadline.sooner(FOR_ANSWER))
+        if not levels.reached:
+            kept = math.ceil(FOR_LIMIT * len(levels.levels))
+            levels = replace(levels, levels=levels.levels[:kept])
+        if not levels.levels:
+            return self._found(kind, levels, [])
+
+        def error(done: list[Repetition]) -> float:
+            enough = not levels.reached or len(done) >= MOST_REPETITIONS
+            if enough or _unfinished(kind, done):
+                return 0.0
+            return self._found(kind, levels, done).relative_error
+
+        try:
+            done = run.to_accuracy(
+                RepetitionSampler(kind, levels), FEWEST_REPETITIONS, error, run.accuracy, needed=0
+            ).sample
+        except (NotConverged, Interrupted):  # not one has ended
+            done = []
+        return None if _unfinished(kind, done) else self._found(kind, levels, done)
+
+    def _found(self, kind: Kind, levels: Levels, done: list[Repetition]) -> RareHits:
+        """The answer from the repetitions."""
+        count, tried = len(done), kind.size * (len(done) + 1)
+        exceeded, coarse, late, scored = np.array(done).reshape(-1, 4).T
+        if count < 2 or not exceeded.any():
+            # the first trials of each repetition, and of the pilot, are independent
+            most = upper_limit_unseen(tried, self.confidence)
+            upper = float(
+                kind.risk(np.array(most), np.array(0.5 * most), np.array(1.0), self.mission)
+            )
+            return self._at_most(kind, levels, count, upper, f"{tried} trials without one")
+
+        def risk(rows: Vector) -> Vector:
+            return kind.risk(rows[0], rows[1], rows[2], self.mission)
+
+        rows = np.stack([exceeded, late, scored])
+        value = float(risk(rows.mean(axis=1)))
+        left_out = (rows.sum(axis=1, keepdims=True) - rows) / (count - 1)
+        error = jackknife_error(risk(left_out))
+        lower, upper = logarithmic_interval(value, error, count - 1, self.confidence)
+        if not events_suffice(value, error, count):
+            upper = most_events(value, error, count, self.confidence)
+            words = f"seen {TOO_FEW}: {count} repetitions"
+            return self._at_most(kind, levels, count, upper, words)
+        if not levels.reached:
+            words = f"the probability of exceeding {levels.levels[-1]:.4g}, {count} repetitions"
+            return self._at_most(kind, levels, count, upper, words)
+        at_twice = float(risk(np.array([coarse.mean(), late.mean(), scored.mean()])))
+        step = kind.step_bias(abs(at_twice - value))
+        apart = value * kind.bias(float(scored.mean()), self.mission)
+        return RareHits(
+            chance=Estimate(
+                value=value,
+                standard_error=error * student_factor(count),
+                bias=None if step is None else step + apart,
+                how=f"{count} repetitions; bias from twice the sampling interval",
+            ),
+            lower=lower,
+            upper=min(upper, 1.0),
+            kind=kind,
+            repetitions=count,
+            levels=len(levels.levels),
+        )
+
+    def _at_most(self, kind: Kind, levels: Levels, count: int, upper: float, how: str) -> RareHits:
+        """The answer where no trial exceeded the limit: 0, with an upper limit of the
+        probability."""
+        most = min(upper, 1.0)
+        return RareHits(
+            chance=Estimate(value=0.0, bias=None, how=how, upper_95=most),
+            lower=0.0,
+            upper=most,
+            kind=kind,
+            repetitions=count,
+            levels=len(levels.levels),
+        )
+
+
+def _unfinished(kind: Kind, done: list[Repetition]) -> bool:
+    """Whether the exceedances of clusters come so late that clusters do not seem to end."""
+    if len(done) < FEWEST_WITH_SHARE:
+        return False
+    exceeded, _, late, scored = np.mean(done, axis=0)
+    return kind.unfinished(exceeded, late, scored) > UNFINISHED
