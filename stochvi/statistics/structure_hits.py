@@ -187,9 +187,11 @@ def widening_of(model: Model, limit: Limit) -> float:
 
 def _speed_to_reach(model: Model, pair: Pair, rows: Vector, acceleration: float) -> float:
     """Speed of an impact on one pair (m/s) whose peak force alone gives any of the outputs an
-    acceleration."""
-    push = np.linalg.solve(model.mass, pair.direction)
-    force = acceleration / float(np.max(np.abs(rows @ push)))
+    acceleration; infinite where the pair pushes none of them."""
+    pushed = float(np.max(np.abs(rows @ np.linalg.solve(model.mass, pair.direction))))
+    if not pushed:
+        return math.inf
+    force = acceleration / pushed
     found = []
     for stop in pair.stops:
         law = stop.law

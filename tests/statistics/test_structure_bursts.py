@@ -19,7 +19,13 @@ from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.statistics.bursts import Bursts, bursts
 from stochvi.statistics.pair_crossings import PairMotion
-from stochvi.statistics.structure_hits import Limit, exceedance, outputs_of, windows
+from stochvi.statistics.structure_hits import (
+    Limit,
+    exceedance,
+    outputs_of,
+    widening_of,
+    windows,
+)
 from stochvi.testing import assert_agrees
 from support.boxes import PLACES, box, scene_with
 from support.pairs import LAW, diagonal, pair, uncoupled
@@ -268,3 +274,19 @@ def test_telling_of_the_progress_does_not_change_the_answer() -> None:
         for progress in (None, lambda done, text: told.append(done))
     )
     assert told and spoken.hit_rate() == quiet.hit_rate()
+
+
+def test_a_pair_that_pushes_nothing_whose_acceleration_is_limited_does_not_count() -> None:
+    law = Elastic(stiffness=1e4)
+    first, second = (
+        each.replace(law=law) for each in (pair("first", "x", 3.0), pair("second", "z", 3.0))
+    )
+    both, alone, other = (
+        model_of(uncoupled(*pairs)) for pairs in ((first, second), (first,), (second,))
+    )
+    limit = Limit("peak_acceleration", 300.0, ("x",))
+    assert widening_of(both, limit) == widening_of(alone, limit) > 1.0
+    # the control: where z counts as well, its mass moves faster and needs less
+    either = Limit("peak_acceleration", 300.0, ("x", "z"))
+    assert widening_of(both, either) == widening_of(other, Limit(*limit[:2], ("z",)))
+    assert widening_of(both, either) < widening_of(both, limit)
