@@ -277,6 +277,6 @@ def test_what_is_refused() -> None:
         reliability(scene(5.0, 5.0, shock(1.0), wave), mission=10.0)
     with pytest.raises(NotApplicable, match="impact_speed must be left out under shocks"):
         reliability(scene(5.0, 5.0, shock(1.0)), mission=10.0, impact_speed=1.0)
-    peaked = scene(5.0, 5.0).replace(excitations=[NOISE.replace(kurtosis=5.0)])
-    with pytest.raises(NotApplicable, match="noise with fast peaks"):
+    peaked = scene(5.0, 5.0).replace(excitations=[NOISE.replace(kurtosis=5.0), shock(1.0)])
+    with pytest.raises(NotApplicable, match="pulses must be left out beside noise with fast peaks"):
         reliability(peaked, mission=10.0)

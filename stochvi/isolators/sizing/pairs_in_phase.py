@@ -58,7 +58,8 @@ class PhaseOfPairs:
         if conditions := modulated(model):
             raise NotApplicable("size", [f"{each} (in phases)" for each in conditions])
         alone = has_one_gap(model)
-        motion = PairMotion.under_shocks(replace(one_gap(model) if alone else model, level=None))
+        steady = replace(model, level=None)
+        motion = PairMotion.under_shocks(one_gap(steady) if alone else steady)
         pairs = model.pairs or motion.model.pairs
         stated = model_of(as_stated(whole))
         hangs = (each.modal.rest if alone else each.mean_gaps for each in (model, stated))

@@ -383,6 +383,7 @@ def slow_bursts(curve: RiskCurve, clearance: float, kurtosis: float, mission: fl
     --------
     >>> from stochvi.sampling.options import DEFAULTS
     >>> from stochvi.sampling.run import Run
+    >>> from stochvi.sampling.workers import pool_of
     >>> from stochvi.scenes.excitations import WhiteNoise
     >>> from stochvi.scenes.structures import Isolator
     >>> scene = Scene(
@@ -391,7 +392,9 @@ def slow_bursts(curve: RiskCurve, clearance: float, kurtosis: float, mission: fl
     ... )
     >>> from stochvi.isolators.sizing.answer import Target
     >>> target = Target(name="probability", value=0.01, unit="1")
-    >>> curve = risk_curve(scene, target, 3600.0, Run.of({**DEFAULTS, "rel_error": 0.1}))
+    >>> with pool_of(None, 1) as pool:
+    ...     run = Run.of({**DEFAULTS, "executor": pool, "rel_error": 0.1})
+    ...     curve = risk_curve(scene, target, 3600.0, run)
     >>> level = 5.6 * curve.crossings.displacement_std
     >>> slow_bursts(curve, level, 3.001, 3600.0) / curve.probability(level) < 1.05
     True
