@@ -203,7 +203,9 @@ def estimates(scene: Scene, paths: int, seed: int) -> dict[str, Estimate]:
     layout = plan.layout
     averages = plan.averages(seed, 0, paths)
     fine = PathStatistics.of(averages, layout)
-    coarse = PathStatistics.of(plan.coarser().averages(seed, 0, paths), layout)
+    coarser = plan.coarser()
+    # the expected values of its controls are its own
+    coarse = PathStatistics.of(coarser.averages(seed, 0, paths), coarser.layout)
     pair = scene.impact_pairs[0].name
 
     def of(name: str, quantity) -> Estimate:
