@@ -116,7 +116,7 @@ def terminal_table(table: pd.DataFrame, keys: Sequence[str]) -> pd.DataFrame:
     for quantity in quantities(table):
         if quantity.rsplit(".", 1)[1] in ON_TERMINAL:
             shown = [quantity, *(f"{quantity}.{end}" for end in (ERROR, BIAS, LIMIT))]
-            columns = _quantity(quantity)(table.reindex(columns=shown))
+            columns = _quantity(table, quantity)(table.reindex(columns=shown))
             found[_named(table, quantity)] = [
                 cell(*numbers) for numbers in columns.itertuples(index=False, name=None)
             ]
@@ -129,11 +129,11 @@ def unseen(table: pd.DataFrame) -> pd.Series:
     return table[limits].notna().any(axis=1)
 
 
-def _quantity(name: str) -> ShownQuantity:
-    """A quantity as its method shows it: a response in SI units, answers on gaps in mm and g."""
-    last = name.rsplit(".", 1)[1]
-    unit = UNITS.get(last, "1")
-    return readable(unit) if last in SUMMARY_UNITS else shown_as(unit)
+def _quantity(table: pd.DataFrame, name: str) -> ShownQuantity:
+    """A quantity as its method shows it: responses in SI units, answers on gaps in mm and g."""
+    unit = UNITS.get(name.rsplit(".", 1)[1], "1")
+    on_gaps = any(each.rsplit(".", 1)[1] in SUMMARY_UNITS for each in quantities(table))
+    return readable(unit) if on_gaps else shown_as(unit)
 
 
 def _named(table: pd.DataFrame, quantity: str) -> str:
@@ -142,7 +142,7 @@ def _named(table: pd.DataFrame, quantity: str) -> str:
     several = sum(other.endswith(f".{name}") for other in quantities(table)) > 1
     whose = f"{owner}: " if several else ""
     words = EVENT_NAMES.get(name) or QUANTITY_NAMES.get(name) or name.replace("_", " ")
-    unit = str(_quantity(quantity))
+    unit = str(_quantity(table, quantity))
     return f"{whose}{words}" if unit == "1" else f"{whose}{words} ({unit})"
 
 
@@ -163,7 +163,7 @@ def draw_sweep(
     """
     alone, ax = ax is None, axes_or_new(ax, SIZE)
     name = quantity.rsplit(".", 1)[1]
-    shown, (words_of_key, key) = _quantity(quantity), _key(keys[0])
+    shown, (words_of_key, key) = _quantity(table, quantity), _key(keys[0])
     groups = table.groupby(list(keys[1:]), sort=True) if keys[1:] else [((), table)]
     colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.88, len(groups)))
     for colour, (values, group) in zip(colours, groups, strict=True):
