@@ -345,15 +345,14 @@ def shocks_apart(model: Model) -> tuple[Pulses, Vector]:
     unmet = []
     if model.sines:
         unmet.append("sines must be left out beside shocks")
-    if len(model.drawn) > 1:
-        unmet.append(f"shocks must be of one kind, got {len(model.drawn)} excitations")
-    pulses, direction = model.drawn[0]
-    if not isinstance(pulses, Pulses):
-        unmet += not_gaussian(model)
+    others = tuple(each for each in model.drawn if not isinstance(each[0], Pulses))
+    shocks = [(each, row) for each, row in model.drawn if isinstance(each, Pulses)]
+    if len(shocks) > 1:
+        unmet.append(f"shocks must be of one kind, got {len(shocks)} excitations")
+    unmet += not_gaussian(replace(model, drawn=others)) if others else []
     if unmet:
         raise NotApplicable("first_crossings", unmet)
-    assert isinstance(pulses, Pulses)
-    return pulses, direction
+    return shocks[0]
 
 
 def own_distances(model: Model) -> tuple[Vector, Vector]:

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -211,15 +210,15 @@ class Repetition(NamedTuple):
     scored: float
 
 
-def pilot(kind: Kind, limit: float, deadline: Deadline, most: int = MOST_LEVELS) -> Levels:
-    """Levels, at most so many, and sizes of moves. About `SHARE` of the trials above one level
-    exceed the next; about `ACCEPTED` of the moves stay above their level."""
+def pilot(kind: Kind, limit: float, deadline: Deadline) -> Levels:
+    """Levels and sizes of moves. About `SHARE` of the trials above one level exceed the next; about
+    `ACCEPTED` of the moves stay above their level."""
     random = np.random.default_rng([kind.seed, STREAM, PILOT])
     trials = kind.drawn(draw_of(PILOT, 0, 0))
     levels: list[float] = []
     sizes: list[float] = []
     size = FIRST_SIZE
-    while len(levels) < most:
+    while len(levels) < MOST_LEVELS:
         level = float(np.quantile(trials.score, 1.0 - SHARE, method="lower"))
         if math.isinf(level):
             level = 0.0  # few trials have a score: the first level is to have one
@@ -243,12 +242,20 @@ def pilot(kind: Kind, limit: float, deadline: Deadline, most: int = MOST_LEVELS)
 
 def repetition(kind: Kind, levels: Levels, number: int, deadline: Deadline) -> Repetition:
     """One splitting with fixed levels; `GivenUp` if the deadline came before its end."""
-    stage, scored = None, 0.0
-    for stage in stages(kind, levels, number, deadline):
-        scored = scored if stage.number else float(np.mean(stage.trials.score > -math.inf))
-    if stage is None or stage.number < len(levels.levels) - 1:
-        return Repetition(0.0, 0.0, 0.0, scored)
-    chance, trials = stage.chance, stage.trials
+    random = np.random.default_rng([kind.seed, STREAM, number])
+    trials, chance = kind.drawn(draw_of(number, 0, 0)), 1.0
+    scored = float(np.mean(trials.score > -math.inf))
+    for stage, level in enumerate(levels.levels[:-1]):
+        above = np.flatnonzero(trials.score > level)
+        if not len(above):
+            return Repetition(0.0, 0.0, 0.0, scored)
+        chance *= len(above) / len(trials.score)
+        trials = copies(trials, above, random)
+        for move in range(MOVES):
+            if deadline.passed():
+                raise GivenUp
+            draw = draw_of(number, stage + 1, move)
+            trials, _ = moved(kind, trials, level, levels.sizes[stage], draw, random)
     level = levels.levels[-1]
     above = np.flatnonzero(trials.score > level)
     early = kind.scores(trials.chosen(above), half=True) > level
@@ -259,34 +266,6 @@ def repetition(kind: Kind, levels: Levels, number: int, deadline: Deadline) -> R
         late=chance * float(np.sum(~early)) / len(trials.score),
         scored=scored,
     )
-
-
-class Stage(NamedTuple):
-    """Trials of a splitting before its level of a number, and the probability that a trial is above
-    the level before."""
-
-    number: int
-    chance: float
-    trials: Trials
-
-
-def stages(kind: Kind, levels: Levels, number: int, deadline: Deadline) -> Iterator[Stage]:
-    """The stages of one splitting; they end before the last one where no trial exceeds a level."""
-    random = np.random.default_rng([kind.seed, STREAM, number])
-    trials, chance = kind.drawn(draw_of(number, 0, 0)), 1.0
-    for stage, level in enumerate(levels.levels[:-1]):
-        yield Stage(stage, chance, trials)
-        above = np.flatnonzero(trials.score > level)
-        if not len(above):
-            return
-        chance *= len(above) / len(trials.score)
-        trials = copies(trials, above, random)
-        for move in range(MOVES):
-            if deadline.passed():
-                raise GivenUp
-            draw = draw_of(number, stage + 1, move)
-            trials, _ = moved(kind, trials, level, levels.sizes[stage], draw, random)
-    yield Stage(len(levels.levels) - 1, chance, trials)
 
 
 def draw_of(number: int, stage: int, move: int) -> int:

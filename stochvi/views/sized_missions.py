@@ -91,7 +91,7 @@ def plot_mission_sizing(found: MissionSizing, ax: Axes | None = None) -> Axes:
     )
     ax.axvline(
         LENGTH(found.clearance.value), color=CLEARANCES["recommended"],
-        label=f"{LENGTH.text(found.clearance.value)} keep {spoken_percent(found.target.value)}",
+        label=f"{LENGTH.text(found.clearance.value)} keeps {spoken_percent(found.target.value)}",
     )  # fmt: skip
     ax.set_yscale("log")
     ax.set_ylim(top=1.5)

@@ -129,11 +129,15 @@ def unseen(table: pd.DataFrame) -> pd.Series:
     return table[limits].notna().any(axis=1)
 
 
-def _quantity(table: pd.DataFrame, name: str) -> ShownQuantity:
-    """A quantity as its method shows it: responses in SI units, answers on gaps in mm and g."""
-    unit = UNITS.get(name.rsplit(".", 1)[1], "1")
+def _shown(table: pd.DataFrame, unit: str) -> ShownQuantity:
+    """A unit as the method of a table shows it: responses are in SI units, answers on gaps in mm
+    and g."""
     on_gaps = any(each.rsplit(".", 1)[1] in SUMMARY_UNITS for each in quantities(table))
     return readable(unit) if on_gaps else shown_as(unit)
+
+
+def _quantity(table: pd.DataFrame, name: str) -> ShownQuantity:
+    return _shown(table, UNITS.get(name.rsplit(".", 1)[1], "1"))
 
 
 def _named(table: pd.DataFrame, quantity: str) -> str:
@@ -163,7 +167,7 @@ def draw_sweep(
     """
     alone, ax = ax is None, axes_or_new(ax, SIZE)
     name = quantity.rsplit(".", 1)[1]
-    shown, (words_of_key, key) = _quantity(table, quantity), _key(keys[0])
+    shown, key = _quantity(table, quantity), _shown(table, unit_of_key(keys[0]) or "")
     groups = table.groupby(list(keys[1:]), sort=True) if keys[1:] else [((), table)]
     colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.88, len(groups)))
     for colour, (values, group) in zip(colours, groups, strict=True):
@@ -182,7 +186,7 @@ def draw_sweep(
             )  # fmt: skip
     if 1 < len(groups) <= MOST_IN_A_LEGEND:
         ax.legend(frameon=False, fontsize="small")
-    ax.set_xlabel(key.heading(words_of_key))
+    ax.set_xlabel(key.heading(_last(keys[0])))
     ax.set_ylabel(_named(table, quantity))
     if _spans_decades(table[quantity]) or (
         UNITS.get(name) == "1" and name in SUMMARY_UNITS and (table[quantity] > 0.0).all()
@@ -220,11 +224,6 @@ def _title(table: pd.DataFrame, drawn: Sequence[str], title: str) -> str:
     return f"{title}\n{how}" if title else how
 
 
-def _key(key: str) -> tuple[str, ShownQuantity]:
-    """The last words of a key, and its quantity."""
-    return _last(key), readable(unit_of_key(key) or "")
-
-
 def _heading_of_key(key: str) -> Heading:
     """The key with the unit of its values, unless its name states it."""
     unit = unit_of_key(key)
@@ -256,7 +255,7 @@ def draw_sheet(table: pd.DataFrame, keys: Sequence[str], title: str = "") -> Axe
         draw_sweep(table, keys, quantity, ax=ax)
         if (legend := ax.get_legend()) is not None and ax is not axes[0, 0]:
             legend.remove()
-        ax.set_xlim(*_span(_key(keys[0])[1](table[keys[0]])))
+        ax.set_xlim(*_span(_shown(table, unit_of_key(keys[0]) or "")(table[keys[0]])))
     for ax in axes.ravel()[len(chosen) :]:
         ax.set_visible(False)
     figure.suptitle(_title(table, chosen, title), fontsize="medium")

@@ -446,7 +446,7 @@ def test_a_line_for_each_combination_of_the_other_keys() -> None:
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert labels == ["structure.damping 0.1", "structure.damping 0.4"]
     assert ax.get_ylabel() == "impacts, all stops (1/s)"
-    assert ax.get_xlabel() == "impact_pair.upper (mm)" and ax.get_title() == "exact"
+    assert ax.get_xlabel() == "impact_pair.upper (m)" and ax.get_title() == "exact"
 
 
 TRUCK = """

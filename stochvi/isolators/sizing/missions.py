@@ -18,10 +18,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from stochvi.isolators.record_verdict import record_verdict
-from stochvi.isolators.sizing.answer import (
-    Clearance,
-    Target,
-)
+from stochvi.isolators.sizing.answer import Clearance, Target
 from stochvi.isolators.sizing.gap_in_phase import Joint
 from stochvi.isolators.sizing.missions_answer import MissionSizing, as_stated
 from stochvi.isolators.sizing.pairs import SHARE_OF_CURVES
@@ -36,15 +33,11 @@ from stochvi.scenes.between_units import varied
 from stochvi.scenes.phases import steps_of_bands
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.mission_parts import INDEPENDENT, parts_of_mission
-from stochvi.statistics.reliability.phases import (
-    NEGLIGIBLE,
-    spoken_lags,
-)
+from stochvi.statistics.reliability.phases import NEGLIGIBLE, spoken_lags
 from stochvi.statistics.reliability.random_levels import FOLLOWED
 
 if TYPE_CHECKING:
-    pass
-
+    import pandas as pd
 
 FARTHEST = 20.0
 """Largest clearance that is tried, in the largest rms displacement of a phase."""
@@ -54,8 +47,6 @@ def size_mission(
     scene: Scene, target: Target, run: Run, common: Sequence[str] = ()
 ) -> MissionSizing:
     """The clearance of a scene with phases, see `size`."""
-    import pandas as pd
-
     if target.name != "probability":
         raise NotApplicable(
             "size",
@@ -93,19 +84,9 @@ def size_mission(
         guess = float(np.median(shared.places[:, widest]))
     clearance = joint.clearance(hazard, guess)
     ends = np.transpose([at(each) for each in (clearance.value, clearance.lower, clearance.upper)])
-    rows = []
-    total, _ = joint.hazard(clearance.value)
-    for name, phase in phases.items():
-        own, _ = joint.phases[name].hazard(clearance.value)
-        needed = math.nan
-        if name in busy:
-            needed = Joint({name: joint.phases[name]}).clearance(hazard, guess).value
-        gap = phase.gaps[widest]
-        rows.append(
-            {"phase": name, "duration": phase.duration, "displacement_std": gap.sigma,
-             "shift": gap.shift, "probability": -math.expm1(-own), "share": own / total,
-             "clearance": needed}
-        )  # fmt: skip
+    needed = {
+        name: Joint({name: joint.phases[name]}).clearance(hazard, guess).value for name in busy
+    }
     idle = [name for name in phases if name not in busy]
     return MissionSizing(
         scene=scene, target=target, mission=sum(phase.duration for phase in phases.values()),
@@ -113,7 +94,8 @@ def size_mission(
             name: Clearance(value=value, lower=lower, upper=upper)
             for name, (value, lower, upper) in zip(names, ends.tolist(), strict=True)
         },
-        phases=pd.DataFrame(rows), curve=joint.curve(clearance.value),
+        phases=_table(phases, joint, clearance.value, widest, needed),
+        curve=joint.curve(clearance.value),
         assumptions=(
             *([INDEPENDENT] if len(phases) > 1 else []),
             *spoken_lags({name: each.scene for name, each in phases.items()}, scene.phases),
@@ -133,6 +115,27 @@ def size_mission(
         warnings=joint.short(run.accuracy), cost=run.cost(),
         provenance=provenance(scene.document(), run.seed),
     )  # fmt: skip
+
+
+def _table(
+    phases: Mapping[str, PhaseOfPairs], joint: Joint, place: float, widest: int,
+    needed: Mapping[str, float],
+) -> pd.DataFrame:  # fmt: skip
+    """The table of `MissionSizing.phases` at a clearance of the widest gap, with the one that a
+    phase alone needs where it is known."""
+    import pandas as pd
+
+    total, _ = joint.hazard(place)
+    rows = []
+    for name, phase in phases.items():
+        own, _ = joint.phases[name].hazard(place)
+        gap = phase.gaps[widest]
+        rows.append(
+            {"phase": name, "duration": phase.duration, "displacement_std": gap.sigma,
+             "shift": gap.shift, "probability": -math.expm1(-own), "share": own / total,
+             "clearance": needed.get(name, math.nan)}
+        )  # fmt: skip
+    return pd.DataFrame(rows)
 
 
 def _guess(phases: Mapping[str, PhaseOfPairs], number: int, name: str, hazard: float) -> float:

@@ -214,7 +214,10 @@ class PairsSizing(GaussianSizing):
     def _places(self) -> str:
         """The clearances to make; one number where all sized pairs have it in common."""
         made = self.made()
-        if set(made) == set(self.common) and len({str(each) for each in made.values()}) == 1:
+        in_common = (
+            set(made) == set(self.common) and len({str(each) for each in made.values()}) == 1
+        )
+        if in_common and len(made) > 1:
             return f"{next(iter(made.values()))} for all {len(made)} pairs in common,"
         return places_in_words(made)
 

@@ -115,8 +115,13 @@ class ContactFinder(Finder):
     kept = 0.0
     """Changes below such a share of the one before let Newton's iteration keep its slopes."""
 
+    followed_at_once = 64
+    """Largest number of periods over which a perturbation is followed at once: it grows by less
+    than the range of floating-point numbers."""
+
     @cached_property
-    def _found(self) -> dict[Track, Matrix]:
+    def _known_images(self) -> dict[Track, Matrix]:
+        """What `_images` has found."""
         return {}
 
     def find(self) -> list[Track]:
@@ -169,10 +174,6 @@ class ContactFinder(Finder):
         perturbation of its start; None where contacts come too fast to be followed."""
         motion = self.flown(sigma, state, periods)
         return None if motion is None else (motion, motion.factors @ perturbation)
-
-    followed_at_once = 64
-    """Largest number of periods over which a perturbation is followed at once: it grows by less
-    than the range of floating-point numbers."""
 
     def simulate(
         self, sigma: float, state: Vector, phase: float = 0.0, periods: int = LOOKED_AT
@@ -345,12 +346,12 @@ class ContactFinder(Finder):
 
     def _images(self, track: Track) -> Matrix:
         """All points of the regimes of a branch, which are found once."""
-        if track not in self._found:
+        if track not in self._known_images:
             problem = self.problem_of(track)
-            self._found[track] = np.concatenate(
+            self._known_images[track] = np.concatenate(
                 [np.empty((0, self.size + 1)), *(problem.images(u) for u in ordinary(track))]
             )
-        return self._found[track]
+        return self._known_images[track]
 
     def _word(self, u: Vector, periods: int) -> tuple[int, ...]:
         motion = self.at_point(u, periods, factors=False)

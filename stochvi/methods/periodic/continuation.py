@@ -178,7 +178,7 @@ class Continuation:
             if place.tangent[-1] * last.tangent[-1] < 0.0:
                 turn = self._bisected(last, step, _rising(last.tangent[-1]))[1]
                 # where a branch doubles its period the equations are singular, and may lead astray
-                if _beside(last.u, place.u, turn) < BESIDE:
+                if _from_chord(place.u - last.u, (turn - last.u)[None])[1] < BESIDE:
                     begin = turn
                     add(POINT, *self.between(last.u, begin))
                     add(FOLD, begin)
@@ -203,13 +203,12 @@ class Continuation:
         Without it a loop would be followed again and again. Beyond a period doubling the branch
         has the regimes that it had before, a period later.
         """
-        length = float(np.linalg.norm(end - start))
-        way, gone = (end - start) / length, self.problem.difference(earlier, start)
-        along = gone @ way
-        beside = np.linalg.norm(gone - along[:, None] * way, axis=1)
-        close = np.flatnonzero((along > 0.0) & (along <= length) & (beside < BESIDE * length))
+        way = end - start
+        along, beside = _from_chord(way, self.problem.difference(earlier, start))
+        close = np.flatnonzero((along > 0.0) & (along <= 1.0) & (beside < BESIDE))
         for number in close[np.argsort(along[close])]:
-            place = self.problem.corrected(start + along[number] * way, way)
+            normal = way / np.linalg.norm(way)
+            place = self.problem.corrected(start + along[number] * way, normal)
             if place is None:
                 continue
             if np.abs(self.problem.difference(earlier[number][None], place.u)).max() < MET:
@@ -281,11 +280,10 @@ class Continuation:
         return found
 
 
-def _beside(start: Vector, end: Vector, u: Vector) -> float:
-    """How far a point lies from the line through two others, in lengths of their chord."""
-    way = (end - start) / np.linalg.norm(end - start)
-    gone = u - start
-    return float(np.linalg.norm(gone - gone @ way * way) / np.linalg.norm(end - start))
+def _from_chord(chord: Vector, gone: Matrix) -> tuple[Vector, Vector]:
+    """How far points lie along a chord from its start, and how far beside it, in its lengths."""
+    along = gone @ chord / (chord @ chord)
+    return along, np.linalg.norm(gone - along[:, None] * chord, axis=1) / np.linalg.norm(chord)
 
 
 def _rising(way: float) -> Callable[[Place], bool]:

@@ -35,6 +35,9 @@ class FunctionFinder(ContactFinder):
     kept = 0.1
     stable = 1.0 + 1e-6
 
+    followed_at_once = 1
+    """A perturbation that is differenced has to stay small."""
+
     @property
     def size(self) -> int:
         assert self.family.functions is not None
@@ -92,9 +95,6 @@ class FunctionFinder(ContactFinder):
         motion = self._flown(system, state, periods, 0.0)
         grown = self._grown(system, state, periods, 0.0, perturbation)
         return None if motion is None or grown is None else (motion, grown)
-
-    followed_at_once = 1
-    """A perturbation that is differenced has to stay small."""
 
     def _flown(
         self, system: function_flow.System, state: Vector, periods: int, phase: float,

@@ -100,7 +100,7 @@ def _cards(found: ClearanceAnswer) -> list[Fact]:
             ),
             Fact(
                 "Phase that decides", str(worst["phase"]),
-                f"{100.0 * worst['share']:.3g} % of the risk in "
+                f"{spoken_percent(worst['share'])} of the risk in "
                 f"{spoken_mission(worst['duration'])}",
             ),
         ]  # fmt: skip
