@@ -24,6 +24,7 @@ from stochvi.isolators.sizing.sensitivity import slow_bursts
 from stochvi.results.deadline import partial_result
 from stochvi.sampling.options import DEFAULTS
 from stochvi.sampling.run import Run
+from stochvi.sampling.workers import pool_of
 from stochvi.views.files import write_picture
 
 PROFILES = {  # natural frequency of the mount, Hz
@@ -87,8 +88,9 @@ def unsafe(quick: bool) -> pd.DataFrame:
     for profile in list(PROFILES)[:1] if quick else PROFILES:
         scene = scene_of(profile)
         gaussian = size(scene, probability=ACCEPTED, mission=MISSION, seed=1).clearance.value
-        run = Run.of({**DEFAULTS, "rel_error": 0.05, "seed": 1})
-        curve = risk_curve(scene, target, MISSION, run)
+        with pool_of(None, None) as pool:
+            run = Run.of({**DEFAULTS, "rel_error": 0.05, "seed": 1, "executor": pool})
+            curve = risk_curve(scene, target, MISSION, run)
         for kurtosis in KURTOSES[2:3] if quick else KURTOSES:
             low, high = gaussian, 6.0 * gaussian
             while high / low > 1.0001:
@@ -156,6 +158,7 @@ if __name__ == "__main__":
     parser.add_argument("--quick", action="store_true", help="one profile, one stop")
     parser.add_argument("--out", type=Path, default=Path(__file__).parent)
     options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
     result, kurtoses = measure(options.quick), unsafe(options.quick)
     result.to_csv(options.out / "result.csv", index=False, float_format="%.4g")
     kurtoses.to_csv(options.out / "kurtosis.csv", index=False, float_format="%.4g")
