@@ -8,7 +8,7 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeGuard, assert_never
+from typing import NamedTuple, TypeGuard, assert_never
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -142,13 +142,24 @@ class Stop:
         return Stop(self.side, self.position, self.law.per_unit_mass(mass))
 
 
+class Movement(NamedTuple):
+    """How a relative change moves the stops of a pair: by `way`, m, per unit of it.
+
+    The change is the signal of that number of the model, or the one of `sampled_modulations`.
+    """
+
+    way: float
+    signal: int | None
+    sample: int | None
+
+
 @dataclass(frozen=True, eq=False)
 class Pair:
     """An impact pair: the gap y = direction . q (m), and the one or two stops that it can meet.
 
     `mass` is the reduced mass 1 / (direction . M^-1 direction), kg. `relative` says whether the gap
     is a combination of coordinates: the difference of two, or the motion of a place of a body.
-    `moved` holds the number of each signal that moves its stops, and by how much, m per unit.
+    `moved` holds what moves its stops.
     `tangent` (n,) is the row of the motion along its stops, where they rub, else None.
     """
 
@@ -157,7 +168,7 @@ class Pair:
     mass: float
     relative: bool
     stops: tuple[Stop, ...]
-    moved: tuple[tuple[int, float], ...] = ()
+    moved: tuple[Movement, ...] = ()
     tangent: Vector | None = None
 
     @property
@@ -206,7 +217,8 @@ class FunctionOfMotion:
     Its force, N, is `count` times that of the `law`. `mass` is the reduced mass
     1 / (direction . M^-1 direction), kg. A part k y + c y' + f of the force may be in the matrices
     and constant forces of the model; `affine` holds k, c and f per unit of the reduced mass.
-    `signal` is the number of the signal of the model that a modulation follows.
+    A modulation follows the `signal` of that number of the model, or the `sample` of its
+    `sampled_modulations`.
     """
 
     name: str
@@ -216,6 +228,7 @@ class FunctionOfMotion:
     count: int = 1
     affine: tuple[float, float, float] = (0.0, 0.0, 0.0)
     signal: int | None = None
+    sample: int | None = None
 
     @property
     def modulation(self) -> Modulation | None:
@@ -226,11 +239,6 @@ class FunctionOfMotion:
     def drawn(self) -> DrawnExcitation | None:
         """The excitation whose values a simulation draws; None for any other function."""
         return self.law.drawn if isinstance(self.law, DrawnForce) else None
-
-    @property
-    def table(self) -> Table | None:
-        """Density of a relative change that is tabulated noise, 1/Hz; None for all others."""
-        return None if self.modulation is None else self.modulation.table
 
     @property
     def white_modulation(self) -> float:
@@ -353,6 +361,8 @@ class Model:
         functions of the displacement alone or the velocity alone. They include the linear parts.
     functions
         Springs and dampers that are functions; `stiffness` and `damping` leave them out.
+    sampled_modulations
+        Densities of the relative changes that are tabulated noise, 1/Hz.
     level
         How the level of all tables varies together; None where it is steady.
     drawn
@@ -392,6 +402,7 @@ class Model:
     potential: PerUnitMass | None = None
     drag: PerUnitMass | None = None
     functions: tuple[FunctionOfMotion, ...] = ()
+    sampled_modulations: tuple[Table, ...] = ()
     level: RandomLevel | None = None
     drawn: tuple[tuple[Pulses | FastPeaks, Vector], ...] = ()
 
@@ -473,11 +484,6 @@ class Model:
         """Whether a spring has hysteresis or is modulated, so that its force does not follow from
         the motion."""
         return any(part.law.remembers and part.drawn is None for part in self.functions)
-
-    @property
-    def sampled_modulations(self) -> tuple[Table, ...]:
-        """Densities of the modulations that are tabulated noise, 1/Hz, in their order."""
-        return tuple(part.table for part in self.functions if part.table is not None)
 
     @property
     def modulations(self) -> tuple[FunctionOfMotion, ...]:
@@ -873,20 +879,24 @@ def _with_modulations(model: Model, scene: Scene) -> Model:
     The relative change is a signal that forces nothing by itself; white noise and samples of a
     table have no state."""
     signals, functions, pairs = list(model.signals), list(model.functions), list(model.pairs)
+    tables = list[Table]()
     still = np.zeros(len(model.coordinates))
     words = [each.effect_word for each in scene.modulations]
     for number, each in enumerate(scene.modulations):
-        signal = None
-        if each.source not in ("white noise", "tabulated noise"):
+        signal = sample = None
+        if each.table is not None:
+            sample = len(tables)
+            tables.append(each.table)
+        elif each.source != "white noise":
             signal, made = len(signals), each.filter
             if made is None:
                 signals.append(Signal(each.omega, 0.0, 0.0, each.amplitude or 0.0, still))
             else:
                 signals.append(Signal(*made, 0.0, still))
-        if each.of == "clearance" and signal is not None:
+        if each.of == "clearance":
             for k, pair in enumerate(scene.impact_pairs):
                 if each in scene.moved_by(pair):
-                    way = (signal, pairs[k].stops[0].position)
+                    way = Movement(pairs[k].stops[0].position, signal, sample)
                     pairs[k] = replace(pairs[k], moved=(*pairs[k].moved, way))
             continue
         row, strength = changed_by(each, scene.structure)
@@ -898,8 +908,11 @@ def _with_modulations(model: Model, scene: Scene) -> Model:
         law = ModulatedForce(
             kind=each.kind, stiffness=rates[0], damping=rates[1], mass=mass, modulation=each
         )
-        functions.append(FunctionOfMotion(name, row, mass, law, signal=signal))
-    return replace(model, signals=tuple(signals), functions=tuple(functions), pairs=tuple(pairs))
+        functions.append(FunctionOfMotion(name, row, mass, law, signal=signal, sample=sample))
+    return replace(
+        model, signals=tuple(signals), functions=tuple(functions), pairs=tuple(pairs),
+        sampled_modulations=tuple(tables),
+    )  # fmt: skip
 
 
 def _with_drives(model: Model, shaken: Sequence[tuple[Excitation, Vector]]) -> Model:

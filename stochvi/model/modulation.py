@@ -52,9 +52,10 @@ def growth(model: Model, power: int) -> float | None:
     None where they are not known: the structure has functions of the motion, a modulation is
     tabulated noise, or the equations are too many.
     """
-    if len(model.modulations) < len(model.functions) or model.sampled_modulations:
+    parts = model.modulations
+    if len(parts) < len(model.functions) or any(part.sample is not None for part in parts):
         return None
-    changes = [change_of(model, part) for part in model.modulations]
+    changes = [change_of(model, part) for part in parts]
     return moment_growth(linear_system(model), changes, power)
 
 

@@ -751,12 +751,6 @@ class Scene(Checked):
             return f"must be on the name of an impact pair, {_one_of(names)}, got {modulation.on!r}"
         if modulation.on is None and len({pair.name.partition(SIDED)[0] for pair in moved}) > 1:
             return f"needs on = {_one_of(names)} to say which clearance changes, got none"
-        for pair in moved:
-            for side, law in pair.stops():
-                if not law.rigid:
-                    return f"moves rigid stops only, got {law.kind!r} at the {side} of {pair.name}"
-        if any(isinstance(each, DensityNoise) for each in self.excitations):
-            return "of clearance takes white and filtered noise and sines beside it, got a density"
         return ""
 
     @staticmethod

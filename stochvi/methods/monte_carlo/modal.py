@@ -750,10 +750,8 @@ class ModalPlan(SteppedPlan):
         rows = np.array([part.direction for part in parts]) @ modes.shapes
         masses = np.array([[part.mass] for part in parts])
         free, memories = len(flow), []
-        sampled = list[int]()
+        sampled = [-1 if part.sample is None else part.sample for part in parts]
         for part in parts:
-            tables = sum(each >= 0 for each in sampled)
-            sampled.append(-1 if part.table is None else tables)
             followed = None if part.signal is None else 2 * n + 2 * part.signal
             own = free if part.law.remembers else -1
             memories.append(own if followed is None else followed)
@@ -851,8 +849,9 @@ class ModalPlan(SteppedPlan):
         found = np.zeros((len(self._ways), 2 * n + len(modes.signals)))
         found[:, :n] = self._ways
         for row, pair in zip(found, self.model.pairs, strict=False):
-            for signal, way in pair.moved:
-                row[2 * n + 2 * signal] -= way
+            for each in pair.moved:
+                if each.signal is not None:
+                    row[2 * n + 2 * each.signal] -= each.way
         return found
 
     def _responses(self, flow: Matrix, speed: Matrix, curvature: Matrix) -> Responses:
@@ -916,13 +915,17 @@ class ModalPlan(SteppedPlan):
         state[: modes.size] += law.mean[:, None]
         return self.between_stops(np.concatenate([state, np.zeros((self._memories, paths))]))
 
-    def between_stops(self, state: Matrix) -> Matrix:
-        """States (states, paths) whose gaps are moved onto the stops that they lie beyond."""
+    def between_stops(self, state: Matrix, free: Matrix | None = None) -> Matrix:
+        """States (states, paths) whose gaps are moved onto the stops that they lie beyond; `free`
+        (pairs, paths), m, is what the gaps have besides."""
         modes = self.modes
         for _ in range(MOST_SWEEPS):
             largest = 0.0
-            for gap, row, (lower, upper) in zip(self._ways, self._gaps, self._places, strict=True):
+            for j, (gap, (lower, upper)) in enumerate(zip(self._ways, self._places, strict=True)):
+                row = self._gaps[j]
                 (y,) = _product(row[None], state[: len(row)])
+                if free is not None:
+                    y = y + free[j]
                 moved = np.clip(y, lower, upper) - y
                 state[: modes.size] += np.outer(gap / np.sum(gap**2), moved)
                 largest = max(largest, float(np.max(np.abs(moved))))
@@ -1047,10 +1050,13 @@ def _speed_of_jumps(model: Model, pair: Pair) -> float:
 def _speed_of_stop(model: Model, pair: Pair) -> float:
     """Rms speed of the stops of a pair, m/s."""
     square = 0.0
-    for number, way in pair.moved:
-        signal = model.signals[number]
-        noise = signal.omega**2 * signal.intensity / (2.0 * signal.damping_rate or 1.0)
-        square += (way * signal.omega) ** 2 * (signal.amplitude**2 / 2.0 + noise)
+    for way, number, sample in pair.moved:
+        if number is not None:
+            signal = model.signals[number]
+            noise = signal.omega**2 * signal.intensity / (2.0 * signal.damping_rate or 1.0)
+            square += (way * signal.omega) ** 2 * (signal.amplitude**2 / 2.0 + noise)
+        if sample is not None:
+            square += (2.0 * math.pi * way) ** 2 * model.sampled_modulations[sample].moment(2.0)
     return math.sqrt(square)
 
 

@@ -42,6 +42,7 @@ from stochvi.methods.monte_carlo.modal import (
     Aloft,
     Flight,
     ModalPlan,
+    _product,
     _second_moments,
     _squares,
     _table,
@@ -254,13 +255,15 @@ class ModalTablesPlan(ModalContactsPlan):
     @cached_property
     def _followed(self) -> list[tuple[str, Vector, Pair | None]]:
         """Owners and rows (n,) of the displacements row . q whose motion without stops is averaged,
-        with the pair if it is a gap; none without stops, where nothing is left to simulate, nor
-        where the level varies, or anything is drawn for a whole record."""
+        with the pair if it is a gap whose stops no table moves; none without stops, where nothing
+        is left to simulate, nor where the level varies, or anything is drawn for a whole record."""
         modes, pairs = self.modes, self.model.pairs
         if not self.model.stops or self.model.level is not None or self.model.drawn:
             return []
         found: list[tuple[str, Vector, Pair | None]] = [
-            (gap_of(pair), row, pair) for pair, row in zip(pairs, modes.gaps, strict=True)
+            (gap_of(pair), row, pair)
+            for pair, row in zip(pairs, modes.gaps, strict=True)
+            if all(each.sample is None for each in pair.moved)
         ]
         shapes = self.model.output_rows @ modes.shapes
         found += [(name, row, None) for name, row in zip(self.model.outputs, shapes, strict=True)]
@@ -359,7 +362,29 @@ class ModalTablesPlan(ModalContactsPlan):
 
     def _smooth(self, free: NDArray[np.float64]) -> SmoothResponse:
         """A motion without stops, for the kernel."""
-        return SmoothResponse(samples=free, scale=self.scale, half_kick=self._to_middle)
+        gaps, speeds = self._tables_of_gaps
+        return SmoothResponse(
+            samples=free, scale=self.scale, gaps=gaps, speeds=speeds, half_kick=self._to_middle
+        )
+
+    @cached_property
+    def _gaps_of_samples(self) -> Matrix:
+        """Rows (pairs, modes and modulations) of the gaps, as a stop that moves sees them."""
+        n, sampled = self.modes.size, len(self.model.sampled_modulations)
+        found = np.hstack([self._ways, np.zeros((len(self._ways), sampled))])
+        for row, pair in zip(found, self.model.pairs, strict=False):
+            for each in pair.moved:
+                if each.sample is not None:
+                    row[n + each.sample] -= each.way
+        return found
+
+    @cached_property
+    def _tables_of_gaps(self) -> tuple[Table, Table]:
+        """Gaps and their rates, from values and slopes of the modes, then of the modulations."""
+        modes, others = np.split(self._gaps_of_samples, [self.modes.size], axis=1)
+        gaps = np.hstack([modes, np.zeros_like(modes), others, np.zeros_like(others)])
+        speeds = np.hstack([np.zeros_like(modes), modes, np.zeros_like(others), others])
+        return _table(gaps), _table(speeds)
 
     @cached_property
     def _to_middle(self) -> Table:
@@ -561,15 +586,13 @@ class ModalTablesUnderway(Underway):
 
     def advance(self, segment: int, first: int, last: int) -> None:
         """Simulate the samples first, first + 1, ... before `last` of a block."""
-        plan, n, before = self.plan, self.plan.modes.size, segment * self.each
+        plan, before = self.plan, segment * self.each
         if first == 0:
             self.sums += self.of_block
             self.of_block[:] = 0.0
             self.free = plan.free_response(*self.which, segment)
-            start = self.free[plan.samples - self.burn_in - 1, :n, 0::2]
-            self.state[:n] += start
-            self.state = plan.between_stops(self.state)
-            self.state[:n] -= start
+            start = self.free[plan.samples - self.burn_in - 1, :, 0::2]
+            self.state = plan.between_stops(self.state, _product(plan._gaps_of_samples, start))
             self.paths = plan.paths_of(self.state, self.streams, self.of_block)
         record = NO_RECORD if self.record is None else self.record[before : before + self.each]
         log = self.log and self.log._replace(start=before * plan.step)

@@ -113,8 +113,6 @@ class Modulation(BaseExcitation):
                 "needs frequency_hz and a standard deviation of at most "
                 f"{WIDEST:g} for a clearance, got {self.source} of {self.size:.3g}"
             )
-        if self.of == "clearance" and self._table is not None:
-            raise ValueError("needs a sine or filtered noise for a clearance, got a table")
         return self
 
     def _read(self) -> Table | None:

@@ -1,4 +1,5 @@
-"""Stops that move: an integrator with events and a plain twin judge them."""
+"""Stops that move: integrators with events, plain twins and mixtures of stops that stand still or
+swing judge them."""
 
 from __future__ import annotations
 
@@ -11,7 +12,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from stochvi import (
-    Elastic,
     Estimate,
     ImpactPair,
     NotApplicable,
@@ -20,6 +20,7 @@ from stochvi import (
     Scene,
     SceneError,
     TabulatedNoise,
+    Viscoelastic,
     WhiteNoise,
     damage,
     exact,
@@ -35,6 +36,8 @@ from stochvi import (
 from stochvi.isolators import bumper_map
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
+from stochvi.methods.monte_carlo.modal_tables import _streams
+from stochvi.methods.monte_carlo.random_levels import MOST_BLOCKS
 from stochvi.model.model import model_of
 from stochvi.scenes import Modulation, Sine
 from stochvi.testing import assert_agrees
@@ -97,13 +100,101 @@ def test_a_path_between_moving_stops_is_that_of_its_equation() -> None:
     assert len(speeds) > 5
 
 
-def plain_twin(relative: Any, paths: int, duration: float, h: float) -> np.ndarray:
-    """Mean squares of displacement and velocity and impact rates at the lower and the upper stop of
-    each path in white noise of 4 N^2 s, by small steps in numpy: an integrator that shares
-    nothing with the engine."""
+def series(values: np.ndarray, step: float, start: float) -> Any:
+    """A periodic function of time through values from `start` on, and its rate."""
+    bins = np.fft.rfft(values) / len(values)
+    bins[1:] *= 2.0
+    omega = 2.0 * np.pi / len(values) / step * np.arange(len(bins))
+    omega, bins = omega[np.abs(bins) > 1e-13], bins[np.abs(bins) > 1e-13]
+
+    def value(t: float, order: int = 0) -> float:
+        waves = (1j * omega) ** order * bins * np.exp(1j * omega * (t - start))
+        return float(np.sum(waves.real))
+
+    return value
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "law", [Restitution(coefficient=R), Viscoelastic(stiffness=400.0, damping_ratio=0.2)]
+)
+def test_a_path_between_stops_that_a_table_moves_is_that_of_its_equation(law: Any) -> None:
+    """Beside a sine that moves them too, and noise of a table. Of what was drawn, the integrator
+    has the relative change xi and the motion y without stops. It follows e = x - y."""
+    end, swing = 12.0, 2.0 * math.pi * 0.5
+    scene = scene_of(
+        TabulatedNoise(frequency_hz=[0.1, 0.8], density=[20.0, 20.0], unit="N2/Hz"),
+        SWING.replace(amplitude=0.15),
+        Modulation(of="clearance", frequency_hz=[0.2, 1.0], density=[0.01, 0.01]),
+        pairs=[ImpactPair(lower=-0.8, upper=1.0, law=law)],
+    )
+    plan: Any = make_plan(model_of(scene), None, end)
+    plan = replace(plan.with_step(0.01), burn_in=1e-9, duration=end)  # one step before the record
+    step, shape = plan.step, plan.modes.shapes[0, 0]
+    free = plan.free_response(3, 0, 1, 0)
+    y = series(shape * free[:, 0, 0], step, 2.0 * step)
+    xi = series(free[:, 1, 0], step, 2.0 * step)
+    *rest, cosine, sine = plan.start(_streams(3, 0, 1, MOST_BLOCKS - 1))[:, 0]
+    phase = math.atan2(-sine, cosine)
+
+    def beyond(place: float, t: float, e: np.ndarray) -> tuple[float, float]:
+        change = xi(t) + 0.15 * math.cos(swing * t + phase)
+        rate = xi(t, 1) - 0.15 * swing * math.sin(swing * t + phase)
+        side = math.copysign(1.0, place)
+        return (
+            side * (y(t) + e[0] - place * (1.0 + change)), side * (y(t, 1) + e[1] - place * rate)
+        )  # fmt: skip
+
+    def rates(t: float, e: np.ndarray) -> list[float]:
+        force = 0.0
+        for place in () if law.rigid else (-0.8, 1.0):
+            deflection, closing = beyond(place, t, e)
+            if deflection > 0.0:
+                push = law.stiffness * deflection + law.damping(M) * closing
+                force -= math.copysign(max(push, 0.0), place)
+        return [e[1], force / M - B * e[1] - W**2 * e[0]]
+
+    def touch(place: float) -> Any:
+        def gap(t: float, e: np.ndarray) -> float:
+            return beyond(place, t, e)[0]
+
+        gap.terminal, gap.direction = law.rigid, 1.0
+        return gap
+
+    places, times = (-0.8, 1.0), step * np.arange(2, 2 + plan.steps)
+    t, e, known, touches = 0.0, shape * np.array(rest), np.zeros(plan.steps), []
+    while t < times[-1]:
+        solved = solve_ivp(
+            rates, (t, times[-1]), e, events=[touch(place) for place in places],
+            rtol=1e-9, atol=1e-11, dense_output=True, max_step=0.02,
+        )  # fmt: skip
+        inside = (times > t) & (times <= solved.t[-1] + 1e-9)
+        known[inside] = solved.sol(times[inside])[0]
+        t, e = float(solved.t[-1]), solved.y[:, -1].copy()
+        for place, ts, states in zip(places, solved.t_events, solved.y_events, strict=True):
+            for at, state in zip(ts, states, strict=True):
+                speed = beyond(place, at, state)[1]
+                touches.append((at, speed))
+                if law.rigid:
+                    e[1] -= math.copysign((1.0 + R) * speed, place)
+    record = np.zeros((plan.steps, 1, plan.record_width))
+    plan.averages(3, 0, 1, record)
+    columns = plan.columns(record)
+    known += [y(at) for at in times]
+    assert columns["displacement of x"] == pytest.approx(known, abs=1e-5)
+    found = sum(np.abs(columns[f"impact_speed of stops {side}"]) for side in ("lower", "upper"))
+    speeds = [speed for _, speed in sorted(touches)]
+    assert found[found > 0.0] == pytest.approx(speeds, abs=1e-4)
+    assert len(speeds) > 5
+
+
+def plain_twin(relative: Any, paths: int, duration: float, h: float, law: Any = None) -> np.ndarray:
+    """Mean squares of displacement and velocity, impact rates at the lower and the upper stop, and
+    sums of impact speeds there, of each path in white noise of 4 N^2 s, by small steps in numpy. It
+    is an integrator that shares nothing with the engine. Without a `law` the stops are rigid."""
     generator = np.random.default_rng(8)
     x, v = 0.3 * generator.standard_normal((2, paths)).clip(-2.0, 2.0)
-    sums, counted = np.zeros((4, paths)), 0
+    sums, counted, inside = np.zeros((6, paths)), 0, np.zeros((2, paths), bool)
     signal, state = relative(generator, paths, h)
     change, rate = state
     for k in range(round(duration / h)):
@@ -115,10 +206,16 @@ def plain_twin(relative: Any, paths: int, duration: float, h: float) -> np.ndarr
             side = math.copysign(1.0, place)
             beyond, closing = side * (x - place * (1.0 + change)), side * (v - place * rate)
             hit = (beyond > 0.0) & (closing > 0.0)
-            x = np.where(hit, x - side * (1.0 + R) * beyond, x)
-            v = np.where(hit, v - side * (1.0 + R) * closing, v)
+            if law is None:
+                x = np.where(hit, x - side * (1.0 + R) * beyond, x)
+                v = np.where(hit, v - side * (1.0 + R) * closing, v)
+            else:
+                hit, inside[row - 2] = (beyond > 0.0) & ~inside[row - 2], beyond > 0.0
+                push = np.maximum(law.stiffness * beyond + law.damping(M) * closing, 0.0)
+                v = v - side * h / M * np.where(beyond > 0.0, push, 0.0)
             if k * h > 20.0:
                 sums[row] += hit / h
+                sums[row + 2] += hit * closing / h
         if k * h > 20.0:
             sums[:2] += x**2, v**2
             counted += 1
@@ -154,27 +251,125 @@ def filtered(generator: Any, paths: int, h: float) -> Any:
     return signal, (start[0], omega * start[1])
 
 
+TABLE = Modulation(of="clearance", frequency_hz=[0.2, 1.0], density=[0.03, 0.03])
+
+
+def tabulated(generator: Any, paths: int, h: float) -> Any:
+    """The noise of `TABLE`: lines 0.01 Hz apart with normal amplitudes."""
+    lines = np.arange(0.205, 1.0, 0.01)
+    size = math.sqrt(0.03 * 0.01)
+    waves = size * (generator.standard_normal((2, paths, len(lines))).T @ [1.0, 1j])
+    turn = np.exp(2j * np.pi * lines * h)[:, None]
+    omega = 2.0 * np.pi * lines[:, None]
+
+    def signal(k: int, change: np.ndarray, rate: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        np.multiply(waves, turn, out=waves)
+        return waves.real.sum(axis=0), -(omega * waves.imag).sum(axis=0)
+
+    return signal, (np.zeros(paths), np.zeros(paths))
+
+
 @pytest.mark.parametrize(
-    ("modulation", "relative"),
-    [(SWING, swinging), pytest.param(FILTERED, filtered, marks=pytest.mark.verify)],
-    ids=["sine", "filtered"],
-)
-def test_moving_stops_are_hit_as_by_a_plain_twin(modulation: Modulation, relative: Any) -> None:
-    scene = scene_of(WhiteNoise(intensity=4.0), modulation)
-    found = simulate(scene, paths=512, duration=80.0, seed=4)
+    ("modulation", "relative", "law"),
+    [
+        (SWING, swinging, None),
+        pytest.param(FILTERED, filtered, None, marks=pytest.mark.verify),
+        pytest.param(TABLE, tabulated, None, marks=pytest.mark.slow),
+        pytest.param(
+            SWING, swinging, Viscoelastic(stiffness=400.0, damping_ratio=0.2),
+            marks=pytest.mark.verify,
+        ),
+        pytest.param(
+            TABLE, tabulated, Viscoelastic(stiffness=400.0, damping_ratio=0.2),
+            marks=pytest.mark.slow,
+        ),
+    ],
+    ids=["sine", "filtered", "table", "sine, compliant", "table, compliant"],
+)  # fmt: skip
+def test_moving_stops_are_hit_as_by_a_plain_twin(
+    modulation: Modulation, relative: Any, law: Any
+) -> None:
+    pairs = STOPS if law is None else [STOPS[0].replace(law=law)]
+    scene = scene_of(WhiteNoise(intensity=4.0), modulation, pairs=pairs)
+    found = simulate(scene, paths=512, duration=80.0, seed=4, speed_threshold=0.0)
     assert_agrees(found.identities["force"], 0.0)
-    twins = [plain_twin(relative, 256, 100.0, h) for h in (0.005, 0.01)]
+    twins = [plain_twin(relative, 256, 100.0, h, law) for h in (0.005, 0.01)]
+    stops = [found.impact_pairs[f"stops {side}"] for side in ("lower", "upper")]
     wanted = [
         found.coordinates["x"]["displacement_mean_square"],
         found.coordinates["x"]["velocity_mean_square"],
-        found.impact_pairs["stops lower"]["collision_rate"],
-        found.impact_pairs["stops upper"]["collision_rate"],
+        *(each["collision_rate"] for each in stops),
+        *(each["impact_speed_rate"] for each in stops),
     ]
     for estimate, fine, double in zip(wanted, *twins, strict=True):
         error = math.hypot(float(fine.std()) / 16.0, estimate.standard_error)
         bias = (estimate.bias or 0.0) + abs(double.mean() - fine.mean()) + fine.std() / 16.0
         away = Estimate(value=estimate.value - fine.mean(), standard_error=error, bias=bias)
         assert_agrees(away, 0.0)
+
+
+def tabulated_change(deviation: float, low: float, high: float) -> Modulation:
+    density = deviation**2 / (high - low)
+    return Modulation(of="clearance", frequency_hz=[low, high], density=[density, density])
+
+
+def is_mixture(found: Any, parts: Any, weights: Any) -> bool:
+    """Whether mean square and sum of impact speeds are the means over some answers."""
+    agree = True
+    for answers in zip(wanted_of(found), *map(wanted_of, parts), strict=True):
+        whole, *each = answers
+        mean = sum(w * one.value for w, one in zip(weights, each, strict=True))
+        spread = [w * one.standard_error for w, one in zip(weights, each, strict=True)]
+        bias = sum(w * (one.bias or 0.0) for w, one in zip(weights, each, strict=True))
+        error = 4.5 * math.hypot(whole.standard_error, *spread) + (whole.bias or 0.0) + bias
+        agree &= abs(whole.value - mean) <= error
+    return agree
+
+
+def wanted_of(found: Any) -> list[Estimate]:
+    """The mean square of x, and F1 of all stops of an answer."""
+    sums = [each["impact_speed_rate"] for each in found.impact_pairs.values()]
+    total = Estimate(
+        value=sum(each.value for each in sums),
+        standard_error=sum(each.standard_error for each in sums),
+        bias=sum(each.bias or 0.0 for each in sums),
+    )
+    return [found.coordinates["x"]["displacement_mean_square"], total]
+
+
+@pytest.mark.slow
+def test_a_slow_table_is_a_mixture_of_stops_that_stand_still() -> None:
+    """Their clearances are normal; the nodes are those of Gauss and Hermite."""
+    noise, options = WhiteNoise(intensity=1.2), {"paths": 2048, "duration": 80.0}
+    slow = tabulated_change(0.19, 1e-4, 2e-4)
+    found = simulate(scene_of(noise, slow), seed=1, **options)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(5)
+
+    def still(node: float) -> Any:
+        share = 1.0 + 0.19 * node
+        pairs = [STOPS[0].replace(lower=-0.8 * share, upper=share)]
+        return simulate(scene_of(noise, pairs=pairs), seed=2, **options)
+
+    parts = [still(node) for node in nodes]
+    assert is_mixture(found, parts, weights / weights.sum())
+    assert not is_mixture(found, parts[2:3], [1.0])  # the control: the mean clearance alone
+
+
+@pytest.mark.slow
+def test_a_table_of_one_line_is_a_mixture_of_sines() -> None:
+    """Normal noise of a narrow band is a sine whose amplitude has a Rayleigh distribution. The
+    nodes are those of Gauss and Laguerre."""
+    noise, options = WhiteNoise(intensity=4.0), {"paths": 1024, "duration": 80.0}
+    line = tabulated_change(0.06, 0.4995, 0.5005)
+    found = simulate(scene_of(noise, line), seed=1, **options)
+    nodes, weights = np.polynomial.laguerre.laggauss(4)
+    sines = [
+        simulate(scene_of(noise, SWING.replace(amplitude=0.06 * math.sqrt(2.0 * node))), seed=2,
+                 **options)
+        for node in nodes
+    ]  # fmt: skip
+    assert is_mixture(found, sines, weights)
+    assert not is_mixture(found, sines[3:], [1.0])  # the control: the largest of them alone
 
 
 def test_still_stops_are_hit_less() -> None:
@@ -201,16 +396,8 @@ def test_one_stop_keeps_its_name_and_records_say_its_impacts() -> None:
         ([SWING], [], "must be on the name of an impact pair"),
         ([SWING.replace(on="else")], STOPS, "must be on the name of an impact pair, 'stops', got"),
         (
-            [SWING], [ImpactPair(upper=1.0, law=Elastic(stiffness=50.0))],
-            "moves rigid stops only, got 'elastic' at the upper of stops",
-        ),
-        (
             [SWING], [STOPS[0], STOPS[0].replace(name="more")],
             "needs on = 'stops' or 'more' to say which clearance changes, got none",
-        ),
-        (
-            [SWING, TabulatedNoise(frequency_hz=[0.1, 1.0], density=[1.0, 1.0], unit="N2/Hz")],
-            STOPS, "takes white and filtered noise and sines beside it, got a density",
         ),
     ],
 )  # fmt: skip
@@ -221,8 +408,13 @@ def test_faults_are_named(excitations: Any, pairs: Any, sentence: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "keys", [{"intensity": 0.1}, {"amplitude": 0.5, "frequency_hz": 1.0}], ids=["white", "wide"]
-)
+    "keys",
+    [
+        {"intensity": 0.1}, {"amplitude": 0.5, "frequency_hz": 1.0},
+        {"frequency_hz": [1.0, 2.0], "density": [0.1, 0.1]},
+    ],
+    ids=["white", "wide", "wide table"],
+)  # fmt: skip
 def test_a_clearance_stays_above_zero(keys: dict[str, float]) -> None:
     with pytest.raises(SceneError, match=r"a standard deviation of at most 0\.2 for a clearance"):
         Modulation(of="clearance", **keys)

@@ -215,8 +215,6 @@ def test_a_table_from_a_file_is_the_same_one(tmp_path: Path) -> None:
         ({"frequency_hz": [1.0, 2.0], "density": [1.0]}, "needs as many densities as frequencies"),
         ({"frequency_hz": [2.0, 1.0], "density": [1.0, 1.0]}, "needs increasing frequency_hz"),
         ({"frequency_hz": [1.0, 0.0], "density": [1.0, 1.0]}, "frequency_hz.1 must be greater"),
-        ({"frequency_hz": [1.0, 2.0], "density": [1e-3, 1e-3], "of": "clearance"},
-         "needs a sine or filtered noise for a clearance, got a table"),
     ],
 )  # fmt: skip
 def test_what_is_no_table_is_refused_in_a_sentence(keys: Any, words: str) -> None:

@@ -148,12 +148,15 @@ class SmoothResponse(NamedTuple):
         counted step ends at sample 0. Behind the modes come the relative changes that are tabulated
         noise.
     scale : rad/s.
+    gaps, speeds : tables of matrix passes to gaps and their rates, from the rows of `read_sample`.
     half_kick : table of a matrix pass from velocities before the kick to those in its middle, of
         which moments are taken.
     """
 
     samples: NDArray[np.float64]
     scale: float
+    gaps: Table
+    speeds: Table
     half_kick: Table
 
 
@@ -265,14 +268,16 @@ def fill_modal_spectrum(streams, real, imaginary, relative, spectrum):
 @kernel
 def read_sample(sample, scale, start, lanes, modes, smooth):
     """Rows of values, then rows of slopes of Y, from a sample (rows, 2 paths) of both in turn; then
-    rows of the values of what comes behind the modes."""
+    rows of values and rows of slopes of what comes behind the modes."""
+    rows = sample.shape[0]
     for m in range(modes):
         for i in range(lanes):
             smooth[m, i] = sample[m, 2 * (start + i)]
             smooth[modes + m, i] = scale * sample[m, 2 * (start + i) + 1]
-    for m in range(modes, sample.shape[0]):
+    for m in range(modes, rows):
         for i in range(lanes):
             smooth[modes + m, i] = sample[m, 2 * (start + i)]
+            smooth[rows + m, i] = scale * sample[m, 2 * (start + i) + 1]
 
 
 @kernel
@@ -537,7 +542,7 @@ def make_room(
         local, of_step, local[first:last].reshape((pairs, rows, width)),
         of_step[first:last].reshape((pairs, rows, width)),
         np.zeros((width, pairs, 2)), np.zeros(width, np.uint64), np.zeros(width, np.uint64),
-        np.zeros((2 * modes + sampled, width)), np.zeros((2 * modes, width)), np.zeros(modes),
+        np.zeros((2 * (modes + sampled), width)), np.zeros((2 * modes, width)), np.zeros(modes),
         np.zeros((modes, width)), np.zeros((pairs, width)), np.zeros((modes, width)),
         np.zeros((modes, width)), np.zeros((between, width)),
         np.zeros((parts, width)), np.zeros((parts, width)), np.zeros((parts, width)),
@@ -626,8 +631,8 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
             samples = tables.samples.shape[0]
             before = tables.samples[(first - 1) % samples]
             read_sample(before, tables.scale, start, lanes, modes, smooth)
-            matrix_pass(s0, 0.0, smooth, passes.gaps, width)
-            matrix_pass(r0, 0.0, smooth, passes.speeds, width)
+            matrix_pass(s0, 0.0, smooth, tables.gaps, width)
+            matrix_pass(r0, 0.0, smooth, tables.speeds, width)
             add_to(y0, s0)
         for j in range(pairs):
             for i in range(lanes):
@@ -681,8 +686,8 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                 matrix_pass(y1, 0.0, new, passes.gaps, width)
                 matrix_pass(v1, 0.0, new, passes.speeds, width)
                 if tables is not None:
-                    matrix_pass(s1, 0.0, smooth, passes.gaps, width)
-                    matrix_pass(r1, 0.0, smooth, passes.speeds, width)
+                    matrix_pass(s1, 0.0, smooth, tables.gaps, width)
+                    matrix_pass(r1, 0.0, smooth, tables.speeds, width)
                     add_to(v0, r0)
                     add_to(y1, s1)
                     add_to(v1, r1)
