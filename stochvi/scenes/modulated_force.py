@@ -12,8 +12,9 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.results.errors import SceneError
 from stochvi.scenes.characteristics.base import Characteristic, LinearForm
 from stochvi.scenes.excitations.modulation import Modulation
-from stochvi.scenes.structures import Isolator, Matrices, Oscillator
+from stochvi.scenes.structures import Isolator, Matrices, Oscillator, RigidBody
 from stochvi.scenes.structures.base import AnyStructure
+from stochvi.scenes.structures.rigid_body import AXES
 
 WHITE_STEP = 2.0
 """Rate of the steps that resolve white noise of intensity S on a spring of the frequency omega, in
@@ -110,11 +111,15 @@ def changed_by(modulation: Modulation, structure: AnyStructure) -> Changed:
         If the structure has no such spring or damper.
     """
     of = modulation.of
+    if isinstance(structure, RigidBody):
+        return _of_mount(modulation, structure)
     if not isinstance(structure, Oscillator | Isolator | Matrices):
         raise SceneError(
-            [("", f"of {of} takes structure.kind = 'oscillator', 'isolator' or 'matrices', got "
-              f"{getattr(structure, 'kind', '')!r}")]
+            [("", f"of {of} takes structure.kind = 'oscillator', 'isolator', 'matrices' or "
+              f"'rigid-body', got {getattr(structure, 'kind', '')!r}")]
         )  # fmt: skip
+    if modulation.axis is not None:
+        raise SceneError([("", "takes no axis, which is that of a mount of a box")])
     if not structure.knows_mass:
         raise SceneError([("", "changes a force, which needs structure.mass, got none")])
     matrix = structure.matrices[1 if of == "damping" else 2]
@@ -141,3 +146,27 @@ def changed_by(modulation: Modulation, structure: AnyStructure) -> Changed:
         where = " and ".join(names) if len(names) > 1 else f"{names[0]} and the ground"
         raise SceneError([("", f"needs a linear {part} between {where}, got {strength:g}")])
     return Changed(row, strength)
+
+
+def _of_mount(modulation: Modulation, box: RigidBody) -> Changed:
+    """What a modulation changes in a mount of a box, which it names by its number."""
+    names = [f"mount {number}" for number, _ in enumerate(box.mounts, 1)]
+    on, axis = modulation.on or "none", modulation.axis
+    if on not in names or axis is None or modulation.between:
+        listed = " or ".join(repr(name) for name in names)
+        got = f"on = {on!r}, axis = {axis!r}"
+        raise SceneError(
+            [("", f"needs on = {listed} and axis = 'x', 'y' or 'z', got {got}")]
+        )  # fmt: skip
+    mount, along = box.mounts[names.index(on)], AXES.index(axis)
+    if modulation.of == "stiffness":
+        rates = box.mount_stiffness(mount)
+    elif mount.damping is not None:
+        rates = np.array(mount.damping)
+    else:
+        raise SceneError(
+            [("", f"of damping needs damping (N s/m along x, y, z) of {on}, got none")]
+        )
+    if not rates[along] > 0.0:
+        raise SceneError([("", f"needs {modulation.of} of {on} along {axis}, got 0")])
+    return Changed(mount.rows[along], float(rates[along]))

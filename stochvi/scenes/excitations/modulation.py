@@ -49,8 +49,10 @@ class Modulation(BaseExcitation):
         move, and their distance from the unloaded spring changes.
     on, between
         Where there are several coordinates: the one whose spring and damper to the ground change,
-        or the two between which they act. For a clearance `on` is the name of the impact pair,
-        where there are several.
+        or the two between which they act. Mounts of a box are "mount 1", "mount 2" and so on, in
+        their order. For a clearance `on` is the name of the impact pair, where there are several.
+    axis
+        Axis of the mount of a box along which its spring or damper changes.
     amplitude
         Peak of xi of a sine, whose phase is random in each path.
     frequency_hz
@@ -104,10 +106,11 @@ class Modulation(BaseExcitation):
                 f"(filtered noise), got {keys}"
             )
         self._table = self._read()
-        if given(self, "weights", "axis", "name") != "none":
-            raise ValueError(f"takes no {given(self, 'weights', 'axis', 'name')}")
-        if self.of == "clearance" and self.between is not None:
-            raise ValueError("takes the name of the pair in on for a clearance, got between")
+        if given(self, "weights", "name") != "none":
+            raise ValueError(f"takes no {given(self, 'weights', 'name')}")
+        if self.of == "clearance" and given(self, "between", "axis") != "none":
+            got = given(self, "between", "axis")
+            raise ValueError(f"takes the name of the pair in on for a clearance, got {got}")
         if self.of == "clearance" and not self.size <= WIDEST:
             raise ValueError(
                 "needs frequency_hz and a standard deviation of at most "
