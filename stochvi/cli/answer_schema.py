@@ -18,7 +18,14 @@ from stochvi.isolators.production_risk.answer import Production
 from stochvi.isolators.production_risk.spreads import Spread
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
-from stochvi.isolators.sizing.answer import Clearance, RoundedClearance
+from stochvi.isolators.sizing.answer import (
+    OF_ONE,
+    OF_SEVERAL,
+    Clearance,
+    Probability,
+    RoundedClearance,
+    ThreeSigma,
+)
 from stochvi.isolators.sizing.chance_at_stops import StopPositions
 from stochvi.methods.periodic.answer import Jump
 from stochvi.methods.periodic.resonance import HarmonicResonance
@@ -109,7 +116,7 @@ RECORD = {"record": RecordVerdict}
 ONE_OR_SEVERAL = Change(
     METHOD | {"verdict": str, "made": RoundedClearance | Mapping[str, RoundedClearance]},
     {"clearance": Clearance, "clearances": Mapping[str, Clearance]},
-    dict.fromkeys(("clearance", "clearances")),
+    {"clearances": None},
 )
 """Clearances of one pair, or of each of several."""
 
@@ -167,9 +174,6 @@ CHANGES = {
         renamed={"scene": None},
     ),
     "MissionSizing": ONE_OR_SEVERAL,
-    "PairsSizing": Change(
-        METHOD | {"verdict": str, "made": Mapping[str, RoundedClearance]}, renamed={"method": "by"}
-    ),
     "Production": Change(
         METHOD | {"summary": str, "made": Mapping[str, RoundedClearance]}, renamed={"method": "by"}
     ),
@@ -194,11 +198,14 @@ CHANGES = {
         | {"sines": Sequence[tuple[float, float]]}
     ),
     "Sizing": Change(
-        METHOD
-        | {"verdict": str, "made": RoundedClearance | None}
-        | {"clearance_in_sigma": float, "gap": StopPositions},
-        {"sensitivity": ROWS, "review": PART},
-        {"method": "by"},
+        METHOD | {
+            "verdict": str, "made": RoundedClearance | None | Mapping[str, RoundedClearance],
+            "three_sigma": ThreeSigma | Probability,
+        },
+        dict(ONE_OR_SEVERAL.optional)
+        | {"clearance_in_sigma": float, "sigma": float, "gap": StopPositions}
+        | {"sensitivity": ROWS, "review": PART},
+        {"method": "by", "clearances": None, "three_sigma": None},
     ),
     "WorkPrecision": Change(
         {
@@ -212,7 +219,7 @@ CHANGES = {
 
 RARE = {
     "Estimate": ("upper_95", "bias_error"), "Reliability": ("pairs", "outputs", "phases"),
-    "Response": ("statistics",),
+    "Response": ("statistics",), "Sizing": (*OF_ONE, *OF_SEVERAL),
 }  # fmt: skip
 """Keys that are present only if they have a value, by the names of the classes."""
 

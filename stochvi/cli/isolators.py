@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from stochvi.isolators import Jolts, Sizing
     from stochvi.isolators.record_verdict import RecordVerdict
-    from stochvi.isolators.sizing.pairs_answer import PairsSizing
 
 
 @main.command()
@@ -214,8 +213,6 @@ def size(
     """Find the clearance that keeps a stated risk."""
     from stochvi.cli.other_sizings import OTHER, names_in, other_sizing
     from stochvi.isolators.sizing.method import size as solve
-    from stochvi.isolators.sizing.missions_answer import MissionSizing
-    from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.isolators.sizing.sensitivity import sensitivity as vary
     from stochvi.results.base import plain
     from stochvi.results.deadline import partial_result
@@ -236,7 +233,7 @@ def size(
     fell_short: list[str] = []
     judged: list[RecordVerdict | None] = []
 
-    def found() -> Sizing | PairsSizing:
+    def found() -> Sizing:
         # changed cases and the report take the time that the sizing leaves
         share = FIRST if sensitivity else BEFORE_REPORT if options.out is not None else 1.0
         sampling = options.sampling | {"budget": deadline.part(share)}
@@ -246,10 +243,9 @@ def size(
                 spreads=spreads, common=names_in(common),
                 progress=report, **sampling, **asked,
             )  # fmt: skip
-        assert not isinstance(answer, MissionSizing)  # phases were shown before
-        return answer
+        return cast("Sizing", answer)  # phases were shown before
 
-    def show(answer: Sizing | PairsSizing) -> None:
+    def show(answer: Sizing) -> None:
         fell_short.extend(answer.fell_short)
         document, table = answer.to_dict(), None
         if sensitivity:
@@ -276,7 +272,7 @@ def size(
         from stochvi.views.report import write_pairs_report, write_report
 
         origin = options.origin(scene, answer.provenance)
-        if isinstance(answer, PairsSizing):
+        if answer.several:
             write_pairs_report(answer, options.out, origin, table)
         else:
             settings = ReviewSettings(budget=deadline.rest or BUDGET)

@@ -90,8 +90,6 @@ def _show(
 ) -> None:  # fmt: skip
     """Find an answer and show it; its files have the name `title`. A clearance also gets a report,
     that of the scene file `report_of`."""
-    from stochvi.isolators.sizing.answer import ClearanceAnswer
-
     judged: list[RecordVerdict] = []
 
     def found() -> Any:
@@ -99,7 +97,7 @@ def _show(
             return solve(progress=report, **options.sampling, **given)
 
     def show(answer: Any) -> None:
-        judged.extend(answer.doubtful.values() if isinstance(answer, ClearanceAnswer) else ())
+        judged.extend((getattr(answer, "doubtful", None) or {}).values())
         options.show(answer, tell, title)
         options.draw(title, lambda: draw(answer))
         if options.out is not None and report_of is not None:

@@ -4,11 +4,11 @@ from .jolt_response import Jolts, jolts
 from .production_risk import Production, Spread, production
 from .screening import Screening, screen
 from .sizing import Sizing, size
+from .sizing.answer import PairsSizing
 from .sizing.by_damage import size_by_damage
 from .sizing.clatter import clatter
 from .sizing.damage_answer import DamageSizing
 from .sizing.missions_answer import MissionSizing
-from .sizing.pairs_answer import PairsSizing
 from .sizing.sensitivity import sensitivity
 
 __all__ = [

@@ -55,7 +55,6 @@ if TYPE_CHECKING:
 
     from stochvi.isolators import Sizing
     from stochvi.isolators.sizing.answer import Clearance
-    from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.methods.replay import Replay
     from stochvi.statistics.reliability import Reliability
 
@@ -372,11 +371,11 @@ class Job:
 
         return average(self.scene, **self.arguments)
 
-    def _sized(self, folder: Path | None, run: Run) -> Sizing | PairsSizing:
+    def _sized(self, folder: Path | None, run: Run) -> Sizing:
         from stochvi.isolators import size
 
         try:
-            found: Sizing | PairsSizing = self._sampled(size, folder, run)
+            found: Sizing = self._sampled(size, folder, run)
             return found
         except ValueError as error:
             if isinstance(error, StochviError):
@@ -466,30 +465,29 @@ class Summary:
         return cls(quantities=quantities, cost=Cost(**document["cost"]))
 
 
-def summary_of_sizing(found: Sizing | PairsSizing) -> Summary:
+def summary_of_sizing(found: Sizing) -> Summary:
     """Clearance, 3 sigma and impacts of a sizing, or clearances by pair; the error of a clearance
     is that of its interval, taken for Gaussian."""
-    from stochvi.isolators.sizing.pairs_answer import PairsSizing
 
     def clearance(c: Clearance) -> Estimate:
         error = (c.upper - c.lower) / (2.0 * GAUSSIAN_95)
         return Estimate(value=c.value, standard_error=error, how=found.method)
 
-    if isinstance(found, PairsSizing):
-        quantities = {name: {"clearance": clearance(c)} for name, c in found.clearances.items()}
-        risk = {"probability_at_three_sigma": Estimate(value=found.three_sigma.value, bias=None)}
-        return Summary(quantities={"size": risk, **quantities}, cost=found.cost)
     # where the nearest stops that can be judged keep the target, smaller clearances may as well
     at_most = Estimate(value=0.0, upper_95=found.clearance.value, how="the nearest stops judged")
     three = found.three_sigma
+    risk: dict[str, Estimate | None] = {
+        "probability_at_three_sigma": three.probability, "expected_hits": found.expected_hits
+    }  # fmt: skip
+    if found.several:
+        each = {name: {"clearance": clearance(c)} for name, c in found.clearances.items()}
+        return Summary(quantities={"size": risk, **each}, cost=found.cost)
     sized = {
         "clearance": clearance(found.clearance) if found.kept_with is None else at_most,
         "three_sigma": Estimate(value=three.clearance),
         "rms_displacement": Estimate(value=found.sigma),
-        "probability_at_three_sigma": three.probability,
-        "expected_hits": found.expected_hits(),
     }
-    return Summary(quantities={"size": sized}, cost=found.cost)
+    return Summary(quantities={"size": sized | risk}, cost=found.cost)
 
 
 def summary_of_reliability(found: Reliability) -> Summary:
@@ -511,13 +509,13 @@ def summary_of_replay(found: Replay) -> Summary:
 def _summary_of(answer: Any) -> Response | Summary | None:
     """Contents of an answer that was not finished."""
     from stochvi.isolators import Sizing
-    from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.statistics.reliability import Reliability
 
-    if isinstance(answer, Sizing | PairsSizing):
-        return summary_of_sizing(answer)
-    if isinstance(answer, Reliability):
-        return summary_of_reliability(answer)
+    summaries: dict[type, Callable[[Any], Summary]] = {
+        Sizing: summary_of_sizing, Reliability: summary_of_reliability
+    }  # fmt: skip
+    if make := summaries.get(type(answer)):
+        return make(answer)
     return answer if isinstance(answer, Response) else None
 
 

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.axes import Axes
 
+    from stochvi.isolators.sizing.answer import Sizing
     from stochvi.isolators.sizing.box_overview import BoxOverview
-    from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.scenes.scene import Scene
 
 SMALLEST_CHANCE = 1e-6
@@ -43,7 +43,7 @@ def modes_in_rows(box: BoxOverview) -> pd.DataFrame:
     )
 
 
-def one_axis_in_rows(sizing: PairsSizing) -> pd.DataFrame:
+def one_axis_in_rows(sizing: Sizing) -> pd.DataFrame:
     """A row per pair: its clearance, and what three sigma of one oscillator would buy there."""
     import pandas as pd
 
@@ -64,7 +64,7 @@ def one_axis_in_rows(sizing: PairsSizing) -> pd.DataFrame:
     )
 
 
-def plot_box(sizing: PairsSizing) -> Axes:
+def plot_box(sizing: Sizing) -> Axes:
     """Draw the box. The colour of a snubber is the probability that it alone is hit with the stops
     of the scene; several at one place take the largest."""
     assert sizing.box is not None

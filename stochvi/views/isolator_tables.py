@@ -5,8 +5,12 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from stochvi.isolators.sizing.answer import HITS_PER_FIRST_HIT, spoken_mission, spoken_percent
-from stochvi.isolators.sizing.pairs_answer import PairsSizing
+from stochvi.isolators.sizing.answer import (
+    HITS_PER_FIRST_HIT,
+    Probability,
+    spoken_mission,
+    spoken_percent,
+)
 from stochvi.mathematics.shown_units import LENGTH, RATE, SPEED
 from stochvi.views.pairs import (
     TOLERANCES,
@@ -98,15 +102,13 @@ def print_clearance(console: Console, curve: pd.DataFrame, notes: Sequence[str] 
         console.print(f"note: {note}", style="yellow", highlight=False)
 
 
-def print_sizing(
-    console: Console, sizing: Sizing | PairsSizing, sensitivity: pd.DataFrame | None = None
-) -> None:
+def print_sizing(console: Console, sizing: Sizing, sensitivity: pd.DataFrame | None = None) -> None:
     """Print the clearances to make first, then the numbers behind them, then what they rest on."""
     style = "bold" if sizing.doubtful is None else CONTRADICTED
     console.print(sizing.verdict(), style=style, highlight=False)
     if sizing.doubtful is None:
         print_record(console, sizing.record)
-    if isinstance(sizing, PairsSizing):
+    if sizing.several:
         _print_pairs(console, sizing)
     else:
         _print_one(console, sizing)
@@ -183,7 +185,7 @@ def _print_changes(console: Console, table: pd.DataFrame, title: str) -> None:
             print_line(console, f"{change}: {note}")
 
 
-def _print_pairs(console: Console, sizing: PairsSizing) -> None:
+def _print_pairs(console: Console, sizing: Sizing) -> None:
     """Print where the stops of several pairs go, then the numbers behind them."""
     mission = spoken_mission(sizing.mission)
     print_frame(console, places_in_rows(sizing), places_heading(sizing))
@@ -194,7 +196,7 @@ def _print_pairs(console: Console, sizing: PairsSizing) -> None:
     )
     known = {
         "as sized": sizing.probability,
-        "3 sigma of every gap": sizing.three_sigma,
+        "3 sigma of every gap": Probability.of(sizing.three_sigma.probability),
         "of the scene": sizing.as_given,
     }
     for place, chance in known.items():

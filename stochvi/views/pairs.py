@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from stochvi.isolators.screening import Screening
-    from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
+    from stochvi.isolators.sizing.answer import Probability, Sizing
 
 
 def interval_in_words(chance: Probability) -> str:
@@ -27,7 +27,7 @@ def interval_in_words(chance: Probability) -> str:
     return f"{low} to {spoken_percent(chance.upper)}"
 
 
-def pairs_in_words(sizing: PairsSizing) -> pd.DataFrame:
+def pairs_in_words(sizing: Sizing) -> pd.DataFrame:
     """A row per pair: its clearance with the interval, and its risk."""
     import pandas as pd
 
@@ -57,12 +57,12 @@ def pairs_in_words(sizing: PairsSizing) -> pd.DataFrame:
     return table[[name for name in table if not (table[name] == UNSEEN).all()]]
 
 
-def places_in_rows(sizing: PairsSizing) -> pd.DataFrame:
+def places_in_rows(sizing: Sizing) -> pd.DataFrame:
     """A row per sized pair: the clearance to make, and the stops as a scene file has them; these
     are left out where a record contradicts the noise for which they hold."""
     import pandas as pd
 
-    table, made = sizing.placed(), sizing.made()
+    table, made = sizing.placed(), sizing.each_made
     stops = {
         side: [f"{side} = {place:.9g}" if place == place else "none" for place in table[side]]
         for side in ("lower", "upper")
@@ -81,7 +81,7 @@ def places_in_rows(sizing: PairsSizing) -> pd.DataFrame:
     return found if sizing.doubtful is None else found.iloc[:, :-2]
 
 
-def places_heading(sizing: PairsSizing) -> str:
+def places_heading(sizing: Sizing) -> str:
     """The heading of the table of places."""
     return PLACES if sizing.doubtful is None else PLACES_FOR_NOISE
 
@@ -108,7 +108,7 @@ def _known(value: float) -> str:
     return f"{value:.3g}" if value == value else UNSEEN
 
 
-def tolerances_in_rows(sizing: PairsSizing) -> pd.DataFrame:
+def tolerances_in_rows(sizing: Sizing) -> pd.DataFrame:
     """A row per change: the clearance that each sized pair needs for the same risk (mm), and the
     probability of any impact at the calculated ones."""
     import pandas as pd
@@ -128,7 +128,7 @@ def tolerances_in_rows(sizing: PairsSizing) -> pd.DataFrame:
     )
 
 
-def worst_places(sizing: PairsSizing) -> list[str]:
+def worst_places(sizing: Sizing) -> list[str]:
     """Where within the tolerances each clearance is largest, pairs of one place together."""
     names: dict[str, list[str]] = {}
     for name, place in sizing.worst_at.items():
@@ -144,7 +144,7 @@ TOLERANCES = (
 """Heading of the table of tolerances."""
 
 
-def required_in_rows(sizing: PairsSizing) -> pd.DataFrame:
+def required_in_rows(sizing: Sizing) -> pd.DataFrame:
     """A row per sized pair: its clearance (mm) for other probabilities of any impact."""
     import pandas as pd
 
@@ -178,7 +178,7 @@ def coordinates_in_rows(linear: Screening) -> pd.DataFrame:
     return table.drop(columns=[*units.values(), *unknown])
 
 
-def plot_pairs_risk(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
+def plot_pairs_risk(sizing: Sizing, ax: Axes | None = None) -> Axes:
     """Probability of any impact against the clearance of each pair, all of which change together.
 
     The dashed line takes the pairs for independent of each other.
@@ -186,7 +186,7 @@ def plot_pairs_risk(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
     ax = axes_or_new(ax, (6.8, 4.6))
     curve = sizing.curve
     unit, name = length_unit(max(each.value for each in sizing.clearances.values()))
-    groups = _alike(sizing)
+    groups, any_hit = _alike(sizing), sizing.any_hit or math.nan
     for names, colour in zip(groups, owner_colours(len(groups)), strict=True):
         found, x = sizing.clearances[names[0]], curve[names[0]] / unit
         ax.fill_between(
@@ -200,9 +200,9 @@ def plot_pairs_risk(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
             label=f"{_joined(names)}: {found.value / unit:.4g} {name}",
         )
         ax.plot(x, curve["independent"], color=colour, linestyle="--", linewidth=0.9)
-        ax.plot(found.value / unit, sizing.probability.value, "o", color=colour, zorder=3)
+        ax.plot(found.value / unit, any_hit, "o", color=colour, zorder=3)
     ax.plot([], [], color="0.4", linestyle="--", linewidth=0.9, label="pairs taken for independent")
-    ax.axhline(sizing.probability.value, color="0.5", linewidth=0.8)
+    ax.axhline(any_hit, color="0.5", linewidth=0.8)
     ax.set_yscale("log")
     ax.set_xlabel(f"clearance per side ({name})")
     ax.set_ylabel(f"probability of any impact in {spoken_mission(sizing.mission)}")
@@ -220,7 +220,7 @@ MOST_JOINED = 3
 """Largest number of names of pairs in one entry of a legend."""
 
 
-def _alike(sizing: PairsSizing) -> list[list[str]]:
+def _alike(sizing: Sizing) -> list[list[str]]:
     """Names of the sized pairs, grouped where a picture cannot tell their curves apart."""
     groups: list[list[str]] = []
     for name in sizing.clearances:
@@ -241,12 +241,12 @@ def _joined(names: list[str]) -> str:
     return f"{', '.join(names[: MOST_JOINED - 1])} and {len(names) - MOST_JOINED + 1} more"
 
 
-def draw_pairs_risk(sizing: PairsSizing, title: str = "") -> Axes:
+def draw_pairs_risk(sizing: Sizing, title: str = "") -> Axes:
     """The risk against the clearances as a figure with a title."""
     return add_title(plot_pairs_risk(sizing), title or "clearances and risk")
 
 
-def plot_pairs_clearances(sizing: PairsSizing, ax: Axes | None = None) -> Axes:
+def plot_pairs_clearances(sizing: Sizing, ax: Axes | None = None) -> Axes:
     """The clearance of each pair, the largest within the tolerances, and three sigma of its
     gap."""
     ax = axes_or_new(ax, (6.8, 0.9 + 0.42 * max(len(sizing.clearances), 3)))

@@ -48,6 +48,7 @@ from stochvi.views.verification import (
 
 if TYPE_CHECKING:
     from stochvi.isolators.jolt_response import Jolts
+    from stochvi.isolators.sizing.answer import Sizing
     from stochvi.methods.fokker_planck.transients import Transient
     from stochvi.methods.replay.answer import Replay
     from stochvi.results.base import Result
@@ -374,6 +375,11 @@ def plot_jolts(found: Jolts, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def plot_sizing(sizing: Sizing, ax: Axes | None = None) -> Axes:
+    """Risk against the clearance of one gap, or against those of several."""
+    return (plot_pairs_risk if sizing.several else plot_risk)(sizing, ax)
+
+
 PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "AbsorberReport": draw_levels,
     "AbsorberSine": plot_absorber_sine,
@@ -395,14 +401,13 @@ PICTURES: dict[str, Callable[[Any, Axes | None], Axes]] = {
     "Judgement": plot_judgement,
     "LifeTimes": plot_lifetimes,
     "MissionSizing": plot_mission_sizing,
-    "PairsSizing": plot_pairs_risk,
     "Production": plot_production,
     "Reliability": plot_chances,
     "Replay": plot_replay,
     "Response": plot_response,
     "ResponseSpectrum": plot_spectrum,
     "Screening": plot_screening,
-    "Sizing": plot_risk,
+    "Sizing": plot_sizing,
     "Stability": plot_stability,
     "Transient": plot_transient,
     "WorkPrecision": plot_cost,

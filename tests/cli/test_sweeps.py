@@ -474,7 +474,7 @@ def test_a_sizing_for_each_row(stochvi: Run, tmp_path: Path) -> None:
     table = sweep(scene, vary, method="size", out=tmp_path / "out", **asked)
     own = size(changed_scene(load_scene(scene).document(), (("structure.Q", 4.0),)), **asked)
     assert table["size.clearance"][0] == own.clearance.value
-    hits = own.expected_hits()
+    hits = own.expected_hits
     assert hits is not None and hits.standard_error > 0.0
     assert table["size.expected_hits"][0] == hits.value
     assert table["size.expected_hits.standard_error"][0] == hits.standard_error

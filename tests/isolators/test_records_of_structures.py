@@ -23,7 +23,7 @@ from stochvi import (
     size,
 )
 from stochvi.isolators.record_verdict import RecordVerdict, record_verdict
-from stochvi.isolators.sizing.pairs_answer import PairsSizing
+from stochvi.isolators.sizing.answer import Sizing
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.model.model import model_of
 from stochvi.scenes.datasets import shipped_scene
@@ -164,10 +164,10 @@ def test_records_of_different_rates_are_judged_each(tmp_path: Path) -> None:
 def test_sizing_a_box_says_that_the_record_contradicts(tmp_path: Path) -> None:
     random = np.random.default_rng(9)
 
-    def sized(values: Vector) -> PairsSizing:
+    def sized(values: Vector) -> Sizing:
         scene = box(saved(tmp_path, values).replace(axis="z"))
         found = size(scene, probability=0.01, mission=600.0, rel_error=0.3)
-        assert isinstance(found, PairsSizing)
+        assert isinstance(found, Sizing)
         return found
 
     bad = sized(spoilt("potholes", random))

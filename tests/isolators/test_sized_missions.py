@@ -25,7 +25,7 @@ from stochvi import (
     size,
 )
 from stochvi.isolators import MissionSizing, size_by_damage
-from stochvi.isolators.sizing.pairs_answer import PairsSizing
+from stochvi.isolators.sizing.answer import Sizing
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.excitations.pulses import Pulses
@@ -228,7 +228,7 @@ def test_one_phase_of_several_pairs_is_its_scene() -> None:
     scene = two_stages(LAW, LAW)
     asked = {"probability": 0.05, "rel_error": 0.1, "seed": 1}
     whole = size(scene, mission=1800.0, **asked)  # type: ignore[arg-type]
-    assert isinstance(whole, PairsSizing)
+    assert isinstance(whole, Sizing)
     one = sized(scene.replace(phases=[Phase(name="road", duration=1800.0)]), seed=1)
     assert list(one.clearances) == list(whole.clearances)
     for name, own in one.clearances.items():
@@ -260,7 +260,7 @@ def test_a_pair_that_moves_in_one_phase_alone_is_sized_by_it() -> None:
         alone = both.replace(impact_pairs=[chosen], excitations=phase.own_excitations)
         keys = {"mission": phase.duration, "rel_error": 0.1, "seed": 2}
         answer = size(alone, probability=each, **keys)  # type: ignore[arg-type]
-        assert isinstance(answer, PairsSizing)
+        assert isinstance(answer, Sizing)
         own, mine = answer.clearances[chosen.name], found.clearances[chosen.name]
         reach = math.hypot(mine.upper - mine.value, own.upper - own.value)
         assert abs(mine.value - own.value) < 4.5 / 1.96 * reach

@@ -11,6 +11,7 @@ from stochvi import ImpactPair, Isolator, Scene, TabulatedNoise, screen, simulat
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import Clearance, Sizing, Target, ThreeSigma
 from stochvi.isolators.sizing.chance_at_stops import distances_of_stops
+from stochvi.isolators.sizing.nominal import expected_hits
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.impact_laws import Law, Viscoelastic
@@ -77,8 +78,20 @@ def sizing_of(scene: Scene, mission: float = 3600.0, paths: int = 256) -> Sizing
         scene=scene,
         target=Target(name="probability", value=0.01, unit="1"),
         mission=mission,
-        clearance=Clearance(value=needed[1], lower=0.995 * needed[1], upper=1.005 * needed[1]),
-        sigma=sigma,
+        clearances={
+            "stops": Clearance(value=needed[1], lower=0.995 * needed[1], upper=1.005 * needed[1])
+        },
+        pairs=pd.DataFrame(
+            {
+                "pair": ["stops"],
+                "sigma": sigma,
+                "lower": needed[1],
+                "upper": needed[1],
+                "clearance_in_sigma": needed[1] / sigma,
+                "probability_alone": 0.01,
+                "share_of_first_hits": 1.0,
+            }
+        ),
         curve=curve,
         three_sigma=ThreeSigma(
             clearance=3.0 * sigma,
@@ -89,6 +102,7 @@ def sizing_of(scene: Scene, mission: float = 3600.0, paths: int = 256) -> Sizing
             impact_speed_mean=None,
         ),
         required=required,
+        expected_hits=expected_hits(pd.DataFrame(simulated), needed[1], mission),
         simulated=pd.DataFrame(simulated),
         evidence=evidence,
         screening=linear,

@@ -11,7 +11,6 @@ import numpy as np
 from stochvi.isolators.sizing.answer import Sizing, Target
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.nominal import nominal_sizing
-from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.risk_curve import chance_of_stops
 from stochvi.mathematics.arrays import Matrix
@@ -68,7 +67,7 @@ class Start:
         return cls.of_sizing(nominal_sizing(scene, asked))
 
     @classmethod
-    def of_sizing(cls, found: Sizing | PairsSizing) -> Start:
+    def of_sizing(cls, found: Sizing) -> Start:
         """The clearances of a sizing for a probability of any impact."""
         if found.target.name != "probability":
             raise NotApplicable(
@@ -77,13 +76,10 @@ class Start:
                  "tolerances without a distribution for it"],
             )  # fmt: skip
         names = [each.name for each in model_of(found.scene).pairs]
-        common = (
-            [names.index(each) for each in found.common] if isinstance(found, PairsSizing) else []
-        )
         return cls(
             scene=found.scene, mission=found.mission, stops=found.stops,
             chance=found.any_hit or found.target.value, target=found.target.value,
-            sized=found.sized_pairs, common=common,
+            sized=found.sized_pairs, common=[names.index(each) for each in found.common],
         )  # fmt: skip
 
     @property

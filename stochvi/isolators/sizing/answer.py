@@ -12,6 +12,7 @@ import numpy as np
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.screening import Screening
+from stochvi.isolators.sizing.box_overview import BoxOverview
 from stochvi.isolators.sizing.chance_at_stops import (
     StopPositions,
     gap_of,
@@ -25,7 +26,6 @@ from stochvi.mathematics.shown_units import ACCELERATION, LENGTH, RATE, shown_as
 from stochvi.model.model import model_of
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
-from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import Response
 from stochvi.scenes.between_units import in_toml, moved
 from stochvi.scenes.scene import Scene
@@ -180,31 +180,30 @@ class ClearanceAnswer(Result):
     ----------
     scene
         The scene; its stops are where it states them.
-    clearance
-        Metres per side from the static equilibrium, with the 95 % interval; that of the widest
-        gap, where there are several.
     clearances
-        The clearance of each pair by its name.
-
-    See Also
-    --------
-    stochvi.size : The calculation.
+        By pair, m per side from the static equilibrium, each with the 95 % interval of the
+        calculation; under `NO_PAIR` where the scene has no stops yet.
     """
 
     not_in_document = ("scene",)  # it is in the provenance
 
     scene: Scene
-    clearance: Clearance
     clearances: Mapping[str, Clearance]
 
     @property
-    def made(self) -> RoundedClearance:
-        """The clearance to make, rounded up; that of the widest gap, where there are several."""
-        return RoundedClearance.of(self.clearance.value)
+    def clearance(self) -> Clearance:
+        """The clearance of the only pair; that of the widest gap, where there are several."""
+        return max(self.clearances.values(), key=lambda each: each.value)
 
     @property
-    def each_made(self) -> dict[str, RoundedClearance]:
-        """The clearance to make of each pair, rounded up."""
+    def made(self) -> RoundedClearance | None:
+        """The clearance to make, rounded up; that of the widest gap, where there are several. None
+        where it was not found."""
+        return max(self.each_made.values(), key=lambda each: each.value, default=None)
+
+    @property
+    def each_made(self) -> Mapping[str, RoundedClearance]:
+        """The clearance to make of each pair, rounded up; empty where they were not found."""
         return {name: RoundedClearance.of(c.value) for name, c in self.clearances.items()}
 
     @property
@@ -215,17 +214,35 @@ class ClearanceAnswer(Result):
     @property
     def of_widest(self) -> str:
         """The name of the widest gap in words, empty where there is one pair."""
-        if not self.several:
-            return ""
-        return f" for {max(self.clearances, key=lambda name: self.clearances[name].value)}"
+        return f" for {self.extremes()[1]}" if self.several else ""
+
+    def extremes(self) -> tuple[str, str]:
+        """Names of the pairs with the smallest and with the largest clearance."""
+        values = {name: each.value for name, each in self.clearances.items()}
+        return min(values, key=lambda name: values[name]), max(values, key=lambda n: values[n])
 
     @property
     def to_make(self) -> str:
         """The clearances to make in words, with the verb that follows."""
-        places = places_in_words(self.each_made) if self.several else str(self.made)
-        first = "clearances" if self.several else "clearance"
-        keep = "keep" if self.several else "keeps"
-        return f"{first}: {places} per side from the static equilibrium {keep}"
+        first, keep = ("clearances", "keep") if self.several else ("clearance", "keeps")
+        places = self._places() if self.several else str(self.made)
+        sides = "" if not self.several and len(self.sides) == 1 else " per side"
+        return f"{first}: {places}{sides} from the static equilibrium{self._beside()} {keep}"
+
+    def _places(self) -> str:
+        """The clearances of several pairs to make, in words."""
+        return places_in_words(self.each_made)
+
+    def _beside(self) -> str:
+        """What stays as it is, in words."""
+        return ""
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """Sides on which a stop of the first pair is sized: those of the scene, both where it has
+        none yet."""
+        pairs = self.scene.impact_pairs
+        return tuple(side for side, _ in pairs[0].stops()) if pairs else SIDES
 
     @property
     def hanging(self) -> Scene:
@@ -241,14 +258,18 @@ class ClearanceAnswer(Result):
     def rests(self) -> dict[str, float]:
         """Where each gap rests, m from the unloaded springs, by its pair."""
         model = model_of(self.hanging)
-        names = [pair.name for pair in model.pairs] or ["stops"]
+        names = [pair.name for pair in model.pairs] or [NO_PAIR]
         return dict(zip(names, mean_gaps(model).tolist(), strict=True))
 
     @property
-    def doubtful(self) -> Mapping[str, RecordVerdict]:
-        """The verdicts on records that do not agree with the Gaussian noise of the sizing, by their
-        phases."""
-        return {}
+    def doubtful(self) -> Mapping[str, RecordVerdict] | RecordVerdict | None:
+        """The verdicts on records that do not agree with the Gaussian noise of the sizing."""
+        return None
+
+    @property
+    def shown_to_keep(self) -> bool:
+        """Whether the target was shown to be kept at the clearance."""
+        return True
 
     def sized(self, clearance: float | None = None) -> Scene:
         """The scene with the stops of the widest gap at a clearance (m), by default the calculated
@@ -268,13 +289,17 @@ class ClearanceAnswer(Result):
         return self.scene.replace(impact_pairs=moved)
 
     def stops_to_copy(self) -> str:
-        """The stops at the clearance to make, as keys of a scene file; empty without a pair or with
-        several, and where a record contradicts the noise for which they hold."""
-        if self.doubtful or self.several:
+        """The stops at the clearance to make, as lines of a scene file have them (m from the
+        unloaded spring).
+
+        It is empty with several pairs, and where a record contradicts the noise. It is also empty
+        where that clearance is not known, or not shown to keep the target.
+        """
+        made = self.made
+        if self.doubtful or self.several or made is None or not self.shown_to_keep:
             return ""
-        sides = [side for pair in self.scene.impact_pairs for side, _ in pair.stops()]
         return _stops_in_toml(
-            self.scene, {side: self.made.position(self.rest, side) for side in sides}
+            self.scene, {side: made.position(self.rest, side) for side in self.sides}
         )
 
     def verdict(self) -> str:
@@ -291,9 +316,16 @@ class ClearanceAnswer(Result):
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()
-        del found["clearance" if self.several else "clearances"]
-        made = self.each_made if self.several else self.made
+        made: object = self.each_made
+        if not self.several:
+            made = self.made
+            del found["clearances"]
+            found = {"clearance": self.clearance, **found}
         return {"verdict": self.verdict(), "made": made, **found}
+
+
+NO_PAIR = "stops"
+"""Name of the stops to come of a mass that has none yet."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -303,7 +335,7 @@ class ThreeSigma:
     Parameters
     ----------
     clearance
-        3 sigma, m per side.
+        3 sigma, m per side; that of the widest gap, where there are several.
     probability
         Probability of any impact in the mission.
     first_hits
@@ -311,23 +343,62 @@ class ThreeSigma:
     rice_hits
         Expected impacts in the mission by Rice, as if impacts changed nothing.
     hits
-        Expected impacts in the mission, simulated with the stop law; None without a law.
+        Expected impacts in the mission, simulated with the stop law; None without a law, and for
+        several pairs.
     impact_speed_mean
-        Mean impact speed, m/s, simulated; None without a law.
+        Mean impact speed, m/s, simulated; None as `hits` is.
     """
 
     clearance: float
     probability: Estimate
     first_hits: Estimate
     rice_hits: float
-    hits: Estimate | None
-    impact_speed_mean: Estimate | None
+    hits: Estimate | None = None
+    impact_speed_mean: Estimate | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Probability:
+    """A probability and the 95 % interval of its calculation."""
+
+    value: float
+    lower: float
+    upper: float
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> Probability:
+        """A probability with its statistical error and its stated bias."""
+        half = estimate.half_width_95()
+        value = estimate.value
+        return cls(value=value, lower=max(value - half, 0.0), upper=min(value + half, 1.0))
+
+
+NEARLY_CERTAIN = 0.999
+"""Largest probability of any impact from which the number of first impacts is read."""
+
+OF_ONE = ("simulated", "evidence", "kept_with", "exceeding", "probability_of_stops", "worst_case")
+OF_SEVERAL = (
+    "pair", "common", "probability", "expected_hits", "pairs", "as_given", "tolerances", "box",
+    "worst_at",
+)  # fmt: skip
+"""Keys of the JSON document of a sizing by the curve of risk of one gap, and by the risk of several
+gaps together."""
+
+
+def no_rows() -> pd.DataFrame:
+    """An empty table."""
+    import pandas as pd
+
+    return pd.DataFrame()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class GaussianSizing(Result):
-    """A sizing for Gaussian noise, beside the verdict on the records of the scene: what the
-    answers for one pair and for several have in common.
+class Sizing(ClearanceAnswer):
+    """The clearances that keep a target, and the evidence for them.
+
+    One mass with one pair, or without stops yet, is sized by the curve of risk of its gap. Gaps of
+    a structure are sized together. Their evidence differs: what the other way does not have is None
+    or empty.
 
     Parameters
     ----------
@@ -335,63 +406,160 @@ class GaussianSizing(Result):
         The scene that was sized, as it was given.
     target, mission
         The target of the sizing, and seconds of exposure.
+    clearances
+        By sized pair, m per side from the static equilibrium, with the 95 % interval, for the scene
+        as stated; `made` and `each_made` are those to make. `clearance` is that of the only pair,
+        or of the widest gap.
+    pairs
+        One row per pair: `pair`; `sigma` (rms of the gap without stops, m); `lower` and `upper`
+        (distances of its stops from the mean gap in the answer, m); `clearance_in_sigma` (of the
+        nearer one); `probability_alone` (of an impact if this pair alone had stops);
+        `share_of_first_hits`; and the `expected_hits` on it in the mission with their
+        `impact_speed_mean` (m/s; NaN where unknown).
     curve
-        Risk against clearance.
+        For one mass, a row per clearance, from one run: `clearance` (m), `clearance_in_sigma`,
+        `rice_rate` (1/s, both sides), `first_hit_rate`, `first_hit_rate_low`, `first_hit_rate_high`
+        (1/s, the limit that the rate of first impacts tends to), `probability`, `probability_low`,
+        `probability_high` (of any impact in the mission, 95 % limits).
+
+        For a structure, a row per risk: `probability_alone` of each sized pair; the clearance of
+        each sized pair under its name (m); `probability` with its limits; and `independent`, the
+        same if impacts of the pairs were independent.
+    three_sigma
+        Risk and impacts at the clearance of the rule "three times the linear rms".
     required
-        Clearances for other probabilities of any impact.
+        One row per accepted probability of any impact in the mission (10, 1, 0.1 %). Columns:
+        `probability`; for one mass `clearance`, `clearance_low`, `clearance_high` (m) and
+        `clearance_in_sigma`; else the clearance of each sized pair under its name (NaN where none
+        keeps it).
     screening
         Linear screening.
     method
-        How the clearance was found, in words.
+        How the clearances were found, in words.
+    expected_hits
+        Expected impacts in the mission at the calculated clearances, simulated with all stops; None
+        where they are unknown.
     record
-        The verdict on measured records; None without a record.
+        Whether measured records move the gaps as Gaussian noise would, and the clearances that they
+        need; None without a record.
     allowed
         The tolerances that were asked for, within all of which the clearances to make keep the
         target.
     production
-        The risk of the production whose units differ; None without distributions of tolerances.
+        The risk of the production whose units differ, and the clearances that it needs, which
+        `made` then has; None without distributions of tolerances.
     fell_short
         Those of the warnings that name an accuracy for which the budget did not suffice.
+    simulated
+        For one mass, a row per clearance simulated with the stop law: `clearance` (m),
+        `clearance_in_sigma`, `hit_rate`, `hit_rate_low`, `hit_rate_high` (1/s),
+        `impact_speed_mean` (m/s).
+    evidence
+        For one mass, responses simulated with the stop law, by "three_sigma" and "recommended".
+    kept_with
+        Probability that the limit of the target is exceeded in the mission. Given where the
+        clearance is the smallest that can be judged and keeps the target with a margin; else None.
+    exceeding
+        For one mass and a target with a limit, a row per clearance that was tried: `clearance` (m),
+        and the `probability` that any impact of the mission exceeds the limit, with
+        `probability_low` and `probability_high` (95 %; NaN, 0 and the upper limit where hardly any
+        impact did).
+    probability_of_stops
+        For one mass, the probability of any impact with the two stops of the scene unevenly far
+        from the static equilibrium; None elsewhere, as `curve` holds it.
+    worst_case
+        For one mass, the table of `worst_case`; None without tolerances, or where the calculation
+        ended before.
+    pair
+        The one pair of several that was sized, the stops of the others fixed as in the scene; None
+        where all pairs share the risk equally.
+    common
+        Pairs that were given one clearance in common: the largest that any of them needs.
+    probability
+        For a structure, the probability that any pair is hit in the mission at these clearances.
+    as_given
+        For a structure, the probability of any impact between the stops of the scene; None where a
+        mean gap lies beyond a stop.
+    tolerances
+        For a structure, by linear theory, a row per end of the tolerances. The last row is the
+        largest of each column over their whole region, each for itself. Columns: `change`; under
+        its name the clearance of each sized pair for the same risk (m, from the nominal mean gap);
+        `factor`, the largest of them over the nominal one; and `probability` of any impact at the
+        nominal clearances. Without tolerances the first row, "as stated", is the only one.
+    box
+        Modes of a rigid body, and the clearances of one oscillator along each axis; None for any
+        other structure.
+    worst_at
+        By sized pair of a structure, where within the tolerances its clearance is largest, in
+        words.
 
     See Also
     --------
     stochvi.size : The calculation.
     """
 
-    not_in_document = ("scene",)  # it is in the provenance
-
-    scene: Scene
     target: Target
     mission: float
+    pairs: pd.DataFrame
     curve: pd.DataFrame
+    three_sigma: ThreeSigma
     required: pd.DataFrame
     screening: Screening
     method: str
+    expected_hits: Estimate | None = None
     record: RecordVerdict | None = None
     allowed: Tolerances = field(default_factory=Tolerances)
     production: Production | None = None
     fell_short: tuple[str, ...] = ()
+    simulated: pd.DataFrame = field(default_factory=no_rows)
+    evidence: Mapping[str, Response] = field(default_factory=dict)
+    kept_with: Estimate | None = None
+    exceeding: pd.DataFrame | None = None
+    probability_of_stops: Estimate | None = None
+    worst_case: pd.DataFrame | None = None
+    pair: str | None = None
+    common: tuple[str, ...] = ()
+    probability: Probability | None = None
+    as_given: Probability | None = None
+    tolerances: pd.DataFrame = field(default_factory=no_rows)
+    box: BoxOverview | None = None
+    worst_at: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def several(self) -> bool:
+        """Whether gaps of a structure were sized together, be it one of several that was asked for;
+        else the curve of risk of one gap says all."""
+        return "probability_alone" in self.curve
 
     @property
     def named(self) -> Mapping[str, Clearance]:
         """The calculated clearances by their columns in tables of changed scenes."""
-        raise NotImplementedError(f"{type(self).__name__} does not say its clearances")
+        return self.clearances if self.several else {"clearance": self.clearance}
+
+    @property
+    def sigma(self) -> float:
+        """Linear rms of the widest sized gap without stops, m."""
+        return float(self.pairs["sigma"].iloc[self.sized_pairs].max())
 
     @property
     def sized_pairs(self) -> list[int]:
-        """Numbers of the pairs that were sized, in the order of `named`; 0 of one mass."""
-        raise NotImplementedError(f"{type(self).__name__} does not say what was sized")
+        """Numbers of the pairs that were sized, in the order of `clearances`."""
+        names = self.pairs["pair"].tolist()
+        return [names.index(name) for name in self.clearances]
 
     @property
     def stops(self) -> Matrix:
         """(2, pairs): distances of the lower and upper stops from the mean gaps at the calculated
         clearances, m; infinite for none."""
-        raise NotImplementedError(f"{type(self).__name__} does not say where its stops are")
+        return np.asarray(self.pairs[[*SIDES]].fillna(math.inf).to_numpy().T)
 
     @property
     def any_hit(self) -> float | None:
-        """Probability of any impact in the mission there; None where it is not known."""
-        raise NotImplementedError(f"{type(self).__name__} has no probability of an impact")
+        """Probability of any impact in the mission at the calculated clearances; None where it is
+        not known."""
+        if self.probability is not None:
+            return self.probability.value
+        return probability_at(self, self.clearance.value)
 
     @property
     def varies(self) -> bool:
@@ -416,144 +584,55 @@ class GaussianSizing(Result):
         """The verdict on the record, if it does not agree with the Gaussian noise of the sizing."""
         return None if self.record is None or self.record.agrees else self.record
 
+    @property
+    def each_made(self) -> Mapping[str, RoundedClearance]:
+        """The clearance to make of each sized pair: the calculated one or, where tolerances were
+        asked for, the largest within them, rounded up; for a production the one that its mean risk
+        needs. Empty where the largest were not found."""
+        if self.production is not None:
+            return self.production.made
+        needed = {name: each.value for name, each in self.clearances.items()}
+        if len(self.tolerances) > 1:
+            needed = {name: float(self.tolerances[name].iloc[-1]) for name in needed}
+        elif self.allowed != Tolerances() and not self.several:
+            worst = self.worst_case
+            largest = math.nan if worst is None else float(worst["clearance"].iloc[-1])
+            needed = dict.fromkeys(needed, largest)
+        return {n: RoundedClearance.of(each) for n, each in needed.items() if math.isfinite(each)}
+
+    @property
+    def gap(self) -> StopPositions:
+        """Where the stops of one mass lie, and the probability of an impact on those of the
+        scene."""
+        return gap_of(self)
+
+    def placed(self) -> pd.DataFrame:
+        """Where the stops of the sized pairs go: one row per pair.
+
+        `pair`, its `mean_gap` in the static equilibrium, the `clearance` to make from there, and
+        `lower` and `upper` as a scene file has them, from the unloaded mounts; all in m, NaN where
+        the scene has no stop.
+        """
+        import pandas as pd
+
+        rows, rests = [], self.rests
+        for pair in self.scene.impact_pairs:
+            if (made := self.each_made.get(pair.name)) is not None:
+                stated = {side for side, _ in pair.stops()}
+                mean = rests[pair.name]
+                places = [made.position(mean, s) if s in stated else math.nan for s in SIDES]
+                rows.append([pair.name, mean, made.value, *places])
+        return pd.DataFrame(rows, columns=["pair", "mean_gap", "clearance", *SIDES])
+
     def verdict(self) -> str:
-        """The clearance to make and the risk that it keeps, in one sentence, after a record that
+        """The clearances to make and the risk that they keep, in one sentence, after a record that
         does not agree with Gaussian noise."""
         record = self.doubtful
         first = f"{record.sentence()}. For Gaussian noise of its spectrum: " if record else ""
         return first + self._to_make()
 
     def _to_make(self) -> str:
-        """The clearance to make and the risk that it keeps, in words."""
-        raise NotImplementedError(f"{type(self).__name__} does not say what to make")
-
-    def summary(self) -> str:
-        """The clearance to make and the risk that it keeps, in one sentence: the same as
-        `verdict`."""
-        return self.verdict()
-
-    def to_frame(self) -> pd.DataFrame:
-        """The curve of risk against clearance."""
-        return self.curve
-
-    def __repr__(self) -> str:
-        return f"<size: {self.verdict()}>"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
-class Sizing(GaussianSizing):
-    """The clearance that keeps a target, and the evidence for it.
-
-    Parameters
-    ----------
-    scene
-        The scene that was sized, as it was given.
-    target, mission
-        The target of the sizing, and seconds of exposure.
-    clearance
-        The calculated clearance for the scene as stated, m per side from the static equilibrium;
-        `made` is the one to make.
-    sigma
-        Linear rms displacement without stops, m.
-    curve
-        One row per clearance, from one run: `clearance` (m), `clearance_in_sigma`, `rice_rate`
-        (1/s, both sides), `first_hit_rate`, `first_hit_rate_low`, `first_hit_rate_high` (1/s, the
-        limit that the rate of first impacts tends to), `probability`, `probability_low`,
-        `probability_high` (of any impact in the mission, 95 % limits).
-    three_sigma
-        Risk and impacts at the clearance of the rule "three times the linear rms".
-    required
-        One row per accepted probability of any impact in the mission (10, 1, 0.1 %): `probability`,
-        `clearance`, `clearance_low`, `clearance_high` (m), `clearance_in_sigma`.
-    simulated
-        One row per clearance simulated with the stop law: `clearance` (m), `clearance_in_sigma`,
-        `hit_rate`, `hit_rate_low`, `hit_rate_high` (1/s), `impact_speed_mean` (m/s).
-    exceeding
-        For a target with a limit, one row per clearance that was tried: `clearance` (m), and the
-        `probability` that any impact of the mission exceeds the limit, with `probability_low` and
-        `probability_high` (95 %; NaN, 0 and the upper limit where hardly any impact did).
-    evidence
-        Responses simulated with the stop law, by "three_sigma" and "recommended".
-    screening
-        Linear screening.
-    method
-        How the clearance was found, in words.
-    record
-        Whether a measured record that shakes the isolator moves it as Gaussian noise would, and the
-        clearance that the record itself needs; None without a record.
-    kept_with
-        Probability that the limit of the target is exceeded in the mission. Given where the
-        clearance is the smallest that can be judged and keeps the target with a margin; else None.
-    allowed
-        The tolerances that were asked for, within all of which `made` keeps the target.
-    probability_of_stops
-        Probability of any impact in the mission, with the two stops of the scene unevenly far
-        from the static equilibrium; None elsewhere, as `curve` holds it.
-    worst_case
-        The table of `worst_case`; None without tolerances, or where the calculation ended before.
-    production
-        The risk of the production whose units differ, and the clearance that it needs, which `made`
-        then has; None without distributions of tolerances.
-    fell_short
-        Those of the warnings that name an accuracy for which the budget did not suffice.
-
-    See Also
-    --------
-    stochvi.size : The calculation.
-    """
-
-    clearance: Clearance
-    sigma: float
-    three_sigma: ThreeSigma
-    simulated: pd.DataFrame
-    evidence: Mapping[str, Response]
-    kept_with: Estimate | None = None
-    exceeding: pd.DataFrame | None = None
-    probability_of_stops: Estimate | None = None
-    worst_case: pd.DataFrame | None = None
-
-    @property
-    def named(self) -> Mapping[str, Clearance]:
-        """The calculated clearance."""
-        return {"clearance": self.clearance}
-
-    @property
-    def sized_pairs(self) -> list[int]:
-        """The only pair."""
-        return [0]
-
-    @property
-    def stops(self) -> Matrix:
-        """(2, 1): distances of the stops from the mean gap, m."""
-        place = self.clearance.value
-        return np.array([[place if side in self.sides else math.inf] for side in SIDES])
-
-    @property
-    def any_hit(self) -> float | None:
-        """Probability of any impact in the mission at the calculated clearance."""
-        return probability_at(self, self.clearance.value)
-
-    @property
-    def made(self) -> RoundedClearance | None:
-        """The clearance to make: the calculated one or, where tolerances were asked for, the
-        largest within them, rounded up; for a production the one that its mean risk needs. None
-        where the largest was not found."""
-        if self.production is not None:
-            return next(iter(self.production.made.values()))
-        needed = self.clearance.value
-        if self.allowed != Tolerances():
-            needed = math.nan
-            if self.worst_case is not None:
-                needed = float(self.worst_case["clearance"].iloc[-1])
-        return RoundedClearance.of(needed) if math.isfinite(needed) else None
-
-    @property
-    def gap(self) -> StopPositions:
-        """Where the stops lie, and the probability of an impact on the stops of the scene."""
-        return gap_of(self)
-
-    def _to_make(self) -> str:
-        """The clearance to make and the risk that it keeps, in words."""
+        """The clearances to make and the risk that they keep, in words."""
         if self.production is not None:
             return self.production.summary()
         made, target, mission, within = self.made, self.target, self.mission, self.within
@@ -578,30 +657,30 @@ class Sizing(GaussianSizing):
                 f"clearance: {made} from the static equilibrium{within} is enough, and less may "
                 f"be; {kept}"
             )
-        sides = "" if len(self.sides) == 1 else "per side "
-        return (
-            f"clearance: {made} {sides}from the static equilibrium keeps {target.kept(mission)}"
-            f"{within}"
+        return f"{self.to_make} {target.kept(mission)}{within}"
+
+    def _places(self) -> str:
+        """The clearances to make; one number where all sized pairs have it in common."""
+        made = self.each_made
+        in_common = (
+            set(made) == set(self.common) and len({str(each) for each in made.values()}) == 1
         )
+        if in_common and len(made) > 1:
+            return f"{next(iter(made.values()))} for all {len(made)} pairs in common,"
+        return places_in_words(made)
 
-    def stops_to_copy(self) -> str:
-        """The stops at the clearance to make, as lines of a scene file have them (m from the
-        unloaded spring); empty where that is not known or not shown to keep the target, and
-        where a record contradicts the noise for which it holds."""
-        if self.doubtful or not self.shown_to_keep:
-            return ""
-        return _stops_in_toml(self.scene, self.gap.recommended)
-
-    @property
-    def sides(self) -> tuple[str, ...]:
-        """Sides on which a stop is sized: those of the scene, both where it has none yet."""
-        pairs = self.scene.impact_pairs
-        return tuple(side for side, _ in pairs[0].stops()) if pairs else SIDES
+    def _beside(self) -> str:
+        """What stays as it is, in words."""
+        return "" if self.pair is None else ", with the other stops as they are,"
 
     def calculated(self) -> str:
-        """Evidence for the clearance to make: the calculated one for the scene as stated, the
-        impacts to expect there, and what three sigma would do to the same quantity."""
-        three, hits = self.three_sigma, self.expected_hits()
+        """Evidence for the clearances to make: those calculated for the scene as stated, the
+        impacts to expect there, and what three sigma would do."""
+        return self._of_pairs() if self.several else self._of_one_gap()
+
+    def _of_one_gap(self) -> str:
+        """That of one mass; three sigma is judged by the quantity of the target."""
+        three, hits = self.three_sigma, self.expected_hits
         place = f"3 sigma = {LENGTH.text(three.clearance)}"
         mission = spoken_mission(self.mission)
         there = [] if hits is None else [f"{hits.value:.3g} impacts expected there in {mission}"]
@@ -613,22 +692,27 @@ class Sizing(GaussianSizing):
         joint = "; " if self.target.name == "probability" else ", "
         return "; ".join(filter(None, [self._answer(), joint.join([*there, *rule])]))
 
-    def expected_hits(self) -> Estimate | None:
-        """Expected impacts in the mission at the clearance, simulated; None where they are
-        unknown."""
-        table = self.simulated
-        near = table[np.isclose(table["clearance"], self.clearance.value)] if len(table) else table
-        if not len(near) or not math.isfinite(near["hit_rate"].iloc[0]):
-            return None
-        rate, high = near["hit_rate"].iloc[0], near["hit_rate_high"].iloc[0]
-        error = (high - rate) / GAUSSIAN_95  # the stated bias is in the limit
-        return Estimate(value=self.mission * rate, standard_error=self.mission * error, bias=None)
+    def _of_pairs(self) -> str:
+        """That of several gaps."""
+        mission = spoken_mission(self.mission)
+        low, high = (self.clearances[name] for name in self.extremes())
+        text = f"{self._first_word}: {LENGTH.text(low.value)}"
+        text += f" to {LENGTH.text(high.value)}" if high.value > low.value else ""
+        if self.expected_hits is not None and self.target.name != "rate":
+            text += f", where {self.expected_in_words()} impacts are expected in {mission}"
+        return (
+            f"{text}; at 3 sigma of every gap any is hit in {mission} with a probability of "
+            f"{spoken_percent(self.three_sigma.probability.value)}"
+        )
+
+    @property
+    def _first_word(self) -> str:
+        return "calculated as stated" if self.varies else "calculated"
 
     def _answer(self) -> str:
         """The calculated clearance with its interval, in words."""
         c = self.clearance
-        stated = " as stated" if self.varies else ""
-        first = f"calculated{stated}: {LENGTH.text(c.value)}"
+        first = f"{self._first_word}: {LENGTH.text(c.value)}"
         in_sigma = f"{c.value / self.sigma:.3g} sigma"
         if self.kept_with is None:
             interval = f"{LENGTH.span(c.lower, c.upper)}, 95 %"
@@ -637,6 +721,18 @@ class Sizing(GaussianSizing):
         if self.kept_with.upper_95 is not None:
             shown = f"95 % limit of the probability: {spoken_percent(self.kept_with.upper_95)}"
         return f"{first}, {in_sigma}, {shown}"
+
+    def expected_in_words(self) -> str:
+        """The number of expected impacts; where too few were seen, the limits that are known: each
+        first impact is one."""
+        found = self.expected_hits
+        if found is None:
+            return "an unknown number of"
+        if found.upper_95 is None:
+            return f"{found.value:.3g}"
+        # the number of first impacts, which those that follow add to
+        first = -math.log1p(-min(self.any_hit or 0.0, NEARLY_CERTAIN))
+        return f"{first:.2g} to {found.upper_95:.2g}"
 
     def kept_chance(self) -> str:
         """The probability with which the limit of the target may be exceeded at the clearance, in
@@ -656,20 +752,30 @@ class Sizing(GaussianSizing):
         most = self.kept_with.value if most is None else most
         return most <= (self.target.exceedance or 0.0)
 
+    def to_frame(self) -> pd.DataFrame:
+        """The curve of risk against clearance."""
+        return self.curve
+
+    def __repr__(self) -> str:
+        return f"<size: {self.verdict()}>"
+
     def _shown(self) -> pd.DataFrame:
-        return self.required
+        return self.pairs if self.several else self.required
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()
-        return {
-            "method": "size",
-            "verdict": self.verdict(),
-            "made": self.made,
-            "clearance_in_sigma": self.clearance.value / self.sigma,
-            "gap": self.gap,
-            "by": found.pop("method"),
-            **found,
-        }
+        for name in OF_ONE if self.several else OF_SEVERAL:
+            del found[name]
+        own: dict[str, Any] = {"three_sigma": Probability.of(self.three_sigma.probability)}
+        if not self.several:
+            own = {"clearance_in_sigma": self.clearance.value / self.sigma, "gap": self.gap}
+            own |= {"sigma": self.sigma}
+        by = found.pop("method")
+        return {"method": "size", "by": by, **found, **own}
+
+
+PairsSizing = Sizing
+"""The name that sizings of several pairs had."""
 
 
 def _stops_in_toml(scene: Scene, places: Mapping[str, float]) -> str:

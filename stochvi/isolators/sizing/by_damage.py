@@ -169,7 +169,6 @@ def size_by_damage(
     }
     answer = DamageSizing(
         scene=scene, ratio=ratio, mission=mission, sigma=sigma, clearances=clearances,
-        clearance=clearances[names[int(np.argmax(sigmas))]],
         tried=pd.DataFrame(rows), damage=nearest.found,
         warnings=[*nearest.found.warnings, *scene.at_means()],
         cost=run.cost(), provenance=provenance(scene.document(), run.seed),

@@ -29,11 +29,9 @@ class DamageSizing(ClearanceAnswer):
         Largest accepted damage of equipment with stops over that without, at all its frequencies.
     mission
         Duration, s.
-    clearance
-        Metres per side from the static equilibrium, with the 95 % interval; that of the widest
-        gap, where there are several.
     clearances
-        The clearance of each pair by its name: all are equally far in rms motions of their gaps.
+        By pair, metres per side from the static equilibrium, with the 95 % interval. All are
+        equally far in rms motions of their gaps.
     sigma
         Rms motion of that gap without stops, m.
     tried

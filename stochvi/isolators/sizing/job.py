@@ -10,21 +10,28 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
 
 from stochvi.isolators.screening import screened
+from stochvi.isolators.sizing.answer import SIDES, Sizing
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.hits_at_place import Hits, PlaceTrial
 from stochvi.isolators.sizing.question import Question
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Estimate, provenance
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import FAR
 from stochvi.statistics.crossing_ages import MISSED, CrossingAges, largest_error
+from stochvi.statistics.impact_counts import ImpactCounts
 
-Answer = TypeVar("Answer")
+if TYPE_CHECKING:
+    import pandas as pd
 
 Point = tuple[float, float]
 """A coordinate, and the logarithm of the rate there over the wanted one."""
@@ -139,7 +146,7 @@ class Reached:
 
 
 @dataclass(kw_only=True)
-class SizingJob(ABC, Generic[Answer]):
+class SizingJob(ABC):
     """One sizing: its question, and the findings on the way."""
 
     scene: Scene
@@ -163,7 +170,7 @@ class SizingJob(ABC, Generic[Answer]):
         """Find the place that keeps the target."""
 
     @abstractmethod
-    def answer(self, found: Reached) -> Answer:
+    def answer(self, found: Reached) -> Sizing:
         """The answer at a place."""
 
     @abstractmethod
@@ -217,7 +224,7 @@ class SizingJob(ABC, Generic[Answer]):
 
     # What they have in common ---------------------------------------------------------------
 
-    def sizing(self) -> Answer:
+    def sizing(self) -> Sizing:
         """Find the place, then the other numbers of the answer."""
         short: NotConverged | Interrupted | None = None
         try:
@@ -244,6 +251,30 @@ class SizingJob(ABC, Generic[Answer]):
             "warnings": tuple(dict.fromkeys(self.warnings)), "cost": self.run.cost(paths=paths),
             "provenance": provenance(self.scene.document(), self.run.seed),
         }  # fmt: skip
+
+    def pairs_table(
+        self, names: Sequence[str], sigma: Vector, stops: Matrix, alone: Sequence[float] | Vector,
+        shares: Sequence[float] | Vector, counts: ImpactCounts | None,
+    ) -> pd.DataFrame:  # fmt: skip
+        """The table that `Sizing.pairs` describes, for stops at (2, pairs) distances from the mean
+        gaps, m, infinite for none."""
+        import pandas as pd
+
+        rates = {} if counts is None else counts.rates
+        speeds = {} if counts is None else counts.speeds
+        known = np.where(np.isfinite(stops), stops, math.nan)
+        return pd.DataFrame(
+            {
+                "pair": names,
+                "sigma": sigma,
+                **dict(zip(SIDES, known, strict=True)),
+                "clearance_in_sigma": stops.min(axis=0) / np.where(sigma, sigma, math.nan),
+                "probability_alone": alone,
+                "share_of_first_hits": shares,
+                "expected_hits": [_value(rates.get(name)) * self.mission for name in names],
+                "impact_speed_mean": [_value(speeds.get(name)) for name in names],
+            }
+        )
 
     def short(self, warning: str) -> None:
         """Add a warning of an accuracy for which the budget did not suffice."""
@@ -422,6 +453,11 @@ class SizingJob(ABC, Generic[Answer]):
                 f"the target limits how hard an impact is, not how many there are: {impacts:.3g} "
                 "are expected in the mission; give probability for a clearance that avoids them"
             )
+
+
+def _value(estimate: Estimate | None) -> float:
+    """A number, NaN where it is not known, or an upper limit alone."""
+    return math.nan if estimate is None or estimate.upper_95 is not None else estimate.value
 
 
 def _excess(found: Estimate, wanted: float) -> Point:

@@ -13,7 +13,6 @@ from stochvi.isolators.sizing.job import ACCEPTED, SEARCH
 from stochvi.isolators.sizing.missions import size_mission
 from stochvi.isolators.sizing.missions_answer import MissionSizing
 from stochvi.isolators.sizing.nominal import has_one_gap, nominal_sizing
-from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.sensitivity import LEAST_SECONDS
 from stochvi.isolators.sizing.targets import target_of
@@ -54,7 +53,7 @@ def size(
     spreads: Mapping[str, Spread] | None = None,
     mission: float | None = None,
     **options: Unpack[AccuracyOptions],
-) -> Sizing | PairsSizing | MissionSizing:
+) -> Sizing | MissionSizing:
     """The clearance per side that an isolator, or each of several pairs, needs for one target.
 
     Parameters
@@ -101,7 +100,7 @@ def size(
 
     Returns
     -------
-    Sizing | PairsSizing | MissionSizing
+    Sizing | MissionSizing
         The clearance, its interval and its evidence; with several pairs, for each of them; with
         phases, for all of them together.
 
@@ -168,9 +167,7 @@ def size(
         tolerances=allowed,
     )  # fmt: skip
     found = nominal_sizing(scene, asked)
-    if not worst or isinstance(found, PairsSizing):
-        return found
-    return _within_tolerances(found, run)
+    return _within_tolerances(found, run) if worst else found
 
 
 def _check_names(scene: Scene, name: str, given: Sequence[str]) -> None:
@@ -183,7 +180,7 @@ def _check_names(scene: Scene, name: str, given: Sequence[str]) -> None:
 
 def _of_production(
     scene: Scene, asked: Question, spreads: Mapping[str, Spread], tolerances: Tolerances | None
-) -> Sizing | PairsSizing:
+) -> Sizing:
     """A sizing of the scene as stated, with the clearance that its production needs."""
     from stochvi.isolators.production_risk.method import SHARE_OF_NOMINAL, about
     from stochvi.isolators.production_risk.spreads import bands_beside, check_spreads

@@ -90,7 +90,7 @@ def size_mission(
     idle = [name for name in phases if name not in busy]
     return MissionSizing(
         scene=scene, target=target, mission=sum(phase.duration for phase in phases.values()),
-        clearance=clearance, clearances={
+        clearances={
             name: Clearance(value=value, lower=lower, upper=upper)
             for name, (value, lower, upper) in zip(names, ends.tolist(), strict=True)
         },

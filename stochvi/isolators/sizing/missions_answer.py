@@ -36,12 +36,9 @@ class MissionSizing(ClearanceAnswer):
         Probability of any impact in the whole mission.
     mission
         Duration of all phases, s.
-    clearance
-        Metres per side from the static equilibrium of the mount as stated, with the 95 % interval;
-        that of the widest gap, where there are several.
     clearances
-        The clearance of each pair by its name: each alone would be hit in the mission with the same
-        probability.
+        By pair, metres per side from the static equilibrium of the mount as stated, with the 95 %
+        interval. Each pair alone would be hit in the mission with the same probability.
     phases
         By phase its `duration` (s), `displacement_std` of the widest gap and `shift` of its static
         equilibrium (m), `probability` of any impact at the clearances, its `share` of the hazard,

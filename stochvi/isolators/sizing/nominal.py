@@ -17,6 +17,7 @@ import numpy as np
 
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import (
+    NO_PAIR,
     Clearance,
     Sizing,
     Target,
@@ -28,7 +29,6 @@ from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.exceedances import chance_in_windows
 from stochvi.isolators.sizing.job import SEARCH, Reached, SizingJob
 from stochvi.isolators.sizing.pairs import SeveralPairs
-from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.risk_curve import (
     RiskCurve,
@@ -36,12 +36,14 @@ from stochvi.isolators.sizing.risk_curve import (
     clearances_of_curve,
 )
 from stochvi.isolators.sizing.targets import check_at, check_laws, widening
+from stochvi.mathematics.arrays import Matrix
 from stochvi.model.cautions import scene_notes
 from stochvi.model.coverage import beyond_one_oscillator, modulated
 from stochvi.model.model import Model, model_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
+from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import UNFINISHED, bursts, chance_of
@@ -89,7 +91,7 @@ def has_one_gap(model: Model) -> bool:
     return model.single
 
 
-def nominal_sizing(scene: Scene, asked: Question) -> Sizing | PairsSizing:
+def nominal_sizing(scene: Scene, asked: Question) -> Sizing:
     """The sizing of a scene as it is stated, without the worst case within its tolerances."""
     allowed = asked.tolerances or Tolerances.of(scene)
     try:
@@ -139,7 +141,7 @@ def curve_of_gap(
 
 
 @dataclass(kw_only=True)
-class OnePair(SizingJob[Sizing]):
+class OnePair(SizingJob):
     """The sizing of one pair, or of one mass that has none yet: its place is the clearance, and its
     curve of risk says all of the probability of any impact."""
 
@@ -195,14 +197,26 @@ class OnePair(SizingJob[Sizing]):
             self.hits_or_warning(clearance.value)
         self._warn(clearance.value)
         stops = self._probability_of_stops()
+        pairs = model_of(self.scene).pairs
+        name = pairs[0].name if pairs else NO_PAIR
+        tried = self.hits.tried.get(clearance.value)
+        simulated = self._simulated()
         return Sizing(
             **self.stated(self.curve.crossings.ages.shape[3]),
-            clearance=clearance,
-            sigma=self.sigma,
+            clearances={name: clearance},
+            pairs=self.pairs_table(
+                [name],
+                np.array([self.sigma]),
+                self._distances(clearance.value),
+                [self.curve.probability(clearance.value)],
+                [1.0],
+                None if tried is None else tried.counts,
+            ),
             curve=self.curve.to_frame(),
             three_sigma=three,
             required=self._required(),
-            simulated=self._simulated(),
+            expected_hits=expected_hits(simulated, clearance.value, self.mission),
+            simulated=simulated,
             evidence={
                 name: response
                 for name, at in (("three_sigma", three.clearance), ("recommended", clearance.value))
@@ -213,6 +227,11 @@ class OnePair(SizingJob[Sizing]):
             probability_of_stops=stops,
             exceeding=self._exceeding() if self.target.exceedance is not None else None,
         )
+
+    def _distances(self, clearance: float) -> Matrix:
+        """(2, 1): distances of the stops at a clearance, m; infinite for none."""
+        sides = [float(stop.side) for stop in model_of(self.scene).stops] or SIDES
+        return np.array([[clearance if side in sides else math.inf] for side in SIDES])
 
     def reach(self) -> Reached:
         """The clearance that keeps the target."""
@@ -481,6 +500,17 @@ class OnePair(SizingJob[Sizing]):
                     f"average, {over_rice:.3g} times what Rice's rate says; the probability of any "
                     "impact is right all the same"
                 )
+
+
+def expected_hits(simulated: pd.DataFrame, clearance: float, mission: float) -> Estimate | None:
+    """Expected impacts in the mission at a clearance that was simulated; None where they are
+    unknown."""
+    near = simulated[np.isclose(simulated["clearance"], clearance)] if len(simulated) else simulated
+    if not len(near) or not math.isfinite(near["hit_rate"].iloc[0]):
+        return None
+    rate, high = near["hit_rate"].iloc[0], near["hit_rate_high"].iloc[0]
+    error = (high - rate) / GAUSSIAN_95  # the stated bias is in the limit
+    return Estimate(value=mission * rate, standard_error=mission * error, bias=None)
 
 
 def _within(chance: Estimate, accepted: float) -> bool:

@@ -20,11 +20,10 @@ from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
 from stochvi.isolators.moved_stops import at_clearances
-from stochvi.isolators.sizing.answer import Clearance
+from stochvi.isolators.sizing.answer import Clearance, Probability, Sizing, ThreeSigma
 from stochvi.isolators.sizing.box_overview import box_overview
 from stochvi.isolators.sizing.hits_at_place import PlaceTrial
 from stochvi.isolators.sizing.job import SEARCH, Reached, SizingJob
-from stochvi.isolators.sizing.pairs_answer import PairsSizing, Probability
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve, clearances_of_curve
 from stochvi.isolators.sizing.targets import limit_of_pairs
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
@@ -89,7 +88,7 @@ BY_HITS = (
 
 
 @dataclass(kw_only=True)
-class SeveralPairs(SizingJob[PairsSizing]):
+class SeveralPairs(SizingJob):
     """The sizing of several pairs, or of one of them: their place is -ln of the risk -ln(1 - p)
     that each sized pair has alone."""
 
@@ -202,7 +201,7 @@ class SeveralPairs(SizingJob[PairsSizing]):
             return None
         return super().hits_or_warning(place)
 
-    def answer(self, found: Reached) -> PairsSizing:
+    def answer(self, found: Reached) -> Sizing:
         """The numbers of the answer besides its clearances."""
         place, far, near = map(self._between_ends, (found.place, found.upper, found.lower))
         risk = math.exp(-place)
@@ -231,7 +230,7 @@ class SeveralPairs(SizingJob[PairsSizing]):
             self.scene, self.allowed, stops, self.sized, min(chance.value, KNOWN),
             min((self.target.exceedance or 1.0) / chance.value, 1.0),
         )  # fmt: skip
-        return PairsSizing(
+        return Sizing(
             **self.stated(self.together.ages.shape[3]),
             pair=self.pair,
             common=tuple(self.asked.common),
@@ -240,7 +239,7 @@ class SeveralPairs(SizingJob[PairsSizing]):
             expected_hits=None if counts is None else counts.rate * self.mission,
             pairs=self._pairs(stops, risk, counts),
             curve=self._risk_curve(),
-            three_sigma=Probability.of(self.three_sigma),
+            three_sigma=self._three_sigma(),
             as_given=None if self.given is None else Probability.of(self.given),
             required=self._required(),
             tolerances=table,
@@ -383,26 +382,25 @@ class SeveralPairs(SizingJob[PairsSizing]):
         return self.total.risk(self.target.value)
 
     def _pairs(self, answer: Matrix, risk: float, counts: ImpactCounts | None) -> pd.DataFrame:
-        import pandas as pd
-
-        rates = {} if counts is None else counts.rates
-        speeds = {} if counts is None else counts.speeds
         alone = np.empty(len(self.names))
         alone[self.sized], alone[self.fixed] = self._alone(risk), self._alone_of_fixed
         shares = _between(self.risks, risk, self.together.shares(self.mission))
-        return pd.DataFrame(
-            {
-                "pair": self.names,
-                "sigma": self.sigma,
-                "lower": np.where(np.isfinite(answer[0]), answer[0], math.nan),
-                "upper": np.where(np.isfinite(answer[1]), answer[1], math.nan),
-                "clearance_in_sigma": answer.min(axis=0)
-                / np.where(self.sigma, self.sigma, math.nan),
-                "probability_alone": alone,
-                "share_of_first_hits": shares,
-                "expected_hits": [_value(rates.get(name)) * self.mission for name in self.names],
-                "impact_speed_mean": [_value(speeds.get(name)) for name in self.names],
-            }
+        return self.pairs_table(self.names, self.sigma, answer, alone, shares, counts)
+
+    def _three_sigma(self) -> ThreeSigma:
+        """Risk and impacts where every stop is at three times the rms of its gap."""
+        places = self._stops(3.0 * self.sigma)
+        rice = sum(
+            motion.towards(side).rate(place)
+            for row, side in zip(places, (-1.0, 1.0), strict=True)
+            for motion, place in zip(self.motion.motions, row.tolist(), strict=True)
+            if math.isfinite(place)
+        )
+        return ThreeSigma(
+            clearance=3.0 * float(self.sigma[self.sized].max()),
+            probability=self.three_sigma,
+            first_hits=self.together.first_rate()[-1] * self.mission,
+            rice_hits=rice * self.mission,
         )
 
     @property
@@ -517,11 +515,6 @@ class TotalRisk:
         # next to 1 the half width of the logarithm tends to infinity, that of the probability to 0
         half = float(np.interp(place, self.risks, self.halves)) * math.exp(-hazard) * hazard
         return Probability(value=value, lower=max(value - half, 0.0), upper=min(value + half, 1.0))
-
-
-def _value(estimate: Estimate | None) -> float:
-    """A number, NaN where it is not known, or an upper limit alone."""
-    return math.nan if estimate is None or estimate.upper_95 is not None else estimate.value
 
 
 def _between(risks: Vector, risk: float, shares: Matrix) -> Vector:

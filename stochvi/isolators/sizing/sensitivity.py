@@ -15,7 +15,6 @@ from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.chance_at_stops import are_uneven, mean_gaps
 from stochvi.isolators.sizing.changes import Tolerances, changed_stops, ends_of
 from stochvi.isolators.sizing.nominal import nominal_sizing, risk_curve
-from stochvi.isolators.sizing.pairs_answer import PairsSizing
 from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.risk_curve import RiskCurve, chance_of_stops
 from stochvi.mathematics.arrays import Vector
@@ -69,7 +68,7 @@ MODULATION_NODES = 200
 
 @calculation
 @sampled(rel_error=0.1)
-def sensitivity(sizing: Sizing | PairsSizing, **options: Unpack[AccuracyOptions]) -> pd.DataFrame:
+def sensitivity(sizing: Sizing, **options: Unpack[AccuracyOptions]) -> pd.DataFrame:
     """Clearance for the same target, and risk at the old clearance, for changed scenes.
 
     Rows: natural frequency +-10 %, damping ratio +-30 % (or the tolerances of the isolator), level
@@ -118,24 +117,20 @@ def sensitivity(sizing: Sizing | PairsSizing, **options: Unpack[AccuracyOptions]
     """
     import pandas as pd
 
-    if not isinstance(sizing, Sizing | PairsSizing):
-        raise ValueError(f"sizing must be an answer of size, got {sizing!r}; call size first")
     run = Run.of(options)
     again = Resizing(sizing=sizing, run=run)
     rows = again.rows(list(variations(sizing)))
     curve = again.curves.get(UNCHANGED)
-    if isinstance(sizing, PairsSizing) or sizing.target.name != "probability":
-        curve = None
+    by_curve = sizing.target.name == "probability" and not run.deadline.passed()
     # beside sines an input that is not Gaussian has no curve of its own
-    noise_alone = not model_of(sizing.scene).sines
-    if isinstance(sizing, Sizing) and curve and noise_alone and not run.deadline.passed():
+    if curve and by_curve and not model_of(sizing.scene).sines:
         rows += _not_gaussian(sizing, curve, run.seed, run.deadline)
     if run.deadline.interrupted:
         raise run.deadline.fell_short("before all rows were known", "", pd.DataFrame(rows))
     return pd.DataFrame(rows)
 
 
-def variations(sizing: Sizing | PairsSizing) -> Iterator[tuple[str, Scene]]:
+def variations(sizing: Sizing) -> Iterator[tuple[str, Scene]]:
     """The changed scenes, each with its change in words."""
     scene = sizing.scene
     yield UNCHANGED, scene
@@ -153,7 +148,7 @@ class Resizing:
     `curves` takes their risk curves by the name of the change, of one mass.
     """
 
-    sizing: Sizing | PairsSizing
+    sizing: Sizing
     run: Run
     curves: dict[str, RiskCurve] = field(default_factory=dict)
 
@@ -186,7 +181,7 @@ class Resizing:
         """The row of a changed scene."""
         sizing, mission = self.sizing, self.sizing.mission
         curve, sigma = None, math.nan
-        if isinstance(sizing, Sizing):
+        if not sizing.several:
             part = run.part(deadline=run.deadline.share(CURVE_SHARE), rel_error=0.5 * run.accuracy)
             curve = self.curves[change] = risk_curve(scene, sizing.target, mission, part)
             sigma = curve.crossings.displacement_std
@@ -211,18 +206,15 @@ class Resizing:
             chance = chance_of_stops(scene, stops, mission, part).value
         return row_of(change, sizing, clearances, chance, sigma=sigma, note=note)
 
-    def _sized(self, scene: Scene, run: Run) -> tuple[Sizing | PairsSizing, str]:
+    def _sized(self, scene: Scene, run: Run) -> tuple[Sizing, str]:
         """The sizing of a changed scene for the same target, and a note where it is not as accurate
         as asked for."""
         sizing = self.sizing
         called = sizing.provenance.get("call", {}).get("arguments", {})
-        of_pairs: dict[str, Any] = {"at": called.get("at")}
-        if isinstance(sizing, PairsSizing):
-            of_pairs |= {"pair": sizing.pair, "common": sizing.common}
         # the change is the tolerance: those that the scene states are not added to it
         asked = Question(
             target=sizing.target, mission=sizing.mission, run=run, tolerances=Tolerances(),
-            impacts=False, **of_pairs,
+            impacts=False, at=called.get("at"), pair=sizing.pair, common=sizing.common,
         )  # fmt: skip
         try:
             return nominal_sizing(scene, asked), ""
@@ -233,13 +225,13 @@ class Resizing:
 
 
 def row_of(
-    change: str, sizing: Sizing | PairsSizing, clearances: Mapping[str, float],
+    change: str, sizing: Sizing, clearances: Mapping[str, float],
     probability: float, *, sigma: float = math.nan, note: str = "",
 ) -> dict[str, Any]:  # fmt: skip
     """A row of changed scenes, with the clearance of one mass or that of each sized pair under its
     name; NaN for what is not known."""
     old = {name: each.value for name, each in sizing.named.items()}
-    first = {"sigma": sigma} if isinstance(sizing, Sizing) else {}
+    first = {} if sizing.several else {"sigma": sigma}
     new = {name: clearances.get(name, math.nan) for name in old}
     return {
         "change": change,

@@ -276,7 +276,7 @@ def tolerance_table(
     harm: float = 1.0,
     deadline: Deadline = NEVER,
 ) -> tuple[pd.DataFrame, dict[str, str]]:
-    """The table that `PairsSizing.tolerances` describes, and `PairsSizing.worst_at`.
+    """The table that `Sizing.tolerances` describes, and `Sizing.worst_at`.
 
     Parameters
     ----------

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.isolators.sizing.answer import Sizing
-    from stochvi.isolators.sizing.pairs_answer import PairsSizing
     from stochvi.results.deadline import Deadline
 
 REL_ERROR = 0.2
@@ -39,7 +38,7 @@ FIRST_SHARE = 0.3
 
 @sampled
 def worst_case(
-    sizing: Sizing | PairsSizing, tolerances: Tolerances | None = None,
+    sizing: Sizing, tolerances: Tolerances | None = None,
     **options: Unpack[WorkOptions],
 ) -> pd.DataFrame:  # fmt: skip
     """Clearances for the target of a sizing with mount, level and stops within their tolerances.
@@ -86,8 +85,7 @@ def worst_case(
     stops = ends_of_stops(scene, tolerances.felt(scene, by_hits=by_hits))
     nominal = {name: each.value for name, each in sizing.named.items()}
     chance = math.nan if sizing.any_hit is None else sizing.any_hit
-    sigma = getattr(sizing, "sigma", math.nan)
-    rows = [row_of("as stated", sizing, nominal, chance, sigma=sigma)]
+    rows = [row_of("as stated", sizing, nominal, chance, sigma=sizing.sigma)]
     ends = ends_of(tolerances)
     if not ends and not stops:
         return pd.DataFrame(rows)
@@ -132,7 +130,7 @@ def _largest(
 
 
 def _linear_worst(
-    sizing: Sizing | PairsSizing, tolerances: Tolerances, deadline: Deadline
+    sizing: Sizing, tolerances: Tolerances, deadline: Deadline
 ) -> list[tuple[Change, ...]]:
     """Where in the region linear theory asks for the largest clearance of each sized pair."""
     region, harm = Region(sizing.scene, tolerances), 1.0

@@ -43,7 +43,8 @@ def write_clearance_report(
 def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
     """The page of a clearance: what to make, what decides, where the stops stand."""
     subtitle, evidence = _evidence(found)
-    stops = found.stops_to_copy()
+    stops, made = found.stops_to_copy(), found.made
+    assert made is not None
     return Page(
         title=found.scene.title or "Clearance",
         subtitle=subtitle,
@@ -54,9 +55,9 @@ def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
         ],
         cards=[
             Fact(
-                "Clearance to make", str(found.made),
+                "Clearance to make", str(made),
                 f"per side{found.of_widest}, from the static equilibrium; rounded up to "
-                f"{found.made.step_in_words}",
+                f"{made.step_in_words}",
             ),
             Fact(
                 "Calculated", spoken_length(found.clearance.value),

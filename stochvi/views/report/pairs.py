@@ -36,11 +36,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.isolators.screening import Screening
-    from stochvi.isolators.sizing.pairs_answer import PairsSizing
+    from stochvi.isolators.sizing.answer import Sizing
 
 
 def write_pairs_report(
-    sizing: PairsSizing,
+    sizing: Sizing,
     folder: str | Path,
     origin: Origin | None = None,
     sensitivity: pd.DataFrame | None = None,
@@ -65,12 +65,12 @@ def write_pairs_report(
     return path
 
 
-def pairs_page(
-    sizing: PairsSizing, origin: Origin, sensitivity: pd.DataFrame | None = None
-) -> Page:
+def pairs_page(sizing: Sizing, origin: Origin, sensitivity: pd.DataFrame | None = None) -> Page:
     """The page of a sizing of several pairs."""
     mission, own = spoken_mission(sizing.mission), record_cards(sizing.record)
     gaussian, heading = _clearance_cards(sizing), places_heading(sizing)
+    three, any_hit = sizing.three_sigma.probability.value, sizing.probability
+    assert any_hit is not None
     return Page(
         title=sizing.scene.title or "Clearances of several pairs",
         subtitle=f"Probability that any of {len(sizing.pairs)} pairs is hit in {mission}",
@@ -81,15 +81,15 @@ def pairs_page(
             *(own + gaussian if sizing.doubtful else gaussian + own),
             Fact(
                 "Probability of any impact",
-                spoken_percent(sizing.probability.value),
-                f"{interval_in_words(sizing.probability)}, 95 %; as calculated",
+                spoken_percent(any_hit.value),
+                f"{interval_in_words(any_hit)}, 95 %; as calculated",
             ),
             *(
                 [Fact("Expected impacts", sizing.expected_in_words(), f"in {mission}")]
                 if sizing.expected_hits is not None
                 else []
             ),
-            Fact("At 3 sigma of every gap", spoken_percent(sizing.three_sigma.value), mission),
+            Fact("At 3 sigma of every gap", spoken_percent(three), mission),
         ],
         warnings=list(sizing.warnings),
         sections=[
@@ -102,7 +102,7 @@ def pairs_page(
                 ],
                 pictures=[
                     shown(
-                        lambda: draw_gaps(sizing.scene.impact_pairs, _rests(sizing)),
+                        lambda: draw_gaps(sizing.scene.impact_pairs, sizing.rests),
                         "Stops as they stand in the scene file, and clearances from the static "
                         "equilibrium.",
                     ),
@@ -146,7 +146,7 @@ def pairs_page(
     )
 
 
-def _shared(sizing: PairsSizing) -> str:
+def _shared(sizing: Sizing) -> str:
     """How the pairs share the risk, in sentences."""
     if sizing.pair is not None:
         return "One pair is sized; the stops of the others stay where the scene has them."
@@ -156,12 +156,6 @@ def _shared(sizing: PairsSizing) -> str:
     common = f"{', '.join(sizing.common)} have one clearance in common, so that their risks differ."
     rest = "" if set(sizing.common) == set(sizing.clearances) else f" The other pairs {equally}"
     return common + rest
-
-
-def _rests(sizing: PairsSizing) -> dict[str, float]:
-    """Where each sized gap rests, m from the unloaded position, by pair."""
-    table = sizing.placed()
-    return dict(zip(table["pair"], table["mean_gap"], strict=True))
 
 
 def _screening(linear: Screening) -> Section:
@@ -177,7 +171,7 @@ def _screening(linear: Screening) -> Section:
     )
 
 
-def _tolerances(sizing: PairsSizing) -> Section:
+def _tolerances(sizing: Sizing) -> Section:
     """What changes within the tolerances ask for; empty without tolerances."""
     if len(sizing.tolerances) < 2:
         return Section(title="Tolerances")
@@ -189,9 +183,9 @@ def _tolerances(sizing: PairsSizing) -> Section:
     )
 
 
-def _clearance_cards(sizing: PairsSizing) -> list[Fact]:
+def _clearance_cards(sizing: Sizing) -> list[Fact]:
     """The clearance of each pair to make; for many pairs the smallest and the largest."""
-    made = sizing.made()
+    made = sizing.each_made
     purpose = "to make" if sizing.doubtful is None else "for Gaussian noise alone"
     named = list(sizing.clearances)
     if len(named) > MOST_NAMED:
@@ -210,7 +204,7 @@ def _clearance_cards(sizing: PairsSizing) -> list[Fact]:
     return cards
 
 
-def _box_sections(sizing: PairsSizing) -> list[Section]:
+def _box_sections(sizing: Sizing) -> list[Section]:
     """The section on a rigid box: its picture, its modes, and the rule of three sigma by axis."""
     if sizing.box is None:
         return []
