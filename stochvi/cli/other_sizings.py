@@ -52,10 +52,10 @@ def other_sizing(
         left |= {} if given["at"] is None else {"at": given["at"]}
         _show_damage(options, scene, loaded, other, left)
         return True
-    if loaded.phases or loaded.random_level is not None or loaded.has_shocks:
-        alone = (
-            "noise of varying level" if loaded.random_level is not None else "a scene with shocks"
-        )
+    from stochvi.isolators.sizing.method import is_not_gaussian
+
+    if loaded.phases or is_not_gaussian(loaded):
+        alone = "noise that is not Gaussian, or shocks,"
         what = "a scene with phases" if loaded.phases else alone
         part = "size one phase, as FILE.toml#PHASE" if loaded.phases else "leave it out"
         _refuse(what, given, tuple(name for name in NEVER_WITH if name != "common"), part)

@@ -31,6 +31,13 @@ from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import AXES, RigidBody
+from stochvi.statistics.free_windows import has_fast_peaks, without_peaks
+
+OF_PEAKS = (
+    "noise with fast peaks has the rms motion of Gaussian noise, for which impacts are counted "
+    "here; size and reliability count its own"
+)
+"""What a screening says beside a kurtosis."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -306,7 +313,8 @@ def screen(
 
 def screened(scene: Scene) -> Screening:
     """The answer of `screen`, for calculations that need it on their way."""
-    model = model_of(scene)
+    stated = model_of(scene)
+    model = without_peaks(stated)
     try:
         motion = free_motion(model, with_sines=True)
     except NotApplicable as reason:
@@ -341,7 +349,11 @@ def screened(scene: Scene) -> Screening:
         else (),
         input_acceleration_std=shaken,
         miles=miles,
-        notes=(*scene_notes(model), *scene.at_means()),
+        notes=(
+            *scene_notes(model),
+            *scene.at_means(),
+            *([OF_PEAKS] if has_fast_peaks(stated) else []),
+        ),
         record=record_verdict(scene),
         provenance=provenance(scene.document()),
     )

@@ -239,7 +239,7 @@ def without_free_response(model: Model) -> list[str]:
     ]
 
 
-FOLLOWING_PEAKS = "simulate, impacts, damage and reliability"
+FOLLOWING_PEAKS = "simulate, impacts, damage, reliability and size"
 """Commands that follow noise with fast peaks."""
 
 FOLLOWING_SHOCKS = "simulate, impacts, damage, reliability and size"

@@ -2,8 +2,9 @@
 
 Before its first contact the motion is linear, but not Gaussian: no formula for crossings holds. So
 it is synthesised itself. Records of the noise are a cubic of Gaussian numbers and a filter
-(`mathematics.fast_peaks`), of which the gaps are a linear function. The score of a piece is the
-largest share of the way to a stop that any gap goes; a stop is hit where it exceeds 1.
+(`mathematics.fast_peaks`), of which the gaps are a linear function. The stops stand at the same
+place of their rows of distances. The score of a piece is the farthest place at which it reaches
+one; with the distances themselves at place 1, a stop is hit where the score exceeds 1.
 `trial_splitting` moves the Gaussian numbers and finds how probable that is. Two probabilities give
 that of a mission of any length: of pieces in which a stop is reached, and of pieces in whose second
 half it is reached for the first time. Either half is as long as the memory of the gaps.
@@ -39,6 +40,9 @@ numbers that they hold together."""
 TOGETHER = 2**19
 """Number of samples that are synthesised together."""
 
+FARTHEST = 2.0
+"""Share of the way to a stop up to which scores are told apart."""
+
 OWN = 0xF4EE
 """Number that keeps these records apart from other uses of a seed."""
 
@@ -72,8 +76,12 @@ class FreeWindows(Kind):
     ----------
     model
         A linear structure with impact pairs under noise with fast peaks, and Gaussian noise beside.
-    lower, upper
-        Distances of the stops of each pair from its mean gap, m; infinite for none.
+    places
+        Places of the stops, increasing: those before the first and after the last one count as
+        these.
+    rows
+        (places, 2, pairs): distances of the lower and upper stops of each pair from its mean gap
+        at each place, m, increasing; infinite for none.
     longest
         Longest piece, s.
     own_seed
@@ -81,8 +89,8 @@ class FreeWindows(Kind):
     """
 
     model: Model
-    lower: tuple[float, ...]
-    upper: tuple[float, ...]
+    places: tuple[float, ...]
+    rows: tuple[tuple[tuple[float, ...], ...], ...]
     longest: float
     own_seed: int
 
@@ -158,7 +166,7 @@ class FreeWindows(Kind):
         )
 
     def scores(self, trials: Trials, *, half: bool = False, coarse: bool = False) -> Vector:
-        """The largest share of the way to a stop in each trial."""
+        """The farthest place in each trial at which a stop is reached."""
         together = max(1, TOGETHER // self.response.samples)
         steps, stride = self.counted // (2 if half else 1), 2 if coarse else 1
         found = [
@@ -188,10 +196,16 @@ class FreeWindows(Kind):
         return np.asarray(irfft(total, response.samples, axis=0))
 
     def _closeness(self, gaps: NDArray[np.float64]) -> Vector:
-        """The largest share of the way to a stop, with peaks between samples by parabolas."""
-        above, below = (np.array(each)[self.moving, None] for each in (self.upper, self.lower))
-        high, low = _highest(gaps), _highest(-gaps)
-        return np.asarray(np.maximum(high / above, low / below).max(axis=0))
+        """The farthest place at which a stop is reached, with peaks between samples by
+        parabolas."""
+        distances = np.array(self.rows)[:, :, self.moving]
+        found = [
+            np.interp(peaks, distances[:, side, pair], self.places)
+            for side, sign in enumerate((-1.0, 1.0))
+            for pair, peaks in enumerate(_highest(sign * gaps))
+            if math.isfinite(distances[0, side, pair])
+        ]
+        return np.asarray(np.max(found, axis=0))
 
     def risk(self, exceeded: Vector, late: Vector, scored: Vector, mission: float) -> Vector:
         """Probability of any impact in a mission."""
@@ -218,7 +232,19 @@ def _highest(records: NDArray[np.float64]) -> NDArray[np.float64]:
 def windows_of(
     model: Model, lower: Sequence[float], upper: Sequence[float], longest: float, seed: int
 ) -> FreeWindows:
-    """Pieces of the motion of a model without stops, of at most so many seconds.
+    """Pieces of the motion of a model without stops, of at most so many seconds; their score is the
+    largest share of the way to a stop. Raises `NotApplicable` as `windows_over` does."""
+    stops = np.array([lower, upper])
+    near = np.where(np.isfinite(stops), 0.0, math.inf)
+    rows = np.stack([near, FARTHEST * stops])
+    return windows_over(model, np.array([0.0, FARTHEST]), rows, longest, seed)
+
+
+def windows_over(
+    model: Model, places: Vector, rows: NDArray[np.float64], longest: float, seed: int
+) -> FreeWindows:
+    """Pieces of at most so many seconds, whose score is the place of the stops that they reach:
+    distances (places, 2, pairs), m.
 
     Raises
     ------
@@ -232,7 +258,7 @@ def windows_of(
         *(["pulses must be left out beside noise with fast peaks"] if others else []),
         *(["sines must be left out beside noise with fast peaks"] if model.sines else []),
     ]
-    unmet = unmet or pressed_pairs(model, np.array(lower), np.array(upper))
+    unmet = unmet or pressed_pairs(model, *rows[-1])
     if unmet:
         raise NotApplicable("first_crossings", unmet)
     for each, _ in model.drawn:
@@ -242,9 +268,17 @@ def windows_of(
         except UnreachableKurtosis as reason:
             raise NotApplicable("first_crossings", [str(reason)]) from reason
     own = int(np.random.SeedSequence([seed, OWN]).generate_state(1, np.uint64)[0] >> 1)
-    return FreeWindows(model, tuple(map(float, lower)), tuple(map(float, upper)), longest, own)
+    table = tuple(tuple(tuple(map(float, side)) for side in row) for row in rows)
+    return FreeWindows(model, tuple(map(float, places)), table, longest, own)
 
 
 def has_fast_peaks(model: Model) -> bool:
     """Whether noise with fast peaks shakes a model."""
     return any(isinstance(each, FastPeaks) for each, _ in model.drawn)
+
+
+def without_peaks(model: Model) -> Model:
+    """The model with Gaussian noise of the same density in the place of noise with fast peaks."""
+    peaks = tuple(each for each in model.drawn if isinstance(each[0], FastPeaks))
+    others = tuple(each for each in model.drawn if not isinstance(each[0], FastPeaks))
+    return replace(replace(model, drawn=peaks).with_tables_of_drawn, drawn=others)

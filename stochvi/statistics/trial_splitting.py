@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -210,15 +211,15 @@ class Repetition(NamedTuple):
     scored: float
 
 
-def pilot(kind: Kind, limit: float, deadline: Deadline) -> Levels:
-    """Levels and sizes of moves. About `SHARE` of the trials above one level exceed the next; about
-    `ACCEPTED` of the moves stay above their level."""
+def pilot(kind: Kind, limit: float, deadline: Deadline, most: int = MOST_LEVELS) -> Levels:
+    """At most so many levels, and sizes of moves. About `SHARE` of the trials above one level
+    exceed the next; about `ACCEPTED` of the moves stay above their level."""
     random = np.random.default_rng([kind.seed, STREAM, PILOT])
     trials = kind.drawn(draw_of(PILOT, 0, 0))
     levels: list[float] = []
     sizes: list[float] = []
     size = FIRST_SIZE
-    while len(levels) < MOST_LEVELS:
+    while len(levels) < most:
         level = float(np.quantile(trials.score, 1.0 - SHARE, method="lower"))
         if math.isinf(level):
             level = 0.0  # few trials have a score: the first level is to have one
@@ -242,13 +243,27 @@ def pilot(kind: Kind, limit: float, deadline: Deadline) -> Levels:
 
 def repetition(kind: Kind, levels: Levels, number: int, deadline: Deadline) -> Repetition:
     """One splitting with fixed levels; `GivenUp` if the deadline came before its end."""
+    before = [()] * (len(levels.levels) - 1)
+    return at_limits(kind, levels, [*before, levels.levels[-1:]], number, deadline)[0]
+
+
+def at_limits(
+    kind: Kind, levels: Levels, limits: Sequence[Sequence[float]], number: int, deadline: Deadline
+) -> list[Repetition]:
+    """What one splitting found at limits, in order: those of each stage lie above the level before
+    its own."""
     random = np.random.default_rng([kind.seed, STREAM, number])
     trials, chance = kind.drawn(draw_of(number, 0, 0)), 1.0
     scored = float(np.mean(trials.score > -math.inf))
-    for stage, level in enumerate(levels.levels[:-1]):
+    found: list[Repetition] = []
+    for stage, level in enumerate(levels.levels):
+        found += _seen_at(kind, trials, limits[stage], chance, scored)
+        if stage == len(levels.levels) - 1:
+            break
         above = np.flatnonzero(trials.score > level)
         if not len(above):
-            return Repetition(0.0, 0.0, 0.0, scored)
+            left = sum(map(len, limits)) - len(found)
+            return [*found, *left * [Repetition(0.0, 0.0, 0.0, scored)]]
         chance *= len(above) / len(trials.score)
         trials = copies(trials, above, random)
         for move in range(MOVES):
@@ -256,16 +271,27 @@ def repetition(kind: Kind, levels: Levels, number: int, deadline: Deadline) -> R
                 raise GivenUp
             draw = draw_of(number, stage + 1, move)
             trials, _ = moved(kind, trials, level, levels.sizes[stage], draw, random)
-    level = levels.levels[-1]
-    above = np.flatnonzero(trials.score > level)
-    early = kind.scores(trials.chosen(above), half=True) > level
-    coarse = kind.scores(trials, coarse=True) > level
-    return Repetition(
-        exceeded=chance * len(above) / len(trials.score),
-        coarse=chance * float(np.mean(coarse)),
-        late=chance * float(np.sum(~early)) / len(trials.score),
-        scored=scored,
-    )
+    return found
+
+
+def _seen_at(
+    kind: Kind, trials: Trials, limits: Sequence[float], chance: float, scored: float
+) -> list[Repetition]:
+    """What trials, which come with a probability, tell at limits."""
+    if not limits:
+        return []
+    above = np.flatnonzero(trials.score > limits[0])
+    halves, coarse = kind.scores(trials.chosen(above), half=True), kind.scores(trials, coarse=True)
+    known = trials.score[above]
+    return [
+        Repetition(
+            exceeded=chance * float(np.mean(trials.score > limit)),
+            coarse=chance * float(np.mean(coarse > limit)),
+            late=chance * float(np.sum((known > limit) & ~(halves > limit))) / len(trials.score),
+            scored=scored,
+        )
+        for limit in limits
+    ]
 
 
 def draw_of(number: int, stage: int, move: int) -> int:

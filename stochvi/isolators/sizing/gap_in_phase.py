@@ -13,12 +13,14 @@ from scipy.optimize import brentq
 from stochvi.isolators.sizing.answer import Clearance, Target
 from stochvi.isolators.sizing.nominal import curve_of_gap
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
-from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.random_level import RandomLevel
 from stochvi.model.model import Model
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.run import Run
 from stochvi.scenes.phases import bias_of_steps
+from stochvi.statistics.free_windows import windows_over
+from stochvi.statistics.hazard_curves import HazardCurve, hazard_curve
 from stochvi.statistics.pair_crossings import PairMotion
 from stochvi.statistics.reliability.phases import lag_of
 from stochvi.statistics.reliability.random_levels import felt_by
@@ -30,6 +32,9 @@ if TYPE_CHECKING:
 POINTS, AROUND = 41, 0.35
 """Number of clearances of the curve of an answer, and how far it reaches from the clearance that
 was found, as a share of it."""
+
+FARTHEST = 100.0
+"""Largest clearance of a curve under noise with fast peaks, in rms displacements of the gap."""
 
 LEAST = 1e-300
 """Smallest hazard, of which a logarithm is taken."""
@@ -51,6 +56,9 @@ class GapInPhase:
         How much farther up the gap hangs than in the mount as stated.
     sides
         The sides that have a stop.
+    peaked
+        The model of all gaps under noise with fast peaks; None under Gaussian noise, shocks and
+        sines.
     curve
         Its risk against clearance; None where crossings count by Rice's formula.
     """
@@ -62,7 +70,8 @@ class GapInPhase:
     shift: float
     sides: tuple[float, ...]
     sweep_rate: float = 0.0
-    curve: RiskCurve | None = None
+    peaked: Model | None = None
+    curve: RiskCurve | HazardCurve | None = None
 
     @property
     def sigma(self) -> float:
@@ -98,6 +107,8 @@ class GapInPhase:
     def simulated(self, target: Target, run: Run) -> GapInPhase:
         """The gap with its curve of risk, where the level varies that of the level 0 dB in the
         time of the level."""
+        if self.peaked is not None:
+            return replace(self, curve=self._curve_under_peaks(self.peaked, target.value, run))
         level = self.model.level
         time = self.duration if level is None else min(self.duration, level.time)
         curve = curve_of_gap(
@@ -106,10 +117,28 @@ class GapInPhase:
         )  # fmt: skip
         return replace(self, curve=curve)
 
+    def _curve_under_peaks(self, peaked: Model, probability: float, run: Run) -> HazardCurve:
+        """The curve of the hazard against the clearance under noise with fast peaks."""
+        places = np.array([0.0, FARTHEST * self.sigma])
+        rows = np.full((2, 2, len(self.together.motions)), math.inf)
+        rows[:, :, self.number] = self.distances(places)
+        kind = windows_over(peaked, places, rows, self.duration, run.seed)
+        return hazard_curve(kind, -math.log1p(-probability), self.duration, run)
+
+    def distances(self, clearances: Vector) -> Matrix:
+        """(places, 2) distances of the lower and the upper stop from the mean gap; infinite for
+        none."""
+        found = np.full((len(clearances), 2), math.inf)
+        for side in self.sides:
+            found[:, int(side > 0.0)] = clearances - side * self.shift
+        return found
+
     def hazard(self, clearance: float) -> tuple[float, float]:
         """-ln(1 - P) at a clearance, and half its 95 % interval."""
         if self.curve is None:
             return self.expected(clearance), 0.0
+        if isinstance(self.curve, HazardCurve):
+            return self.curve.hazard(clearance)
         nearest = min(clearance - side * self.shift for side in self.sides)
         level = self.model.level
         if level is None:

@@ -25,6 +25,7 @@ from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.between_units import varied
 from stochvi.scenes.phases import Phase
 from stochvi.scenes.scene import Scene
+from stochvi.statistics.free_windows import has_fast_peaks
 
 if TYPE_CHECKING:
     from stochvi.isolators.production_risk.spreads import Spread
@@ -33,7 +34,7 @@ HOUR = 3600.0
 """The mission where none is given, s."""
 
 MISSION = "mission"
-"""Name of the only phase of a mission under noise of varying level, or beside shocks."""
+"""Name of the only phase of a mission whose noise is not Gaussian, or beside shocks."""
 
 
 @calculation
@@ -60,10 +61,10 @@ def size(
     ----------
     scene
         One oscillator under stationary Gaussian noise, or a linear structure with any number of
-        pairs. For a probability the noise on one oscillator may vary in level, and shocks of a
-        shape may come at random times beside noise. The laws of the
-        stops are kept, their places are not: they go to equal distances from the static
-        equilibrium, where the mass hangs.
+        pairs. For a probability the noise on one oscillator may vary in level, and noise may have
+        fast peaks. Shocks of a shape may come at random times beside noise. The laws of the stops
+        are kept, their places are not: they go to equal distances from the static equilibrium,
+        where the mass hangs.
     probability
         Probability of any impact in the mission. Needs no stops.
     rate
@@ -132,7 +133,7 @@ def size(
     """
     target = target_of(probability, rate, impact_speed, peak_acceleration, exceedance)
     run = Run.of(options)
-    if not scene.phases and (scene.random_level is not None or scene.has_shocks):
+    if not scene.phases and is_not_gaussian(scene):
         whole = Phase(name=MISSION, duration=HOUR if mission is None else mission)
         scene, mission = scene.replace(phases=[whole]), None
     if scene.phases:
@@ -168,6 +169,13 @@ def size(
     )  # fmt: skip
     found = nominal_sizing(scene, asked)
     return _within_tolerances(found, run) if worst else found
+
+
+def is_not_gaussian(scene: Scene) -> bool:
+    """Whether a scene without phases is sized as a mission of one phase: its noise varies in level
+    or has fast peaks, or shocks come beside it."""
+    level, shocks = scene.random_level, scene.has_shocks
+    return level is not None or shocks or has_fast_peaks(model_of(scene))
 
 
 def _check_names(scene: Scene, name: str, given: Sequence[str]) -> None:

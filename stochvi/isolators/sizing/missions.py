@@ -39,6 +39,12 @@ from stochvi.statistics.reliability.random_levels import FOLLOWED
 if TYPE_CHECKING:
     import pandas as pd
 
+IN_PIECES = (
+    "noise with fast peaks moves pieces of the motion as it comes; a splitting finds how far they "
+    "reach"
+)
+"""How the risk under a steady kurtosis is found."""
+
 FARTHEST = 20.0
 """Largest clearance that is tried, in the largest rms displacement of a phase."""
 
@@ -64,7 +70,7 @@ def size_mission(
     hazard = -math.log1p(-target.value)
     names = [each.name for each in model_of(as_stated(scene)).pairs] or ["stops"]
     guesses = [_guess(phases, number, name, hazard) for number, name in enumerate(names)]
-    felt = _felt({name: phase.expected(guesses) for name, phase in phases.items()})
+    felt = _felt(phases, {name: phase.expected(guesses) for name, phase in phases.items()})
     busy = {name: phases[name].duration for name in felt}
     several, steps = len(names) > 1, steps_of_bands(scene.phases)
     late = run.deadline.share(SHARE_OF_CURVES) if several else run.deadline
@@ -100,6 +106,7 @@ def size_mission(
             *([INDEPENDENT] if len(phases) > 1 else []),
             *spoken_lags({name: each.scene for name, each in phases.items()}, scene.phases),
             *([FOLLOWED] if any(each.scene.random_level for each in phases.values()) else []),
+            *([IN_PIECES] if any(each.has_fast_peaks for each in phases.values()) else []),
             *(f"phase {name} hardly matters, and counts by Rice's crossings" for name in idle),
             *(
                 f"phase {name}: {note}"
@@ -157,10 +164,14 @@ def _guess(phases: Mapping[str, PhaseOfPairs], number: int, name: str, hazard: f
     )  # fmt: skip
 
 
-def _felt(expected: Mapping[str, float]) -> list[str]:
-    """The phases whose expected crossings matter."""
+def _felt(phases: Mapping[str, PhaseOfPairs], expected: Mapping[str, float]) -> list[str]:
+    """The phases whose expected crossings matter; they are not known under fast peaks."""
     most = max(expected.values())
-    return [name for name, each in expected.items() if each > NEGLIGIBLE * most]
+    return [
+        name
+        for name, each in expected.items()
+        if each > NEGLIGIBLE * most or phases[name].has_fast_peaks
+    ]
 
 
 def _gaps_felt(
@@ -168,6 +179,7 @@ def _gaps_felt(
 ) -> list[bool]:
     """Whether the crossings of each gap in a phase matter beside those in the other phases."""
     return [
-        phase in _felt({name: each.gaps[number].expected(guess) for name, each in phases.items()})
+        phase
+        in _felt(phases, {name: each.gaps[number].expected(guess) for name, each in phases.items()})
         for number, guess in enumerate(guesses)
     ]

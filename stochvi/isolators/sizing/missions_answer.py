@@ -17,6 +17,7 @@ from stochvi.isolators.sizing.answer import (
 )
 from stochvi.model.model import model_of
 from stochvi.scenes.scene import Scene
+from stochvi.statistics.free_windows import without_peaks
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,7 +71,7 @@ class MissionSizing(ClearanceAnswer):
     def densities(self) -> dict[str, list[Table]]:
         """The densities of the accelerations in each phase, level included."""
         return {
-            phase.name: [table for table, _ in model_of(phase.of(self.scene)).tables]
+            phase.name: [table for table, _ in without_peaks(model_of(phase.of(self.scene))).tables]
             for phase in self.scene.phases
         }
 

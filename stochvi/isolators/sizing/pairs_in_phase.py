@@ -30,12 +30,18 @@ from stochvi.scenes.phases import Phase
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import largest_error
 from stochvi.statistics.first_crossings import one_gap
+from stochvi.statistics.free_windows import has_fast_peaks, windows_over, without_peaks
+from stochvi.statistics.hazard_curves import HazardCurve, hazard_curve
 from stochvi.statistics.mission_parts import parts_of_mission
 from stochvi.statistics.pair_crossings import PairCrossings, PairMotion
 from stochvi.statistics.reliability.random_levels import felt_by
 
 RANGE = 20.0
 """Factor by which the risks that are looked at reach beyond those of possible answers."""
+
+FARTHEST_PLACE, PLACES = 4.0, 401
+"""Largest clearance that pieces of the motion under noise with fast peaks tell, over the largest
+that is looked at. All clearances are linear between so many up to it."""
 
 FAR = 30.0
 """Distance of a stop, in rms motions of its gap, beyond which it is left out: it is crossed with a
@@ -59,7 +65,9 @@ class PhaseOfPairs:
             raise NotApplicable("size", [f"{each} (in phases)" for each in conditions])
         alone = has_one_gap(model)
         steady = replace(model, level=None)
-        motion = PairMotion.under_shocks(one_gap(steady) if alone else steady)
+        free = one_gap(steady) if alone else steady
+        peaked = free if has_fast_peaks(free) else None
+        motion = PairMotion.under_shocks(without_peaks(free))
         pairs = model.pairs or motion.model.pairs
         stated = model_of(as_stated(whole))
         hangs = (each.modal.rest if alone else each.mean_gaps for each in (model, stated))
@@ -67,7 +75,7 @@ class PhaseOfPairs:
         gaps = tuple(
             GapInPhase(
                 model=model, together=motion, number=number, duration=phase.duration,
-                shift=float(shift), sweep_rate=phase.sweep_rate,
+                shift=float(shift), sweep_rate=phase.sweep_rate, peaked=peaked,
                 sides=tuple(float(stop.side) for stop in pair.stops) or SIDES,
             )
             for number, (pair, shift) in enumerate(zip(pairs, shifts, strict=True))
@@ -75,6 +83,11 @@ class PhaseOfPairs:
         if model.level is not None:
             _check_level(model, shifts)
         return cls(scene=scene, duration=phase.duration, gaps=gaps)
+
+    @property
+    def has_fast_peaks(self) -> bool:
+        """Whether noise has fast peaks, so that no formula tells its crossings."""
+        return any(gap.peaked is not None for gap in self.gaps)
 
     def expected(self, clearances: Sequence[float]) -> float:
         """Rice's number of crossings of all stops at the clearances of the pairs."""
@@ -94,9 +107,10 @@ class PhaseOfPairs:
 def _check_level(model: Model, shifts: Vector) -> None:
     """Raise `NotApplicable` where noise of varying level does not move one gap alone."""
     felt_by(model)
-    if len(shifts) > 1 or model.sines or np.any(shifts):
+    if len(shifts) > 1 or model.sines or np.any(shifts) or has_fast_peaks(model):
         several = "several pairs" if len(shifts) > 1 else "a mount that hangs lower in a phase"
-        got = "a sine beside it" if model.sines else several
+        beside = "fast peaks" if has_fast_peaks(model) else several
+        got = "a sine beside it" if model.sines else beside
         raise NotApplicable(
             "size",
             ["noise of varying level must be alone on one pair that hangs evenly, got "
@@ -168,6 +182,7 @@ class AnyPair:
     phase: PhaseOfPairs
     shared: EqualRisk
     total: TotalRisk | None = None
+    curve: HazardCurve | None = None
     reached: float = 0.0
 
     def expected(self, clearance: float) -> float:
@@ -180,7 +195,10 @@ class AnyPair:
         return lag_of_hazard(self.expected, clearance, gap.model, gap.sweep_rate)
 
     def simulated(self, run: Run) -> AnyPair:
-        """The same from first crossings of all gaps together."""
+        """The same from first crossings of all gaps together, or pieces of their motion."""
+        if self.phase.has_fast_peaks:
+            curve = self._under_peaks(run)
+            return replace(self, curve=curve, reached=curve.reached)
         together = self.phase.gaps[0].together
         rows = np.full((2, *self.shared.places.shape), math.inf)
         for gap in self.phase.gaps:
@@ -197,9 +215,23 @@ class AnyPair:
             reached=largest_error(found, self.phase.duration),
         )  # fmt: skip
 
+    def _under_peaks(self, run: Run) -> HazardCurve:
+        """The hazard under noise with fast peaks."""
+        gaps, duration = self.phase.gaps, self.phase.duration
+        peaked = gaps[0].peaked
+        assert peaked is not None
+        places = np.linspace(0.0, FARTHEST_PLACE * self.shared.places.max(), PLACES)[1:]
+        clearances = np.array([self.shared.at(each) for each in places])
+        rows = np.stack([gap.distances(clearances[:, gap.number]) for gap in gaps], axis=2)
+        kind = windows_over(peaked, places, rows, duration, run.seed)
+        most, least = (float(each) for each in self.shared.hazards[[0, -1]])
+        return hazard_curve(kind, most / RANGE, duration, run, most / least)
+
     def hazard(self, clearance: float) -> tuple[float, float]:
         """-ln(1 - P) at a clearance, and half its 95 % interval; beyond those that were looked at,
         the ratio to Rice's number is held constant."""
+        if self.curve is not None:
+            return self.curve.hazard(clearance)
         if self.total is None:
             return self.expected(clearance), 0.0
         held = self.shared.held(clearance)
