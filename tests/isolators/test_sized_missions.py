@@ -306,6 +306,26 @@ def test_several_pairs_are_sized_for_shocks_beside_noise() -> None:
     assert without.value < 0.04
 
 
+@pytest.mark.slow
+def test_loud_moments_are_sized_beyond_twenty_rms_displacements() -> None:
+    noise = TabulatedNoise(profile=PROFILE, kurtosis=8.0, level_time=60.0)
+    scene = mission([]).replace(excitations=[noise])
+    found = size(scene, probability=0.01, mission=3600.0, rel_error=0.2, seed=1)
+    assert isinstance(found, MissionSizing)
+    assert found.clearance.value > 20.0 * found.phases["displacement_std"].max()
+    risk = reliability(
+        found.sized().replace(phases=()), mission=3600.0, rel_error=0.1, seed=7
+    ).chances["hit"].estimate  # fmt: skip
+    at = found.curve.iloc[len(found.curve) // 2]
+    left = 4.5 / 1.96 * (at["probability_high"] - at["probability"])
+    assert abs(risk.value - 0.01) < math.hypot(risk.reach(4.5), left)
+    less = reliability(
+        found.sized(0.9 * found.clearance.value).replace(phases=()), mission=3600.0, rel_error=0.1,
+        seed=7,
+    ).chances["hit"].estimate  # fmt: skip
+    assert less.value > 0.01 + math.hypot(less.reach(4.5), left)
+
+
 def test_noise_of_varying_level_on_several_pairs_is_refused() -> None:
     scene = two_stages(LAW, LAW)
     (noise,) = scene.excitations

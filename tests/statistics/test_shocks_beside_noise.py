@@ -278,8 +278,9 @@ def test_what_is_refused() -> None:
     with pytest.raises(NotApplicable, match="impact_speed must be left out under shocks"):
         reliability(scene(5.0, 5.0, shock(1.0)), mission=10.0, impact_speed=1.0)
     peaked = scene(5.0, 5.0).replace(excitations=[NOISE.replace(kurtosis=5.0), shock(1.0)])
-    with pytest.raises(NotApplicable, match="pulses must be left out beside noise with fast peaks"):
+    beside = "pulses must be left out beside noise with fast peaks"
+    with pytest.raises(NotApplicable, match=beside):
         reliability(peaked, mission=10.0)
-    with pytest.raises(NotApplicable, match="noise with fast peaks, of kurtosis 5") as refused:
+    with pytest.raises(NotApplicable, match=beside) as refused:
         size(peaked, probability=0.01, mission=10.0)
     assert "of one kind" not in str(refused.value)  # there is one kind of shocks

@@ -46,7 +46,8 @@ IN_PIECES = (
 """How the risk under a steady kurtosis is found."""
 
 FARTHEST = 20.0
-"""Largest clearance that is tried, in the largest rms displacement of a phase."""
+"""Clearance in the largest rms displacement of a phase beyond which Gaussian noise is never sized;
+noise of varying level may be, by steps of as much."""
 
 
 def size_mission(
@@ -156,12 +157,15 @@ def _guess(phases: Mapping[str, PhaseOfPairs], number: int, name: str, hazard: f
              "phase; leave this pair out of the scene"],
         )  # fmt: skip
     nearest = max(abs(gap.shift) for gap in gaps)
-    return float(
-        brentq(
-            lambda c: sum(gap.expected(c) for gap in gaps) - hazard, nearest,
-            nearest + FARTHEST * sigma,
-        )
-    )  # fmt: skip
+    step = FARTHEST * sigma
+
+    def excess(place: float) -> float:
+        return sum(gap.expected(place) for gap in gaps) - hazard
+
+    farthest = nearest + step
+    while excess(farthest) > 0.0:
+        farthest += step
+    return float(brentq(excess, nearest, farthest))
 
 
 def _felt(phases: Mapping[str, PhaseOfPairs], expected: Mapping[str, float]) -> list[str]:
