@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 from stochvi.results.base import Result
@@ -32,7 +33,13 @@ class Quantities(Mapping[str, Quantity]):
         return len(self._names())
 
     def _names(self) -> Sequence[str]:
-        return [each.name for each in fields(cast(Any, self))]
+        return _names_of(type(self))
+
+
+@cache
+def _names_of(kind: Any) -> tuple[str, ...]:
+    """Names of the fields of a class."""
+    return tuple(each.name for each in fields(kind))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -181,7 +181,9 @@ def varied(part: Any, key: str = "") -> Iterator[tuple[str, BetweenUnits]]:
         yield key, part.between_units
     elif isinstance(part, BaseModel):
         for name, field in type(part).model_fields.items():
-            yield from varied(getattr(part, name), f"{key}.{field.alias or name}".lstrip("."))
+            value = getattr(part, name)
+            if isinstance(value, Mean | BaseModel | tuple):  # most values are plain
+                yield from varied(value, f"{key}.{field.alias or name}".lstrip("."))
     elif isinstance(part, tuple):
         for number, each in enumerate(part):
             yield from varied(each, f"{key}.{number}")

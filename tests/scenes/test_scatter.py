@@ -101,3 +101,12 @@ def test_a_shifted_mean_keeps_a_distribution(amount: float) -> None:
     assert law.scatter.alpha > 0.0 and law.scatter.beta > 0.0
     if abs(amount) < 1.0:
         assert law.restitution == pytest.approx(0.7 + amount)
+
+
+def test_a_law_that_was_read_is_the_same_law_and_changes_with_its_coefficient() -> None:
+    law, unread = (Restitution(coefficient={"mean": 0.7, "std": 0.1}) for _ in range(2))
+    known = law.scatter, law.restitution, law.restitution_mean_square
+    assert known[1:] == (0.7, pytest.approx(0.5))
+    assert (law, hash(law), repr(law)) == (unread, hash(unread), repr(unread))
+    plain = law.replace(coefficient=0.5)
+    assert (plain.scatter, plain.restitution, plain.restitution_mean_square) == (None, 0.5, 0.25)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -57,7 +58,7 @@ class Restitution(RigidLaw):
             )
         return value
 
-    @property
+    @cached_property
     def scatter(self) -> BetaDistribution | None:
         """The distribution from which R is drawn at each impact; None where R does not scatter."""
         value = self.coefficient
@@ -76,13 +77,13 @@ class Restitution(RigidLaw):
         """Whether an impact loses no energy."""
         return self.restitution == 1.0 and not self.friction
 
-    @property
+    @cached_property
     def restitution(self) -> float:
         """Restitution R of an impact; its mean where R scatters."""
         value = self.coefficient
         return value.mean if isinstance(value, Scatter) else value
 
-    @property
+    @cached_property
     def restitution_mean_square(self) -> float:
         """E R^2: an impact takes (1 - E R^2) m w^2 / 2 in the mean."""
         law = self.scatter
