@@ -9,7 +9,7 @@ from numba.core import config
 from numpy.typing import NDArray
 
 from stochvi.engine.law import is_lossy, is_rigid, is_smooth
-from stochvi.engine.law_calls import OF_LANES, OF_MASS, OF_STOP, functions_of_class
+from stochvi.engine.law_calls import OF_LANES, OF_MASS, OF_SHAKEN, OF_STOP, functions_of_class
 
 
 class Stops(NamedTuple):
@@ -49,19 +49,21 @@ class Stops(NamedTuple):
 
 
 _COMPILED: dict[type, tuple[Any, ...]] = {}
-"""Functions of one stop, of many lanes and of one mass by the class of their laws. Their machine
-code must live as long as this process."""
+"""Functions of one stop, of many lanes, of one mass, and of one that is shaken, by the class of
+their laws. Their machine code must live as long as this process."""
 
 
-def functions_of(laws: list[Any], *, lanes: bool = False, mass: bool = False) -> NDArray[Any]:
-    """Addresses of the functions of classes of laws, (classes, 3): of one stop, of many lanes, and
-    of one mass. Those of many lanes, or of one mass instead of one stop, are compiled where they
-    are wanted and the law is compliant.
+def functions_of(
+    laws: list[Any], *, lanes: bool = False, mass: bool = False, shaken: bool = False
+) -> NDArray[Any]:
+    """Addresses of the functions of classes of laws, (classes, 4): of one stop, of many lanes, of
+    one mass, and of one that is shaken. Those of many lanes, or of one mass instead of one stop,
+    are compiled where they are wanted and the law is compliant.
 
     Addresses hold for this process only. Without compilation they are the functions.
     """
-    signatures = (OF_STOP, OF_LANES, OF_MASS)
-    table = np.zeros((len(laws), 3), object if config.DISABLE_JIT else np.int64)
+    signatures = (OF_STOP, OF_LANES, OF_MASS, OF_SHAKEN)
+    table = np.zeros((len(laws), len(signatures)), object if config.DISABLE_JIT else np.int64)
     for row, law in zip(table, laws, strict=True):
         kind = type(law)
         if kind not in _COMPILED:
@@ -69,7 +71,8 @@ def functions_of(laws: list[Any], *, lanes: bool = False, mass: bool = False) ->
             blank = (np.zeros((1,) * np.ndim(each)) if np.ndim(each) else 0.0 for each in law)
             _COMPILED[kind] = functions_of_class(kind(*blank))  # type: ignore[no-untyped-call]
         compliant = not is_rigid(law)
-        wanted = not (mass and compliant), lanes and compliant, mass and compliant
+        of_one = mass and compliant, shaken and compliant
+        wanted = not any(of_one), lanes and compliant, *of_one
         for k, signature in enumerate(signatures):
             function = _COMPILED[kind][k]
             if config.DISABLE_JIT:

@@ -50,6 +50,10 @@ class Complete(NamedTuple):
     terms: NDArray[np.float64]
 
 
+NOTHING_KNOWN = Complete(0.0, 0.0, np.zeros((0, CELLS, QUANTITIES, TERMS)))
+"""No complete contact, where noise acts in a step."""
+
+
 def complete_contacts(
     stops: Stops, laws: NDArray[Any], stiffness: float, speed: float, longest: float
 ) -> Complete:

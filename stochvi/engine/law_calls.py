@@ -12,7 +12,7 @@ from numba.core import types
 from stochvi.engine.calls import call_by_address
 from stochvi.engine.compiling import kernel
 from stochvi.engine.law import force, margin, mean_rebound, rate, read, rebound
-from stochvi.engine.mass_contacts import through
+from stochvi.engine.mass_contacts import Shaken, follow_by_sub_steps, through
 from stochvi.engine.sub_steps import press
 
 FORCE, MARGIN, RATE, REBOUND, MEAN_REBOUND = range(5)
@@ -36,9 +36,18 @@ OF_MASS = types.intp(
 `through`."""
 
 
+OF_SHAKEN = types.intp(
+    types.float64[:, ::1], types.intp, types.float64, types.float64, types.float64,
+    types.UniTuple(types.float64, 7), types.float64[::1],
+)  # fmt: skip
+"""Signature of the function of a contact of one mass that is shaken: table and row of numbers,
+deflection and rate, the time that is left, the numbers of `Shaken`, and what is found."""
+
+
 call_of_stop = call_by_address(OF_STOP)
 call_of_lanes = call_by_address(OF_LANES)
 call_of_mass = call_by_address(OF_MASS)
+call_of_shaken = call_by_address(OF_SHAKEN)
 
 
 @kernel
@@ -83,8 +92,15 @@ def follow(laws, kind, numbers, row, y, v, left, pressing, stiffness, found):
     call_of_mass(laws[kind, 2], (numbers, row, y, v, left, pressing, stiffness, found))
 
 
+@kernel
+def follow_shaken(laws, kind, numbers, row, y, v, left, motion, found):
+    """`follow_by_sub_steps` of a mass with the numbers of `Shaken`."""
+    call_of_shaken(laws[kind, 3], (numbers, row, y, v, left, motion, found))
+
+
 def functions_of_class(law):
-    """The functions of the class of a law: of one stop, of many lanes, and of one mass.
+    """The functions of the class of a law: of one stop, of many lanes, of one mass, and of one mass
+    that is shaken.
 
     The numbers of that law do not matter.
     """
@@ -112,4 +128,9 @@ def functions_of_class(law):
         through(read(law, numbers, row), y, v, left, pressing, stiffness, found)
         return 0
 
-    return of_stop, of_lanes, of_mass
+    @kernel
+    def of_shaken(numbers, row, y, v, left, motion, found):
+        follow_by_sub_steps(Shaken(*motion), read(law, numbers, row), y, v, left, found)
+        return 0
+
+    return of_stop, of_lanes, of_mass, of_shaken

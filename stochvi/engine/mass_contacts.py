@@ -5,19 +5,35 @@ While it lasts, the mass moves under its spring and the force of the stop,
     y'' = pressing - stiffness y - F(y, y'),
 
 y the deflection. A force that is linear is followed in closed form, by the files of such laws.
-This file takes sub-steps for any force.
+This file takes sub-steps for any force. They also follow a mass that is shaken,
+
+    y'' = p(t) - stiffness y - damping y' - F(y, y'),    p a polynomial of third order.
 """
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from stochvi.engine.compiling import kernel
 from stochvi.engine.law import energy, force, is_lossy, is_smooth, margin, rate
 from stochvi.engine.parts import generic
 from stochvi.engine.pushes import parabola_maximum
+from stochvi.engine.roots import cubic_maximum
 from stochvi.engine.sub_steps import FIRST_SHARE
-from stochvi.engine.sums import IMPULSE, LEFT, LOSS, PEAK, PLACE, SPEED, TIME
+from stochvi.engine.sums import (
+    EXTREME,
+    FORCE_SQUARE,
+    IMPULSE,
+    LEFT,
+    LOSS,
+    PEAK,
+    PLACE,
+    POSITION_FORCE,
+    SHARPEST,
+    SPEED,
+    TIME,
+)
 
 CONTACT_ANGLE = 0.125
 """Length of a sub-step times the largest rate in the contact, rad: the longest for which
@@ -29,6 +45,10 @@ contacts with a ball, 99 of 100 were below 1.3e-5, and the state at any time bel
 largest. The peak of a force that depends on the rate has twice that error. The energy of a contact
 without losses is kept. It is not resolved whether a mass that is pressed on leaves its stop with
 less than a millionth of its energy."""
+
+KINK_ERROR = 6e-4
+"""Relative error of the same quantities of a mass that is shaken, where the slope of the force
+jumps."""
 
 MOST_SUB_STEPS = 100_000
 """Largest number of sub-steps of a contact in a step."""
@@ -57,6 +77,55 @@ def through(law, y, v, left, pressing, stiffness, found):
     """
 
 
+class Swing(NamedTuple):
+    """A mass on its spring: the acceleration `pressing` onto the stop at y = 0, m/s^2, and the
+    `stiffness` w0^2, 1/s^2."""
+
+    pressing: float
+    stiffness: float
+
+
+class Shaken(NamedTuple):
+    """A mass on spring and damper under p0 + p1 t + p2 t^2 + p3 t^3, m/s^2.
+
+    `stiffness` and `damping` are w0^2 (1/s^2) and b (1/s), and `place` is that of the stop, m.
+    """
+
+    p0: float
+    p1: float
+    p2: float
+    p3: float
+    stiffness: float
+    damping: float
+    place: float
+
+
+@generic
+def acceleration(motion, t, y, v):
+    """Acceleration of the mass without the force of the stop, m/s^2."""
+
+
+@generic
+def largest_pressing(motion, left):
+    """Largest acceleration onto the stop at y = 0 in what is left, m/s^2."""
+
+
+@generic
+def square_of_rates(motion):
+    """Square of the largest rate of the mass without the stop, 1/s^2."""
+
+
+@generic
+def push_over(motion, law, on, t, start, end, h, found):
+    """Largest force in a sub-step, from (y, y') at its start and (y, y', y'') at its end; what else
+    a motion adds up over it is added to `found`."""
+
+
+@generic
+def settle(motion, law, y0, v0, y, v, found):
+    """The rate at the end of a contact from y0 and v0, as well as it is known; notes LOSS."""
+
+
 @kernel
 def push_of(law, on, y, v):
     """Force of a stop that pushes where `on` is 1, and follows the mass without a force where it
@@ -65,21 +134,21 @@ def push_of(law, on, y, v):
 
 
 @kernel
-def sub_step(law, on, y, v, h, pressing, stiffness):
+def sub_step(motion, law, on, t, y, v, h):
     """A sub-step of the Runge-Kutta method of order 4: deflection, rate and its derivative at the
     end, and the impulse of the stop."""
     half, sixth = 0.5 * h, h / 6.0
     f0 = push_of(law, on, y, v)
-    a0 = pressing - stiffness * y - f0
+    a0 = acceleration(motion, t, y, v) - f0
     y1, v1 = y + half * v, v + half * a0
     f1 = push_of(law, on, y1, v1)
-    a1 = pressing - stiffness * y1 - f1
+    a1 = acceleration(motion, t + half, y1, v1) - f1
     y2, v2 = y + half * v1, v + half * a1
     f2 = push_of(law, on, y2, v2)
-    a2 = pressing - stiffness * y2 - f2
+    a2 = acceleration(motion, t + half, y2, v2) - f2
     y3, v3 = y + h * v2, v + h * a2
     f3 = push_of(law, on, y3, v3)
-    a3 = pressing - stiffness * y3 - f3
+    a3 = acceleration(motion, t + h, y3, v3) - f3
     return (
         y + sixth * (v + 2.0 * (v1 + v2) + v3),
         v + sixth * (a0 + 2.0 * (a1 + a2) + a3),
@@ -104,27 +173,30 @@ def distance_to_event(law, on, y, v, a):
 
 
 @kernel
-def largest_push(law, on, y, v, y1, v1, a1, h, pressing, stiffness):
-    """Largest force in a sub-step: that of the parabola through the forces at its start, middle and
-    end. Without losses it is that at an end, unless the motion turns back."""
-    f0, f1 = push_of(law, on, y, v), push_of(law, on, y1, v1)
-    if not is_lossy(law) and (v <= 0.0 or v1 >= 0.0):
-        return max(f0, f1)
-    a0 = pressing - stiffness * y - f0
-    centre = push_of(
-        law, on, 0.5 * (y + y1) + 0.125 * h * (v - v1), 0.5 * (v + v1) + 0.125 * h * (a0 - a1)
-    )
-    return parabola_maximum(f0, centre, f1)
+def middle_of(motion, t, y, v, y1, v1, a1, f0, h):
+    """Deflection and rate in the middle of a sub-step, whose force at the start is f0."""
+    a0 = acceleration(motion, t, y, v) - f0
+    return 0.5 * (y + y1) + 0.125 * h * (v - v1), 0.5 * (v + v1) + 0.125 * h * (a0 - a1)
 
 
 @kernel
-def largest_rate(law, y, v, pressing, stiffness):
+def push_at_turn(law, on, y, v, y1, v1, h, f0, f1):
+    """Largest force in a sub-step of a stop without losses: that at an end, or where the motion
+    turns back."""
+    if v <= 0.0 or v1 >= 0.0:
+        return max(f0, f1)
+    return push_of(law, on, cubic_maximum(y, v, y1, v1, h), 0.0)
+
+
+@kernel
+def largest_rate(motion, law, y, v, left):
     """Largest rate of the motion in a contact, rad/s."""
+    pressing = largest_pressing(motion, left)
     fast, pull = rate(law, y, v, max(pressing, 0.0)), max(-pressing, 0.0)
     square = v * v + 2.0 * pull * y
     # a slow mass that is pulled off the stop turns back before its force counts
     turn = pull * pull / square if square > 0.0 else 0.0
-    return math.sqrt(stiffness + fast * fast + turn)
+    return math.sqrt(square_of_rates(motion) + fast * fast + turn)
 
 
 @kernel
@@ -150,21 +222,23 @@ def lost_energy(y, v, y1, v1, pressing, stiffness):
     return (y1 - y) * (pressing - 0.5 * stiffness * (y1 + y)) - 0.5 * (v1 - v) * (v1 + v)
 
 
-@through.of(object)
-def _(law, y, v, left, pressing, stiffness, found):
-    y0, v0, over, ends = y, v, False, False
-    longest = CONTACT_ANGLE / largest_rate(law, y, v, pressing, stiffness)
+@kernel
+def follow_by_sub_steps(motion, law, y, v, left, found):
+    """`through` for any force and motion."""
+    y0, v0, over, ends, t = y, v, False, False, 0.0
+    longest = CONTACT_ANGLE / largest_rate(motion, law, y, v, left)
     on = 1.0 if y <= 0.0 or margin(law, y, v) > 0.0 else 0.0
     impulse, lasted, peak = 0.0, 0.0, found[PEAK]
+    found[LOSS] = 0.0
     for _ in range(MOST_SUB_STEPS):
         whole = h = min(length_of_sub_step(law, y, v, longest), left)
-        y1, v1, a1, push = sub_step(law, on, y, v, h, pressing, stiffness)
+        y1, v1, a1, push = sub_step(motion, law, on, t, y, v, h)
         if v < 0.0 < v1:  # it may have left the stop where it turned back
             turn = h * v / (v - v1)
-            low, _, _, _ = sub_step(law, on, y, v, turn, pressing, stiffness)
+            low, _, _, _ = sub_step(motion, law, on, t, y, v, turn)
             if low < 0.0:
                 whole = h = turn
-                y1, v1, a1, push = sub_step(law, on, y, v, h, pressing, stiffness)
+                y1, v1, a1, push = sub_step(motion, law, on, t, y, v, h)
         distance, rise, ends = distance_to_event(law, on, y1, v1, a1)
         event = distance < 0.0
         for _ in range(MOST_TRIES if event else 0):
@@ -172,23 +246,110 @@ def _(law, y, v, left, pressing, stiffness, found):
             if abs(following - h) <= EVENT_ERROR * whole:
                 break
             h = following
-            y1, v1, a1, push = sub_step(law, on, y, v, h, pressing, stiffness)
+            y1, v1, a1, push = sub_step(motion, law, on, t, y, v, h)
             # the event that was found stays the one that is looked for
             distance, rise = (y1, v1) if ends else (margin(law, y1, v1), margin(law, v1, a1))
             distance, rise = (-distance, -rise) if on == 0.0 and not ends else (distance, rise)
-        peak = max(peak, largest_push(law, on, y, v, y1, v1, a1, h, pressing, stiffness))
+        peak = max(peak, push_over(motion, law, on, t, (y, v), (y1, v1, a1), h, found))
         impulse += push
         lasted += on * h
         left -= h
+        t += h
         y, v = y1, v1
         over = event and (ends or y <= 0.0)
         on = 1.0 - on if event else on
         if over or left <= 0.0:
             break
     y = 0.0 if over else y
+    found[IMPULSE], found[PEAK], found[TIME] = impulse, peak, lasted
+    found[SPEED] = settle(motion, law, y0, v0, y, v, found)
+    found[PLACE], found[LEFT] = y, max(left, 0.0) if over else 0.0
+
+
+@through.of(object)
+def _(law, y, v, left, pressing, stiffness, found):
+    follow_by_sub_steps(Swing(pressing, stiffness), law, y, v, left, found)
+
+
+# ---- the mass on its spring ----------------------------------------------------------------------
+
+
+@acceleration.of(Swing)
+def _(motion, t, y, v):
+    return motion.pressing - motion.stiffness * y
+
+
+@largest_pressing.of(Swing)
+def _(motion, left):
+    return motion.pressing
+
+
+@square_of_rates.of(Swing)
+def _(motion):
+    return motion.stiffness
+
+
+@push_over.of(Swing)
+def _(motion, law, on, t, start, end, h, found):
+    (y, v), (y1, v1, a1) = start, end
+    f0, f1 = push_of(law, on, y, v), push_of(law, on, y1, v1)
+    if not is_lossy(law):
+        return push_at_turn(law, on, y, v, y1, v1, h, f0, f1)
+    middle, speed = middle_of(motion, t, y, v, y1, v1, a1, f0, h)
+    return parabola_maximum(f0, push_of(law, on, middle, speed), f1)
+
+
+@settle.of(Swing)
+def _(motion, law, y0, v0, y, v, found):
+    pressing, stiffness = motion
     if not is_lossy(law):
         held = 0.0 if y0 == y else energy(law, y0) - energy(law, y)
         v = speed_by_energy(held, y0, v0, y, v, pressing, stiffness)
-    found[IMPULSE], found[PEAK], found[TIME] = impulse, peak, lasted
     found[LOSS] = lost_energy(y0, v0, y, v, pressing, stiffness)
-    found[PLACE], found[SPEED], found[LEFT] = y, v, max(left, 0.0) if over else 0.0
+    return v
+
+
+# ---- the mass that is shaken ---------------------------------------------------------------------
+
+
+@acceleration.of(Shaken)
+def _(motion, t, y, v):
+    shaking = motion.p0 + t * (motion.p1 + t * (motion.p2 + t * motion.p3))
+    return shaking - motion.stiffness * y - motion.damping * v
+
+
+@largest_pressing.of(Shaken)
+def _(motion, left):
+    return max(motion.p0, acceleration(motion, left, 0.0, 0.0))
+
+
+@square_of_rates.of(Shaken)
+def _(motion):
+    return motion.stiffness + motion.damping * motion.damping
+
+
+@push_over.of(Shaken)
+def _(motion, law, on, t, start, end, h, found):
+    (y, v), (y1, v1, a1) = start, end
+    f0, f1 = push_of(law, on, y, v), push_of(law, on, y1, v1)
+    middle, speed = middle_of(motion, t, y, v, y1, v1, a1, f0, h)
+    centre = push_of(law, on, middle, speed)
+    sixth = h / 6.0
+    found[LOSS] += sixth * (f0 * v + 4.0 * centre * speed + f1 * v1)
+    square = sixth * (f0 * f0 + 4.0 * centre * centre + f1 * f1)
+    lever = sixth * (f0 * y + 4.0 * centre * middle + f1 * y1)
+    lever += motion.place * sixth * (f0 + 4.0 * centre + f1)
+    highest = parabola_maximum(f0, centre, f1)
+    if not is_lossy(law):
+        highest = push_at_turn(law, on, y, v, y1, v1, h, f0, f1)
+    # what the structure adds to the largest force hardly changes within a sub-step
+    structural = motion.stiffness * (motion.place + middle) + motion.damping * speed
+    found[EXTREME + FORCE_SQUARE] += square
+    found[EXTREME + POSITION_FORCE] += lever
+    found[EXTREME + SHARPEST] = max(found[EXTREME + SHARPEST], highest + structural)
+    return highest
+
+
+@settle.of(Shaken)
+def _(motion, law, y0, v0, y, v, found):
+    return v

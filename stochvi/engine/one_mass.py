@@ -1,14 +1,13 @@
 """What is left of a step of one mass in which it may touch its stops.
 
-Between the stops the motion is undamped, x'' = -w0^2 x, x measured from the rest position. An
-impact on a rigid stop takes no time. A contact with a compliant stop is read from the tables of
-`complete_contacts` where it ends within the step, and else followed (`mass_contacts`). A step may
-hold any number of both, and a contact may last many steps.
+Between the stops the mass moves as a flow says (`mass_flows`). An impact on a rigid stop takes no
+time. A contact with a compliant stop is followed (`mass_contacts`), unless the flow knows it as a
+whole, from the tables of `complete_contacts`. A step may hold any number of both, and a contact may
+last many steps.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -16,21 +15,21 @@ from numpy.typing import NDArray
 
 from stochvi.engine.bounces import MOST_EVENTS, RESTING
 from stochvi.engine.compiling import kernel
-from stochvi.engine.complete_contacts import (
-    BRAKING,
-    CELLS,
-    DURATION,
-    HARDEST,
-    PUSHING,
-    REBOUND,
-    Complete,
-    quantity_of,
-)
-from stochvi.engine.free_motion import time_to_touch, undamped_motion
+from stochvi.engine.complete_contacts import Complete
 from stochvi.engine.impact_log import log_impact
-from stochvi.engine.law_calls import follow, mean_rebound_of, rebound_of
+from stochvi.engine.law_calls import mean_rebound_of, rebound_of
+from stochvi.engine.mass_flows import (
+    end_of,
+    follow_in,
+    known_contact,
+    pressing_on,
+    redirected,
+    touch,
+)
 from stochvi.engine.sums import (
     ENDED,
+    EXTREME,
+    FASTEST,
     IMPULSE,
     LEFT,
     LOSS,
@@ -57,7 +56,6 @@ class MassStops(NamedTuple):
         without a stop counts as rigid.
     numbers : (2, width), numbers of the laws.
     laws : `functions_of` the classes of their laws, with those of one mass.
-    stiffness : w0^2, 1/s^2.
     complete : see this class.
     """
 
@@ -67,7 +65,6 @@ class MassStops(NamedTuple):
     lossy: NDArray[np.bool_]
     numbers: NDArray[np.float64]
     laws: NDArray[np.int64]
-    stiffness: float
     complete: Complete
 
 
@@ -80,7 +77,7 @@ def contact_that_lasts(x, at):
 
 
 @kernel
-def strike(w, left, which, at, sums, lane, uniform):
+def strike(w, left, which, pressing, at, sums, lane, uniform):
     """An impact on a rigid stop at the speed w: the speed after it, and what is left of the step, 0
     for a mass that rests on the stop."""
     kind = at.kinds[which]
@@ -88,7 +85,6 @@ def strike(w, left, which, at, sums, lane, uniform):
     row = ROWS_OF_PAIR + ROWS_OF_STOP * which
     sums[lane, row + IMPULSE] += w + back
     sums[lane, row + LOSS] += 0.5 * (w - back) * (w + back)
-    pressing = -at.stiffness * (2.0 * which - 1.0) * at.places[which]
     if pressing > 0.0 and back <= RESTING * pressing * left:
         # ever lower bounces, whose impulses add up to the pressing force
         sums[lane, row + IMPULSE] += pressing * left
@@ -99,37 +95,11 @@ def strike(w, left, which, at, sums, lane, uniform):
 
 
 @kernel
-def read_contact(w, left, which, at, sums, lane):
-    """A contact from its touch at the speed w: the speed after it, and what is left of the step;
-    -1 where it has to be followed."""
-    place = (math.log(w) - at.complete.first) * at.complete.per_cell if w > 0.0 else -1.0
-    if not 0.0 <= place < CELLS:
-        return 0.0, -1.0
-    cell = int(place)
-    u = place - cell
-    left -= quantity_of(at.complete.terms, which, cell, DURATION, u)
-    if not left > 0.0:
-        return 0.0, -1.0
-    row = ROWS_OF_PAIR + ROWS_OF_STOP * which
-    back = w * quantity_of(at.complete.terms, which, cell, REBOUND, u)
-    sums[lane, row + IMPULSE] += w * quantity_of(at.complete.terms, which, cell, BRAKING, u)
-    sums[lane, row + LOSS] += 0.5 * (w - back) * (w + back) if at.lossy[which] else 0.0
-    sums[lane, row + TIME] += quantity_of(at.complete.terms, which, cell, PUSHING, u)
-    sums[lane, row + PEAK] += w * quantity_of(at.complete.terms, which, cell, HARDEST, u)
-    sums[lane, row + ENDED] += 1.0
-    return back, left
-
-
-@kernel
-def follow_contact(y, v, left, which, at, peaks, sums, lane, found):
+def follow_contact(flow, y, v, left, which, at, peaks, sums, lane, found):
     """A contact from the deflection y: deflection and rate at its end, and what is left of the
     step, 0 where it lasts."""
-    pressing = -at.stiffness * (2.0 * which - 1.0) * at.places[which]
     found[PEAK] = peaks[lane, which]
-    follow(
-        at.laws, at.kinds[which], at.numbers, which, y, v, left, pressing, at.stiffness,
-        found,
-    )  # fmt: skip
+    follow_in(flow, y, v, left, which, at, found)
     row = ROWS_OF_PAIR + ROWS_OF_STOP * which
     sums[lane, row + IMPULSE] += found[IMPULSE]
     sums[lane, row + LOSS] += found[LOSS] if at.lossy[which] else 0.0
@@ -143,11 +113,12 @@ def follow_contact(y, v, left, which, at, peaks, sums, lane, found):
 
 
 @kernel
-def finish_step(x, v, left, at, threshold, peaks, sums, lane, word, found, page):
+def finish_step(flow, x, v, left, at, threshold, peaks, sums, lane, word, found, page):
     """What is left of a step of one path: displacement and velocity at its end.
 
     Parameters
     ----------
+    flow : how the mass moves between its stops, a class of `mass_flows`.
     left : s, what is left of the step.
     at : `MassStops`.
     threshold : m/s, speed of the slowest impact that is counted.
@@ -159,39 +130,41 @@ def finish_step(x, v, left, at, threshold, peaks, sums, lane, word, found, page)
     found : FOUND numbers, overwritten.
     page : None, or part of a log, which gets the impacts that are counted.
     """
-    stiffness, whole = at.stiffness, left
-    omega = math.sqrt(stiffness)
+    whole = left
     which = contact_that_lasts(x, at)
     for event in range(MOST_EVENTS):
         touched, w = which == NO_STOP, 0.0
         if touched:
-            up, w_up = time_to_touch(x, v, at.places[1], left, stiffness, omega)
-            down, w_down = time_to_touch(-x, -v, -at.places[0], left, stiffness, omega)
+            up, w_up = touch(flow, x, v, 1.0, at.places[1], left)
+            down, w_down = touch(flow, x, v, -1.0, at.places[0], left)
             t = min(up, down)
             if t > left:
-                return undamped_motion(x, v, -stiffness * x, left, omega)
+                return end_of(flow, x, v, left)
             left -= t
             which, w = (1, w_up) if up <= down else (0, w_down)
+            x, v = at.places[which], w if which == 1 else -w
             counted = w > 0.0 and w >= threshold
             sums[lane, 3 * which] += 1.0 if counted else 0.0
             sums[lane, 3 * which + 1] += w
             sums[lane, 3 * which + 2] += w * w
+            found[EXTREME + FASTEST] = max(found[EXTREME + FASTEST], w)
             if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
                 if page.open and counted:
-                    log_impact(page, 0, whole - left, w if which == 1 else -w)
+                    log_impact(page, 0, whole - left, v)
         side, stop = 2.0 * which - 1.0, at.places[which]
         y, back, rest = 0.0, 0.0, -1.0
         if at.rigid[which]:
-            back, rest = strike(w, left, which, at, sums, lane, uniform_of(word, event))
+            pressing = pressing_on(flow, w, side, stop, left)
+            back, rest = strike(w, left, which, pressing, at, sums, lane, uniform_of(word, event))
         elif touched:
-            back, rest = read_contact(w, left, which, at, sums, lane)
-        if rest >= 0.0:
-            left, v = rest, -side * back
-        else:
-            start, speed = (0.0, w) if touched else (side * (x - stop), side * v)
-            y, v, left = follow_contact(start, speed, left, which, at, peaks, sums, lane, found)
-            v *= side
-        x = stop + side * y
+            back, rest = known_contact(flow, w, left, which, at, sums, lane)
+        u = -back
+        if rest < 0.0:
+            y, u, rest = follow_contact(
+                flow, side * (x - stop), side * v, left, which, at, peaks, sums, lane, found
+            )
+        flow = redirected(flow, x, v, left, stop + side * y, side * u, rest)
+        x, v, left = stop + side * y, side * u, rest
         if left <= 0.0:
             break
         which = NO_STOP

@@ -116,6 +116,32 @@ def first_root(c0, c1, c2, c3, c4, c5, stack):
 
 
 @kernel
+def cubic_between(x0, v0, x1, v1, span):
+    """Coefficients by powers of time of the cubic with these values and slopes at 0 and `span`."""
+    mean = (x1 - x0) / span
+    return x0, v0, (3.0 * mean - 2.0 * v0 - v1) / span, (v0 + v1 - 2.0 * mean) / (span * span)
+
+
+@kernel
+def cubic_at(q, t):
+    """Value and slope of a cubic at the time t."""
+    q0, q1, q2, q3 = q
+    return q0 + t * (q1 + t * (q2 + t * q3)), q1 + t * (2.0 * q2 + t * 3.0 * q3)
+
+
+@kernel
+def cubic_maximum(f0, r0, f1, r1, span):
+    """Largest value of the cubic with these values and slopes at the ends."""
+    highest = max(f0, f1)
+    if r0 > 0.0 and r1 < 0.0:
+        _, c, half, third = cubic_between(f0, r0, f1, r1, span)
+        # where c + 2 half t + 3 third t^2 falls through 0
+        t = c / (math.sqrt(max(half * half - 3.0 * third * c, 0.0)) - half)
+        highest = max(highest, f0 + t * (c + t * (half + t * third)))
+    return highest
+
+
+@kernel
 def first_upward_root(c0, c1, c2, c3):
     """First s in (0, 1] where c0 + c1 s + c2 s^2 + c3 s^3 crosses 0 upwards, or 2 for none.
 

@@ -13,7 +13,18 @@ from stochvi.engine.complete_contacts import DURATION, TABLE_ERROR
 from stochvi.engine.law_calls import follow
 from stochvi.engine.mass_contacts import CONTACT_ERROR
 from stochvi.engine.one_mass import MassStops
-from stochvi.engine.sums import ENDED, FOUND, IMPULSE, LEFT, LOSS, PEAK, PLACE, SPEED, TIME
+from stochvi.engine.sums import (
+    ENDED,
+    EXTREME,
+    FOUND,
+    IMPULSE,
+    LEFT,
+    LOSS,
+    PEAK,
+    PLACE,
+    SPEED,
+    TIME,
+)
 from stochvi.scenes.impact_laws import Law
 from support.one_mass import Flown, fly, stops_at
 
@@ -28,14 +39,15 @@ LAWS: dict[str, Law] = {
 
 
 def followed(
-    at: MassStops, y: float, v: float, seconds: float, pressing: float, parts: int
-) -> NDArray[np.float64]:
+    at: MassStops, stiffness: float, y: float, v: float, seconds: float, pressing: float,
+    parts: int,
+) -> NDArray[np.float64]:  # fmt: skip
     """A contact with the upper stop, followed for some time in so many parts; what ends in a part
     has all the others left."""
-    total, found = np.zeros(FOUND), np.zeros(FOUND)
+    total, found = np.zeros(EXTREME), np.zeros(FOUND)
     for part in range(parts):
         left = seconds / parts
-        follow(at.laws, at.kinds[1], at.numbers, 1, y, v, left, pressing, at.stiffness, found)
+        follow(at.laws, at.kinds[1], at.numbers, 1, y, v, left, pressing, stiffness, found)
         for row in (IMPULSE, LOSS, TIME):
             total[row] += found[row]
         y, v = found[PLACE], found[SPEED]
@@ -54,10 +66,12 @@ def test_contacts_in_sub_steps_have_the_error_that_is_stated(name: str) -> None:
         stiffness = float(random.choice([0.0, 1.0, 10.0 ** random.uniform(-2.0, 3.0)]))
         at = stops_at({1.0: (0.0, LAWS[name])}, stiffness)
         w, pressing = 10.0 ** random.uniform(-1.0, 1.0), random.uniform(-10.0, 10.0)
-        whole = followed(at, 0.0, w, 1.0, pressing, 1)
+        whole = followed(at, stiffness, 0.0, w, 1.0, pressing, 1)
         assert whole[LEFT] > 0.0
         lasted = 1.0 - whole[LEFT]
-        one, many = (followed(at, 0.0, w, 1.2 * lasted, pressing, parts) for parts in (1, 1000))
+        one, many = (
+            followed(at, stiffness, 0.0, w, 1.2 * lasted, pressing, parts) for parts in (1, 1000)
+        )
         scale = np.array([w, w * w, many[PEAK], lasted, 1.0, w, lasted])
         errors.append(np.abs(one - many) / scale)
     worst = np.array(errors).max(axis=0)
@@ -80,7 +94,7 @@ def test_a_contact_that_is_read_is_the_one_that_is_followed(name: str) -> None:
         for each in (at, unread):
             flown = Flown.before()
             # to shortly after the contact, when the mass is free
-            state = fly(stop - 1e-9, speed, 0.9, each, flown)
+            state = fly(stop - 1e-9, speed, 0.9, 1.0, each, flown)
             both.append(np.concatenate([state, flown.sums[0], flown.peaks[0]]))
         size = np.maximum(np.abs(both[1]), speed * speed * 1e-3)
         found.append(np.max(np.abs(both[0] - both[1]) / size))
@@ -97,7 +111,7 @@ def test_a_table_with_durations_a_little_too_long_is_noticed() -> None:
     terms = at.complete.terms.copy()
     terms[:, :, DURATION] *= 1.0 + 1e-4
     wrong = at._replace(complete=at.complete._replace(terms=terms))
-    states = [fly(0.4 - 1e-9, 1.0, 0.9, each, Flown.before()) for each in (at, wrong)]
+    states = [fly(0.4 - 1e-9, 1.0, 0.9, 1.0, each, Flown.before()) for each in (at, wrong)]
     assert abs(states[0][0] - states[1][0]) > 50.0 * TABLE_ERROR
 
 

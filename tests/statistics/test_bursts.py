@@ -20,23 +20,17 @@ from stochvi import (
     screen,
     simulate,
 )
-from stochvi.engine.impact_log import NO_LOG, page_of
-from stochvi.mathematics.impact_rates import rice_rate
-from stochvi.methods.monte_carlo.kernels.compliant_response import (
-    TALLY,
-    IntervalEnds,
-    interval_with_contacts,
-)
-from stochvi.methods.monte_carlo.kernels.rows import (
-    CONTACT_SUMS,
+from stochvi.engine.sums import (
+    EXTREME,
     EXTREMES,
     FASTEST,
     FORCE_SQUARE,
+    FOUND,
     POSITION_FORCE,
     SHARPEST,
 )
-from stochvi.methods.monte_carlo.kernels.steps import Sampling
-from stochvi.methods.monte_carlo.tabulated import kernel_stop, plan_tabulated
+from stochvi.mathematics.impact_rates import rice_rate
+from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law, SpeedRestitution
@@ -44,6 +38,7 @@ from stochvi.statistics.bursts import Bursts, _far, bursts, chance_of
 from stochvi.statistics.cluster_paths import ClusterPaths, widened
 from stochvi.testing import assert_agrees
 from support.accuracies import rel_errors
+from support.one_mass import Flown, fly_along, stops_at
 
 
 def unit(level: float, law: Law, lower: float | None = None) -> Scene:
@@ -200,15 +195,13 @@ def test_chance_of_a_sharp_hit_against_whole_missions() -> None:
 def test_a_contact_gives_its_largest_acceleration_and_integrals() -> None:
     """A free mass on a spring K: F = w W sin W t, W^2 = K, for half a period."""
     stiffness, w, h = 400.0, 1.5, 0.05
-    extremes, place = np.zeros(EXTREMES), 2.0
+    found, place = np.zeros(FOUND), 2.0
     x, v = place - 0.5 * h * w, w
-    stop = kernel_stop(place, Elastic(stiffness=stiffness))
-    sampling = Sampling(h, 0.0, 0.0, 0.0, 1.0, 0, 0)
-    arrays = np.zeros(TALLY), np.zeros(2), extremes, np.zeros(CONTACT_SUMS)
-    page = page_of.py_func(NO_LOG, 0, 0, h)
+    at = stops_at({1.0: (place, Elastic(stiffness=stiffness))}, 0.0, shaken=True)
+    flown = Flown.before()
     for _ in range(8):
-        ends = IntervalEnds(x, v, x + h * v, v)
-        x, v = interval_with_contacts(ends, sampling, None, stop, *arrays, page)
+        x, v = fly_along((x, v, x + h * v, v), h, (0.0, 0.0), at, flown, found)
+    extremes = found[EXTREME:]
     frequency = math.sqrt(stiffness)
     half = 0.5 * math.pi / frequency
     assert extremes[FASTEST] == pytest.approx(w, rel=1e-12)

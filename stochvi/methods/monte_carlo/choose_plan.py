@@ -92,7 +92,8 @@ def make_plan(
     loose = alone and model.restoring is None and model.omega == 0.0
     falling = loose and (model.load != 0.0 or bool(model.tables))
     sampled = bool(model.tables) or giving_way
-    # the kernel of tables knows the forms of laws; steps under white noise follow from energies
+    # under tables, laws without a form are followed as a structure is, which gives accelerations
+    # too; steps under white noise follow from energies
     if sampled:
         several = any(stop.law.form() is None for stop in model.stops)
     else:

@@ -13,8 +13,8 @@ the rate at which y crosses 3 sigma. The cubics between the samples add an error
 has power up to the cut: they cross 3 sigma too seldom, by at most 0.04 % for a 12 Hz mount on a
 truck (vertical) and 0.15 % for any profile.
 
-Compliant stops are integrated in sub-steps of the contact's own time scale, within the sampling
-interval (`kernels.compliant_response`).
+Contacts with compliant stops are integrated in sub-steps of their own time scale, within the
+sampling interval (`engine.one_mass`).
 """
 
 from __future__ import annotations
@@ -29,20 +29,15 @@ from numpy.typing import NDArray
 from scipy.fft import ifft, irfft, next_fast_len, rfft
 
 from stochvi.engine.impact_log import NO_LOG, NO_RECORD, Log
+from stochvi.engine.law import rate
+from stochvi.engine.mass_contacts import CONTACT_ANGLE
+from stochvi.engine.one_mass import MassStops
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.mathematics.sampled_passages import moments_of_rises
 from stochvi.mathematics.spectra import Table, response_moments, squared_gain
 from stochvi.mathematics.units import density_from_intensity, intensity_from_density
 from stochvi.methods.monte_carlo.compliant_white import CONTACT_ROWS
-from stochvi.methods.monte_carlo.kernels.compliant_response import (
-    CONTACT_ANGLE,
-    DAMPED,
-    HERTZ,
-    PIECES,
-    RIGID,
-    contact_rate,
-)
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.kernels.response_domain import (
     add_free_motion,
@@ -50,7 +45,8 @@ from stochvi.methods.monte_carlo.kernels.response_domain import (
     run_response,
 )
 from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, NO_EXTREMES, Sums
-from stochvi.methods.monte_carlo.kernels.steps import ContactStop, RigidStop, Sampling
+from stochvi.methods.monte_carlo.kernels.steps import RigidStop, Sampling
+from stochvi.methods.monte_carlo.mass_stops import stops_of_mass
 from stochvi.methods.monte_carlo.path_statistics import Layout
 from stochvi.methods.monte_carlo.plan import (
     Histories,
@@ -70,7 +66,7 @@ from stochvi.methods.monte_carlo.step_bias import (
 from stochvi.model.model import Model, Signal, Stop
 from stochvi.results.errors import NotApplicable
 from stochvi.sampling.stop_flag import stop_flag
-from stochvi.scenes.impact_laws import CompliantLaw, Law
+from stochvi.scenes.impact_laws import CompliantLaw
 
 SAMPLES_PER_PERIOD = 20.0
 """Smallest number of samples in a natural period. There are more if the response to the table is
@@ -450,6 +446,7 @@ class TabulatedPlan:
             ),
             self._stop(self.model.lower),
             self._stop(self.model.upper),
+            self._compliant_stops,
             state,
             peaks,
             sums,
@@ -459,14 +456,19 @@ class TabulatedPlan:
             stop_flag(),
         )
 
-    def _stop(self, stop: Stop | None) -> RigidStop | ContactStop | None:
-        """A stop for the kernel, as a `ContactStop` if any stop is compliant; None for none."""
+    def _stop(self, stop: Stop | None) -> RigidStop | None:
+        """A stop for the kernel; None for none."""
         if stop is None:
             return None
-        position = stop.position - self.model.rest
-        if self.contacts:
-            return kernel_stop(position, stop.law)
-        return RigidStop(position, stop.law.restitution, -1.0)
+        restitution = 0.0 if self.contacts else stop.law.restitution
+        return RigidStop(stop.position - self.model.rest, restitution, -1.0)
+
+    @property
+    def _compliant_stops(self) -> MassStops | None:
+        """The stops for the kernel where one is compliant, else None."""
+        if not self.contacts:
+            return None
+        return stops_of_mass(self.model, self.speed, self.step, shaken=True).for_kernel
 
     @cached_property
     def _velocity_variance(self) -> float:
@@ -736,27 +738,6 @@ def _too_many(samples: float) -> str:
     )
 
 
-KINDS = {"rigid": RIGID, "pieces": PIECES, "damped": DAMPED, "hertz": HERTZ}
-"""The number by which the kernels know each form of a law."""
-
-
-def kernel_stop(position: float, law: Law) -> ContactStop:
-    """The position (m), the kind and the data of a stop for the kernel.
-
-    Raises
-    ------
-    NotApplicable
-        If no kernel knows the law.
-    """
-    form = law.form()
-    if form is None:
-        raise NotApplicable(
-            "simulate",
-            [f"law must be elastic, viscoelastic, hertz or table for this, got {law.kind!r}"],
-        )
-    return ContactStop(position, KINDS[form.name], form.numbers)
-
-
 def _rate_for_gap(model: Model, speed: float) -> float:
     """Samples per second for a mass between close stops at its rms speed without them; deflections
     of the stops are added to the gap."""
@@ -781,10 +762,8 @@ def _too_stiff(model: Model, speed: float, step: float) -> list[str]:
         pressing = stop.side * (model.load - model.omega**2 * stop.position)
         if pressing <= 0.0 and stop.law.restitution > COLLAPSE_RESTITUTION:
             continue
-        _, kind, data = kernel_stop(0.0, stop.law)
-        structure = (model.omega, model.damping_rate)
-        push = max(pressing, 0.0)
-        needed = step * contact_rate(0.0, speed, push, structure, kind, data) / CONTACT_ANGLE
+        fastest = rate(stop.law.compiled(), 0.0, speed, max(pressing, 0.0))
+        needed = step * math.hypot(fastest, model.omega, model.damping_rate) / CONTACT_ANGLE
         if needed > MOST_SUB_STEPS:
             found.append(
                 f"a mass that stays on a stop this stiff needs {needed:.2g} sub-steps per sample, "

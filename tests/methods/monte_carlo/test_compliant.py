@@ -10,7 +10,7 @@ import pytest
 
 from stochvi import check, simulate
 from stochvi.engine.laws.hertz import Hertz as CompiledHertz
-from stochvi.engine.mass_contacts import CONTACT_ERROR, sub_step
+from stochvi.engine.mass_contacts import CONTACT_ERROR, Shaken, Swing, sub_step
 from stochvi.engine.sums import ENDED, IMPULSE, LOSS, PEAK, TIME
 from stochvi.methods.closed_form import displacement_density, exact
 from stochvi.methods.linearisation import linearise
@@ -132,7 +132,7 @@ def test_the_mean_peak_force_is_that_of_rayleigh_impacts(name: str) -> None:
     def peak_force(speed: float) -> float:
         """Of the contacts within some seconds, which are all alike."""
         flown = Flown.before()
-        fly(stop, side * speed, 4.0, at, flown)
+        fly(stop, side * speed, 4.0, model.omega**2, at, flown)
         sums = flown.contacts(side)
         assert sums[ENDED] == flown.impacts(side)[0] - (flown.peaks.max() > 0.0)
         return float(sums[PEAK] / sums[ENDED])
@@ -191,7 +191,7 @@ def test_a_free_contact_is_that_of_the_contact_formulas(law: Law, parts: int) ->
         length += 3.0 * law.damping_ratio / math.sqrt(law.stiffness)
     at = stops_at({1.0: (0.0, law)}, 0.0, SPEED, length)
     for _ in range(parts):
-        x, v = fly(x, v, length / parts, at, flown)
+        x, v = fly(x, v, length / parts, 0.0, at, flown)
     near = CONTACT_ERROR if law is BALL else 1e-9
     found = flown.contacts(1.0)
     assert flown.impacts(1.0)[:2].tolist() == [1.0, SPEED]
@@ -204,13 +204,16 @@ def test_a_free_contact_is_that_of_the_contact_formulas(law: Law, parts: int) ->
     assert found[LOSS] == pytest.approx(lost, abs=near * SPEED**2)
 
 
-def test_sub_steps_are_of_fourth_order() -> None:
+@pytest.mark.parametrize(
+    "motion", [Swing(0.3, 1.0), Shaken(0.4, 3.0, -2.0, 1.0, 1.0, 0.1, 0.0)], ids=["swing", "shaken"]
+)
+def test_sub_steps_are_of_fourth_order(motion: Swing | Shaken) -> None:
     law = CompiledHertz(100.0)
 
     def end(steps: int) -> np.ndarray:
-        y, v = 0.01, 1.0
-        for _ in range(steps):
-            y, v, _, _ = sub_step(law, 1.0, y, v, 0.2 / steps, 0.3, 1.0)
+        y, v, h = 0.01, 1.0, 0.2 / steps
+        for step in range(steps):
+            y, v, _, _ = sub_step(motion, law, 1.0, step * h, y, v, h)
         return np.array([y, v])
 
     truth = end(1024)
@@ -475,7 +478,7 @@ def test_any_flow_ends_and_keeps_its_energy_or_loses_some() -> None:
 
         before = energy(x, v)
         for _ in range(3):
-            x, v = fly(x, v, h, at, flown)
+            x, v = fly(x, v, h, stiff, at, flown)
         assert math.isfinite(x) and math.isfinite(v) and np.isfinite(flown.sums).all()
         error = 1e-9 + 3.0 * CONTACT_ERROR * any(law.kind == "hertz" for _, _, law in held)
         after = energy(x, v)

@@ -21,8 +21,8 @@ from stochvi import (
     exact,
     simulate,
 )
+from stochvi.engine.mass_contacts import KINK_ERROR
 from stochvi.methods.monte_carlo.choose_plan import make_plan
-from stochvi.methods.monte_carlo.kernels.compliant_response import KINK_ERROR
 from stochvi.methods.monte_carlo.kernels.random_numbers import seed_streams
 from stochvi.methods.monte_carlo.modal_contacts import CONTACT_ENERGY, plan_modal_contacts
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan

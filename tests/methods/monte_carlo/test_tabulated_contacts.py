@@ -10,28 +10,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from stochvi import Estimate, NotApplicable, Restitution, Scene, TabulatedNoise, exact, simulate
-from stochvi.engine.impact_log import NO_LOG, page_of
+from stochvi.engine.mass_contacts import CONTACT_ERROR, KINK_ERROR
+from stochvi.engine.roots import cubic_between
 from stochvi.engine.sums import ENDED, IMPULSE, PEAK, TIME
 from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.compliant_white import CONTACT_ROWS
-from stochvi.methods.monte_carlo.kernels.compliant_response import (
-    CONTACT_ERROR,
-    KINK_ERROR,
-    PIECES,
-    TALLY,
-    IntervalEnds,
-    cubic_at,
-    cubic_between,
-    interval_with_contacts,
-    stop_force,
-    sub_step,
-)
 from stochvi.methods.monte_carlo.kernels.rows import (
-    CONTACT_LOWER,
-    CONTACT_SUMS,
-    CONTACT_UPPER,
-    EXTREMES,
     F1_LOWER,
     F1_UPPER,
     N_LOWER,
@@ -40,9 +25,8 @@ from stochvi.methods.monte_carlo.kernels.rows import (
     XX,
     X,
 )
-from stochvi.methods.monte_carlo.kernels.steps import Sampling
 from stochvi.methods.monte_carlo.path_statistics import PathStatistics
-from stochvi.methods.monte_carlo.tabulated import TabulatedPlan, kernel_stop
+from stochvi.methods.monte_carlo.tabulated import TabulatedPlan
 from stochvi.model.model import model_of
 from stochvi.results.quantity_units import QUANTITY_UNITS
 from stochvi.scenes.excitations import FilteredNoise, Sine
@@ -53,6 +37,7 @@ from support.accuracies import quick_cases
 from support.known import values
 from support.mounts import COMPANY, MOUNT, bumpered_mount
 from support.naive import held_force_with_contacts
+from support.one_mass import Flown, fly_along, stops_at
 from support.soft_stops import BALL, BUMPER, CONTACTS, RUBBER, STEEL, WALL, random_stop
 from support.soft_stops import scene as white_scene
 from support.synthesis import AIM, SEED, coefficients
@@ -71,22 +56,9 @@ def with_faint_table(scene: Scene) -> Scene:
     return scene.model_copy(update={"excitations": (*scene.excitations, FAINT)})
 
 
-def free_flight(span: float, speed: float) -> Sampling:
-    """Sampling of a mass without spring and damper, at an interval in s."""
-    return Sampling(span, 0.0, 0.0, 0.0, speed, 0, 0)
-
-
-def interval(x0, v0, x1, v1, sampling, stops, peaks, sums):
-    """The end (x, v) of one interval; `peaks` and `sums` are changed."""
-    arrays = np.zeros(TALLY), peaks, np.zeros(EXTREMES), sums
-    page = page_of.py_func(NO_LOG, 0, 0, sampling.span)
-    ends = IntervalEnds(x0, v0, x1, v1)
-    return interval_with_contacts(ends, sampling, *stops, *arrays, page)
-
-
 # ---- one contact -----------------------------------------------------------------------------
 
-NEAR = {"elastic": CONTACT_ERROR, "hertz": CONTACT_ERROR}
+NEAR = {"elastic": CONTACT_ERROR, "hertz": CONTACT_ERROR, "viscoelastic": CONTACT_ERROR}
 SPEED = 1.3
 
 
@@ -99,51 +71,19 @@ def test_a_free_contact_is_that_of_the_contact_formulas(law: Law, parts: int) ->
     if isinstance(law, Viscoelastic):
         length += 3.0 * law.damping_ratio / math.sqrt(law.stiffness)
     near, h = NEAR.get(law.kind, KINK_ERROR), length / parts
-    for side, row, count in ((1.0, CONTACT_UPPER, N_UPPER), (-1.0, CONTACT_LOWER, N_LOWER)):
-        sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
-        stops = (None, kernel_stop(0.0, law)) if side > 0.0 else (kernel_stop(0.0, law), None)
+    for side in (1.0, -1.0):
+        flown, at = Flown.before(), stops_at({side: (0.0, law)}, 0.0, shaken=True)
         x, v = 0.0, side * SPEED
         for _ in range(parts):
-            x, v = interval(x, v, x + h * v, v, free_flight(h, 1.0), stops, peaks, sums)
-        found = sums[row:]
-        assert (sums[count], found[ENDED]) == (1.0, 1.0)
-        assert sums[count + 1] == pytest.approx(SPEED, rel=1e-12)
-        assert side * x < 0.0 and not peaks.any()
+            x, v = fly_along((x, v, x + h * v, v), h, (0.0, 0.0), at, flown)
+        impacts, found = flown.impacts(side), flown.contacts(side)
+        assert (impacts[0], found[ENDED]) == (1.0, 1.0)
+        assert impacts[1] == pytest.approx(SPEED, rel=1e-12)
+        assert side * x < 0.0 and not flown.peaks.any()
         assert -side * v == pytest.approx(expected.restitution * SPEED, abs=near * SPEED)
         assert found[TIME] == pytest.approx(expected.contact_time, rel=near)
         assert found[PEAK] == pytest.approx(expected.peak_force, rel=near)
         assert found[IMPULSE] == pytest.approx((1.0 + expected.restitution) * SPEED, rel=near)
-
-
-@pytest.mark.parametrize("law", [STEEL, BALL, RUBBER, BUMPER], ids=lambda law: law.kind)
-def test_the_force_of_a_stop_has_the_derivatives_that_are_stated(law: Law) -> None:
-    """Against central differences over 1e-5, whose error is of the order 1e-10."""
-    y, v, step = 0.31, 0.4, 1e-5
-    stop = kernel_stop(0.0, law.per_unit_mass(1.0))
-
-    def force(y: float, v: float) -> float:
-        return stop_force.py_func(y, v, stop.kind, stop.data)[0]
-
-    found, by_y, by_v = stop_force.py_func(y, v, stop.kind, stop.data)
-    assert found > 0.0
-    assert by_y == pytest.approx((force(y + step, v) - force(y - step, v)) / (2.0 * step), rel=1e-7)
-    changed = (force(y, v + step) - force(y, v - step)) / (2.0 * step)
-    assert by_v == pytest.approx(changed, rel=1e-7, abs=1e-9)
-
-
-def test_the_sub_stepper_is_of_fourth_order() -> None:
-    data = np.array([[0.0, 0.0, 100.0]])
-
-    def end(steps: int) -> np.ndarray:
-        d, r, q = 0.0, 0.0, (0.01, 1.0, -2.0, 3.0)
-        for step in range(steps):
-            d, r, *_ = sub_step(step * 0.2 / steps, d, r, 0.2 / steps, q, (1.0, 0.1), PIECES, data)
-        return np.array([d, r])
-
-    truth = end(1024)
-    errors = [float(np.abs(end(steps) - truth).max()) for steps in (8, 16, 32)]
-    assert math.log2(errors[0] / errors[1]) == pytest.approx(4.0, abs=0.3)
-    assert math.log2(errors[1] / errors[2]) == pytest.approx(4.0, abs=0.3)
 
 
 def interval_by_a_general_solver(
@@ -155,7 +95,8 @@ def interval_by_a_general_solver(
         return float(law.force_at(x - stop, v)) if x > stop else 0.0
 
     def derivative(t: float, state: np.ndarray) -> list[float]:
-        x, v, rate = cubic_at(q, t)
+        x, v = np.polyval(q[::-1], t), np.polyval(np.polyder(q[::-1]), t)
+        rate = 2.0 * q[2] + 6.0 * q[3] * t
         a = rate + 0.1 * v + x  # what shakes the structure
         push = force(state[0], state[1])
         return [state[1], a - 0.1 * state[1] - state[0] - push, push]
@@ -180,17 +121,16 @@ def test_an_interval_equals_that_of_a_general_solver(law: Law) -> None:
         x0, v0, v1 = rng.uniform(0.2, 0.6), rng.uniform(0.5, 2.0), rng.uniform(-2.0, 2.0)
         span, stop = 0.25, 0.5
         x1 = x0 + 0.5 * span * (v0 + v1)
-        sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
-        sampling = free_flight(span, 1.0)._replace(omega=1.0, damping_rate=0.1)
-        stops = (None, kernel_stop(stop, law))
-        x, v = interval(x0, v0, x1, v1, sampling, stops, peaks, sums)
+        flown, at = Flown.before(), stops_at({1.0: (stop, law)}, 1.0, shaken=True)
+        x, v = fly_along((x0, v0, x1, v1), span, (0.1, 1.0), at, flown)
         q = cubic_between(x0, v0, x1, v1, span)
         expected = interval_by_a_general_solver((x0, v0), q, span, law, stop)
         # KINK_ERROR of the speed; what a jump of the velocity changes within the later cubic
         later = (1.0 * span) ** 4 / 24.0
         near = (KINK_ERROR + later) * 2.0
-        assert (x, v, sums[CONTACT_UPPER + IMPULSE]) == pytest.approx(expected, rel=0.0, abs=near)
-        met += sums[CONTACT_UPPER + IMPULSE] > 0.0
+        impulse = flown.contacts(1.0)[IMPULSE]
+        assert (x, v, impulse) == pytest.approx(expected, rel=0.0, abs=near)
+        met += impulse > 0.0
     assert met > 6
 
 
@@ -487,15 +427,17 @@ def test_any_interval_ends_and_gains_no_energy_from_a_stop() -> None:
     for _ in range(400):
         half, v = 10.0 ** rng.uniform(-6.0, 0.0), 10.0 ** rng.uniform(-3.0, 1.0)
         laws = [random_stop(rng), random_stop(rng)]
-        stops = [kernel_stop(side * half, law) for side, law in zip((-1.0, 1.0), laws, strict=True)]
+        at = stops_at({s: (s * half, law) for s, law in zip((-1.0, 1.0), laws, strict=True)}, 0.0,
+                      shaken=True)  # fmt: skip
         # some crossings of the gap, or an interval as long as a contact
         times = [law.impact(v, 1.0).contact_time for law in laws if not law.rigid]
         h = float(rng.choice([*times, 10.0 * half / v]))
         x, u = rng.uniform(-1.0, 1.0) * half, v
-        sums, peaks = np.zeros(CONTACT_SUMS), np.zeros(2)
+        flown = Flown.before()
         for _ in range(3):
-            x, u = interval(x, u, x + h * u, u, free_flight(h, v), stops, peaks, sums)
-            assert math.isfinite(x) and np.isfinite(sums).all() and np.isfinite(peaks).all()
+            x, u = fly_along((x, u, x + h * u, u), h, (0.0, 0.0), at, flown)
+            assert math.isfinite(x) and np.isfinite(flown.sums).all()
+            assert np.isfinite(flown.peaks).all()
             # every contact may add the error of tables of any slopes
-            contacts = 1.0 + sums[N_LOWER] + sums[N_UPPER]
+            contacts = 1.0 + flown.impacts(-1.0)[0] + flown.impacts(1.0)[0]
             assert abs(u) <= v * (1.0 + 4.0 * KINK_ERROR * contacts)

@@ -7,11 +7,14 @@ others (`one_mass`).
 x is measured from the rest position under the load.
 """
 
+import math
+
 import numpy as np
 
 from stochvi.engine.borrowed import borrowed, hold
 from stochvi.engine.compiling import kernel
 from stochvi.engine.impact_log import page_of
+from stochvi.engine.mass_flows import Rotation
 from stochvi.engine.one_mass import finish_step
 from stochvi.engine.sums import FOUND, ROWS_OF_CONTACT_PAIR
 from stochvi.engine.uniform_numbers import word_of_step
@@ -82,6 +85,7 @@ def run_contacts(paths, kick, flow, at, counting, record, log, flag):
     extra, spare = np.zeros((2, LANES, ROWS_OF_CONTACT_PAIR))
     found, of_block = np.zeros(FOUND), np.zeros((LANES, 2))
     scene, peaks, numbers = borrowed(at), borrowed(of_block), borrowed(found)
+    rotation = Rotation(flow.stiff, math.sqrt(flow.stiff))
     for start in range(0, x.shape[0], LANES):
         end = min(start + LANES, x.shape[0])
         n = end - start
@@ -116,7 +120,7 @@ def run_contacts(paths, kick, flow, at, counting, record, log, flag):
                 if near[i] != 0.0:
                     before = target[i, F1_OF_UPPER] - target[i, F1_OF_LOWER]
                     xs[i], vs[i] = finish_step(
-                        xs[i], vs[i], flow.step, scene, threshold, peaks, target, i,
+                        rotation, xs[i], vs[i], flow.step, scene, threshold, peaks, target, i,
                         word_of_step(state0[i], step), numbers,
                         page_of(log, start + i, step, flow.step),
                     )  # fmt: skip

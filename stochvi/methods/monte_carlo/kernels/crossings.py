@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.engine.compiling import kernel
-from stochvi.methods.monte_carlo.kernels.compliant_response import cubic_maximum
+from stochvi.engine.roots import cubic_maximum
 
 TIE = 1e-9
 """Relative distance from a stop up to which two gaps reach their stops at the same time."""

@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from stochvi.engine.compiling import kernel
-from stochvi.methods.monte_carlo.kernels.compliant_response import cubic_maximum
+from stochvi.engine.roots import cubic_maximum
 
 NODES, BEFORE = 6, 2
 """Number of samples of the polynomial of a step, and how many of them lie before the step."""

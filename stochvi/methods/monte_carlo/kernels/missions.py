@@ -15,6 +15,7 @@ import numpy as np
 
 from stochvi.engine.borrowed import borrowed, hold
 from stochvi.engine.compiling import kernel
+from stochvi.engine.mass_flows import Rotation
 from stochvi.engine.one_mass import finish_step
 from stochvi.engine.sums import (
     ENDED,
@@ -108,6 +109,7 @@ def run_missions(
     peaks, sums = np.zeros((LANES, 2)), np.zeros((LANES, ROWS_OF_CONTACT_PAIR))
     found = np.zeros(FOUND)
     scene, forces, added, numbers = borrowed(at), borrowed(peaks), borrowed(sums), borrowed(found)
+    rotation = Rotation(stiff, math.sqrt(stiff))
     done = np.zeros(LANES, np.bool_)
     waiting, lanes, steps, ended = 0, 0, 0, True
     while True:
@@ -171,7 +173,7 @@ def run_missions(
                             sums[i, row] = 0.0
                         least = limit[0] if event == IMPACT else threshold
                         xs[i], vs[i] = finish_step(
-                            xs[i], vs[i], flow.step, scene, least, forces, added, i,
+                            rotation, xs[i], vs[i], flow.step, scene, least, forces, added, i,
                             word_of_step(state[0, i], half), numbers, None,
                         )  # fmt: skip
                         number = sums[i, 0] + sums[i, 3]

@@ -8,7 +8,7 @@ stops, synthesised from its own spectrum, and e a free decay that every impact c
 Only y and y' at the samples enter. Within a sampling interval x is the cubic through the end
 values and slopes (error of fourth order); an impact takes the first upward root of x - u, and
 changes the end of the interval by -(1 + R) w times the second column of A(remaining time). Where a
-stop is compliant, `compliant_response` takes the interval instead.
+stop is compliant, the engine finishes the interval instead (`one_mass`).
 
 All paths move together from sample to sample: a loop without branches advances those that stay
 clear of the stops, which most do, and marks the others, which are then advanced one by one. To that
@@ -19,28 +19,38 @@ Symbols: x0, v0, x1, v1 values and slopes at the ends; s in [0, 1] the place in 
 
 import numpy as np
 
+from stochvi.engine.borrowed import borrowed, hold
 from stochvi.engine.bounces import MOST_BOUNCES, RESTING
 from stochvi.engine.compiling import kernel
 from stochvi.engine.free_motion import decay
 from stochvi.engine.impact_log import log_impact, page_of
+from stochvi.engine.mass_flows import Chord
+from stochvi.engine.one_mass import finish_step
 from stochvi.engine.roots import time_to_stop
-from stochvi.methods.monte_carlo.kernels.compliant_response import (
-    TALLY,
-    IntervalEnds,
-    interval_with_contacts,
+from stochvi.engine.sums import (
+    EXTREME,
+    EXTREMES,
+    FASTEST,
+    FORCE_SQUARE,
+    FOUND,
+    POSITION_FORCE,
+    ROWS_OF_CONTACT_PAIR,
+    SHARPEST,
 )
 from stochvi.methods.monte_carlo.kernels.flight import add_impacts, add_moments
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 from stochvi.methods.monte_carlo.kernels.rows import (
-    EXTREMES,
-    FASTEST,
+    F1_LOWER,
+    F1_UPPER,
     N_LOWER,
     N_UPPER,
-    SHARPEST,
     VV,
     XX,
     X,
 )
+
+F1_OF_LOWER, F1_OF_UPPER = F1_LOWER - N_LOWER, F1_UPPER - N_LOWER
+"""Rows of the sums of impact speeds, from the first row of the pair."""
 
 
 @kernel
@@ -156,7 +166,18 @@ def update_peak_acceleration(x, v, sampling, extremes):
 
 
 @kernel
-def run_response(free, sampling, lower, upper, state, peaks, sums, record, extremes, log, flag):
+def add_extremes(found, own):
+    """Add the extremes of the contacts of an interval to those of its path."""
+    own[FASTEST] = max(own[FASTEST], found[EXTREME + FASTEST])
+    own[SHARPEST] = max(own[SHARPEST], found[EXTREME + SHARPEST])
+    own[FORCE_SQUARE] += found[EXTREME + FORCE_SQUARE]
+    own[POSITION_FORCE] += found[EXTREME + POSITION_FORCE]
+
+
+@kernel
+def run_response(
+    free, sampling, lower, upper, at, state, peaks, sums, record, extremes, log, flag
+):  # fmt: skip
     """Add impacts to `free` responses, which are periodic in time, and add up the counted samples.
 
     It may be done by several calls, as sums and states go on.
@@ -165,13 +186,14 @@ def run_response(free, sampling, lower, upper, state, peaks, sums, record, extre
     ----------
     free : (samples, 2 paths), y and y' / w0 of each path in turn, at equal intervals.
     sampling : `steps.Sampling`.
-    lower, upper : None, or a `steps.RigidStop`; with `peaks`, a `steps.ContactStop`. Positions are
-        those from the mean position.
+    lower, upper : None, or a `steps.RigidStop`, of which only the position counts where `at` is
+        given. Positions are those from the mean position.
+    at : None, or `one_mass.MassStops` where a stop is compliant.
     state : (4, paths), replaced: what impacts have changed of position and velocity before the
         first sample, then position and velocity.
-    peaks : None, or (paths, 2) with a compliant stop: the largest forces so far of contacts that
-        last, of the lower and the upper stop.
-    sums : (SUMS, paths), with `peaks` (CONTACT_SUMS, paths), added to.
+    peaks : None, or (paths, 2) with `at`: the largest forces so far of contacts that last, of the
+        lower and the upper stop.
+    sums : (SUMS, paths), with `at` (CONTACT_SUMS, paths), added to.
     record : (counted, paths, 3). Without samples there is no record.
     extremes : (paths, EXTREMES) as in `rows`, of the counted samples. Without paths there are none.
     log : `impact_log.Log`, which gets the impacts in the intervals that end on counted samples and
@@ -179,13 +201,18 @@ def run_response(free, sampling, lower, upper, state, peaks, sums, record, extre
     flag : (1,), looked at before every sample: where it is not 0, the paths are given up, without a
         result.
     """
-    span, omega, damping_rate, _, _, first, last = sampling
+    span, omega, damping_rate, threshold, _, first, last = sampling
     column = decay(span, damping_rate, omega)
     samples, paths = free.shape[0], free.shape[1] // 2
     e, rate, x, v = state[0], state[1], state[2], state[3]
     mean, square, speed = sums[X], sums[XX], sums[VV]
-    near, several, tally = np.zeros(paths), np.zeros(sums.shape[0]), np.zeros(TALLY)
-    spare = np.zeros(EXTREMES)
+    near, several, spare = np.zeros(paths), np.zeros(sums.shape[0]), np.zeros(EXTREMES)
+    of_paths, of_none = np.zeros((2, paths, ROWS_OF_CONTACT_PAIR))
+    found = np.zeros(FOUND)
+    if at is not None:
+        scene, numbers, largest = borrowed(at), borrowed(found), borrowed(peaks)
+        for row in range(ROWS_OF_CONTACT_PAIR):
+            of_paths[:, row] = sums[N_LOWER + row]
     extreme = extremes.shape[0] > 0
     for step in range(first, last):
         if flag[0] != 0:
@@ -194,22 +221,30 @@ def run_response(free, sampling, lower, upper, state, peaks, sums, record, extre
         marked = advance_clear_paths(y, x, v, e, rate, near, sampling, column, lower, upper)
         for i in range(paths if marked > 0 else 0):
             if near[i] != 0.0:
-                several[:] = 0.0
                 own = extremes[i] if extreme and step >= 0 else spare
                 y0, y1 = y[2 * i], omega * y[2 * i + 1]
-                if peaks is None:
+                if at is None:
+                    several[:] = 0.0
                     x[i], v[i] = interval_with_impacts(
                         x[i], v[i], y0 + e[i], y1 + rate[i], sampling, lower, upper, own, several,
                         page_of(log, i, step, span),
                     )  # fmt: skip
+                    if step >= 0:
+                        add_impacts(several, True, sums, record, step, 0, i)
                 else:
-                    x[i], v[i] = interval_with_contacts(
-                        IntervalEnds(x[i], v[i], y0 + e[i], y1 + rate[i]), sampling, lower, upper,
-                        tally, peaks[i], own, several, page_of(log, i, step, span),
+                    target = borrowed(of_paths if step >= 0 else of_none)
+                    before = target[i, F1_OF_UPPER] - target[i, F1_OF_LOWER]
+                    numbers[EXTREME:] = 0.0
+                    chord = Chord(y0 + e[i], y1 + rate[i], damping_rate, omega)
+                    x[i], v[i] = finish_step(
+                        chord, x[i], v[i], span, scene, threshold, largest, target, i,
+                        np.uint64(0), numbers, page_of(log, i, step, span),
                     )  # fmt: skip
+                    add_extremes(numbers, own)
+                    if step >= 0 and record.shape[0] > 0:
+                        after = target[i, F1_OF_UPPER] - target[i, F1_OF_LOWER]
+                        record[step, i, 2] = after - before
                 e[i], rate[i] = x[i] - y0, v[i] - y1
-                if step >= 0:
-                    add_impacts(several, True, sums, record, step, 0, i)
         if step >= 0:
             add_moments(x, v, 0.0, mean, square, speed)
             if extreme:
@@ -218,6 +253,10 @@ def run_response(free, sampling, lower, upper, state, peaks, sums, record, extre
                 for i in range(paths):
                     record[step, i, 0] = x[i]
                     record[step, i, 1] = v[i]
+    if at is not None:
+        for row in range(ROWS_OF_CONTACT_PAIR):
+            sums[N_LOWER + row] = of_paths[:, row]
+        hold((at, peaks, of_paths, of_none, found))
 
 
 @kernel

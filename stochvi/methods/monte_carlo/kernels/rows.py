@@ -11,7 +11,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.engine.sums import LOSS, ROWS_OF_STOP
+from stochvi.engine.sums import (
+    EXTREMES,
+    FASTEST,
+    FORCE_SQUARE,
+    LOSS,
+    POSITION_FORCE,
+    ROWS_OF_STOP,
+    SHARPEST,
+)
 
 Vector = NDArray[np.float64]
 
@@ -25,11 +33,6 @@ CONTACT_UPPER = SUMS + ROWS_OF_STOP
 CONTACT_SUMS = SUMS + 2 * ROWS_OF_STOP
 """Rows of one oscillator with compliant stops: those of rigid stops, then those of the contacts
 with the lower stop, and with the upper stop."""
-
-FASTEST, SHARPEST, FORCE_SQUARE, POSITION_FORCE = range(4)
-EXTREMES = 4
-"""Columns of the extremes of a path: largest impact speed, largest absolute acceleration
-|b x' + w0^2 x + F|, and the integrals of F^2 and of x F over time."""
 
 NO_EXTREMES = np.empty((0, EXTREMES))
 """The extremes of a kernel whose extremes nobody asks for."""

@@ -47,17 +47,6 @@ class RigidStop(NamedTuple):
     slow: float
 
 
-class ContactStop(NamedTuple):
-    """A stop of any kind: position from the rest position in m, kind and numbers of its law.
-
-    The kinds and the layout of `data` are those of `contact`.
-    """
-
-    position: float
-    kind: int
-    data: NDArray
-
-
 class Paths(NamedTuple):
     """State of the paths that a kernel advances, and the sums that it adds to.
 
