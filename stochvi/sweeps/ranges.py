@@ -64,6 +64,10 @@ METHODS = (
 )  # fmt: skip
 """Methods that can answer for a row; "closure" is "linearise" with its form "closure"."""
 
+THRESHOLD, WITH_THRESHOLD = "speed_threshold", ("simulate", "fokker-planck")
+"""Argument that may be varied as a key is, the slowest impact that rates count (m/s), and the
+methods that have it."""
+
 MOST_ROWS = 10_000
 """Largest number of rows of a sweep, whose table takes some 10 kB for each row while it grows."""
 
@@ -95,7 +99,8 @@ def sweep(
     vary
         The values of each key of the scene file, of which all combinations are taken; or a table of
         samples, a column for each key and a row for each scene. In a key a number counts the
-        entries of a list.
+        entries of a list. "speed_threshold" may be among them for "simulate" and "fokker-planck":
+        rates of impacts faster than each of its values (m/s) then stand side by side.
     method
         One of `METHODS`. "linearise" takes a `form` and a `variant`; "size" gives the clearance, 3
         sigma and the expected impacts, "reliability" probabilities of events and expected impacts
@@ -156,12 +161,31 @@ def sweep(
     loaded = scene if isinstance(scene, Scene) else load_scene(scene)
     document, grid = loaded.document(as_written=True), _grid(vary)
     check_method(method, arguments)
+    _check_threshold([key for key, _ in grid[0]], method, arguments)
     for change in grid:  # a value that the scene refuses ends the sweep before its first row
-        changed_scene(document, change)
+        _changed(document, change)
     return rows_of(
-        loaded, grid, partial(changed_scene, document), method=method, common=common,
+        loaded, grid, partial(_changed, document), method=method, common=common,
         arguments=arguments, out=out, progress=progress,
     )  # fmt: skip
+
+
+def _changed(document: Mapping[str, Any], change: Change) -> Scene:
+    """The scene of a row; a threshold is no key of it."""
+    return changed_scene(document, tuple(each for each in change if each[0] != THRESHOLD))
+
+
+def _check_threshold(keys: Sequence[str], method: str, arguments: Mapping[str, Any]) -> None:
+    """ValueError for a varied threshold of a method without one, or one that is given twice."""
+    if THRESHOLD in keys and method not in WITH_THRESHOLD:
+        raise ValueError(
+            f"vary: {THRESHOLD} is for method {' or '.join(WITH_THRESHOLD)}, got {method!r}; leave "
+            "it out"
+        )
+    if THRESHOLD in keys and THRESHOLD in arguments:
+        raise ValueError(
+            f"{THRESHOLD} must be varied or given once for all rows, got both; leave out one"
+        )
 
 
 def check_method(method: str, arguments: Mapping[str, Any]) -> None:
@@ -216,7 +240,8 @@ def _sweep(
             given["budget"] = min(each, run.deadline.part(1.0 / (number - done)) or each)
         elif method in SAMPLING:
             given["budget"] = None
-        job = Job.of(made(change), change, method, common, run.seed, dict(given))
+        of_row = given | {key: value for key, value in change if key == THRESHOLD}
+        job = Job.of(made(change), change, method, common, run.seed, of_row)
         try:
             row = run.part(done / number, (done + 1) / number, f"row {done + 1} of {number}")
             rows.append(job.row(folder, row))

@@ -232,7 +232,8 @@ def _heading_of_key(key: str) -> Heading:
 
 def unit_of_key(key: str) -> str | None:
     """The unit of the values of a key; None for one without."""
-    return KEY_UNITS.get(_last(key).rsplit(".", 1)[-1])
+    name = _last(key).rsplit(".", 1)[-1]
+    return "m/s" if name == "speed_threshold" else KEY_UNITS.get(name)
 
 
 def draw_sheet(table: pd.DataFrame, keys: Sequence[str], title: str = "") -> Axes:

@@ -83,6 +83,32 @@ def test_rates_stand_beside_the_speed_above_which_they_count() -> None:
     assert fixed["stops.speed_threshold"].tolist() == [0.01, 0.01]
 
 
+def test_rates_above_several_thresholds_stand_side_by_side() -> None:
+    """Each is that of the method with this threshold; xarray has the threshold as a dimension."""
+    values = {R: [0.6, 0.8], "speed_threshold": [0.05, 0.5]}
+    table = sweep(oscillator(), values, method="fokker-planck")
+    for row in table.to_dict("records"):
+        threshold = row["speed_threshold"]
+        pair = fokker_planck(oscillator(row[R]), speed_threshold=threshold).impact_pairs["stops"]
+        assert row["stops.collision_rate"] == pair["collision_rate"].value
+        assert row["stops.speed_threshold"] == threshold
+    rates = to_xarray(table)["stops.collision_rate"]
+    assert rates.speed_threshold.attrs["units"] == "m/s"
+    assert (rates.sel(speed_threshold=0.5) < 0.99 * rates.sel(speed_threshold=0.05)).all()
+    # the same paths, of which no more impacts can be faster
+    few = sweep(
+        oscillator(0.8), {"speed_threshold": [0.05, 0.5]}, paths=64, duration=50.0, seed=1
+    )["stops.collision_rate"]  # fmt: skip
+    assert 0.0 < few[1] < few[0]
+
+
+def test_a_threshold_is_varied_where_a_method_has_one_and_is_given_once() -> None:
+    with pytest.raises(ValueError, match="speed_threshold is for method simulate or fokker-planck"):
+        sweep(oscillator(), {"speed_threshold": [0.1]}, method="exact")
+    with pytest.raises(ValueError, match="varied or given once for all rows, got both"):
+        sweep(oscillator(), {"speed_threshold": [0.1]}, speed_threshold=0.2)
+
+
 def test_the_error_of_a_bias_is_a_column(tmp_path: Path) -> None:
     asked = {"paths": 64, "duration": 200.0, "seed": 1}
     table = sweep(oscillator(0.6), {R: [0.6]}, **asked)
