@@ -170,7 +170,10 @@ class ImpactPair(Checked):
                 object.__setattr__(self, name, value)
             object.__setattr__(self, "clearance", None)
         if self.lower is None and self.upper is None:
-            raise ValueError("needs at least one of lower and upper (m from rest), or clearance")
+            raise ValueError(
+                "needs at least one of lower and upper (m from rest), or clearance; any number "
+                "will do where size is to find it"
+            )
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
             raise ValueError(f"needs lower < upper, got {self.lower:g} and {self.upper:g}")
         rubs = any(law is not None and law.friction_coefficient for law in self._laws)

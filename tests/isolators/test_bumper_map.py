@@ -31,6 +31,8 @@ from stochvi.isolators.sizing.changes import changed_stops
 from stochvi.isolators.sizing.clatter import WindowSampler, plan_windows
 from stochvi.results.deadline import NEVER
 from stochvi.results.intervals import binomial_interval
+from stochvi.scenes.datasets import shipped_scene
+from stochvi.scenes.scene import load_scene
 from stochvi.statistics.damage import SpectrumValues
 from stochvi.views.bumper_map import print_bumper_map
 
@@ -234,3 +236,8 @@ def test_the_table_has_limits_and_forces_only_where_there_are_any() -> None:
 def of_ones() -> SpectrumValues:
     ones = np.ones((2, 5))
     return SpectrumValues(value=ones, standard_error=0.1 * ones, bias=0.0 * ones)
+
+
+def test_a_structure_is_sent_to_size() -> None:
+    with pytest.raises(NotApplicable, match="got 3; size a structure for one stiffness"):
+        bumper_map(load_scene(shipped_scene("rigid-box")))

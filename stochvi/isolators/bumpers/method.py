@@ -291,5 +291,6 @@ def _check(scene: Scene, mission: float, exceedance: float) -> None:
     if not 0.0 < exceedance < 1.0:
         raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
     if conditions := beyond_one_oscillator(model_of(scene)):
-        raise NotApplicable("bumper map", conditions)
+        several = "size a structure for one stiffness after the other, by sweep, instead"
+        raise NotApplicable("bumper map", [*conditions[:-1], f"{conditions[-1]}; {several}"])
     check_laws(scene, Target(name="peak_acceleration", value=1.0, unit="m/s^2"))
