@@ -6,6 +6,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -98,6 +99,8 @@ def print_response(console: Console, response: Response) -> None:
     for (owner, name), estimate in response.estimates().items():
         quantity = shown_as(unit_of(owner, name))
         scale = quantity(deviation) if name == "displacement_mean" else 0.0
+        if abs(quantity(estimate).value) < NEGLIGIBLE * scale:  # nothing is relative to 0
+            estimate = replace(estimate, value=0.0)
         table.add_row(
             owner,
             QUANTITY_NAMES.get(name, name),

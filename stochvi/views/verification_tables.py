@@ -248,6 +248,8 @@ def print_cost(console: Console, found: WorkPrecision) -> None:
     _print_prices(console, found)
     _print_models(console, found)
     against = f"biases are measured against: {found.reference}"
+    if found.reference == "fokker-planck":
+        against += " (itself against the simulation)"
     if found.elastic:
         against += "; with elastic stops there is none at any step, in theory"
     print_line(console, against)
@@ -257,6 +259,12 @@ def print_cost(console: Console, found: WorkPrecision) -> None:
         f"{found.cost.threads} threads; errors of a mean are relative to the standard "
         "deviation of the displacement",
     )
+    if not found.elastic:
+        print_line(
+            console,
+            "these are true errors; the interval that simulate states is wider, as it holds what "
+            "simulate knows of its own bias",
+        )
     for reason in found.left_out:
         console.print(f"note: {reason}", style="yellow", highlight=False)
     console.print(found.summary(), style="green" if not found.left_out else "yellow")

@@ -13,6 +13,7 @@ from stochvi.results.errors import SceneError
 from stochvi.scenes.impact_laws import (
     CompliantLaw,
     Elastic,
+    ForceFunction,
     ForceTable,
     Hertz,
     PowerLaw,
@@ -155,6 +156,20 @@ def test_the_restitution_of_hunt_and_crossley_is_that_of_its_energy(exponent: fl
 
     assert balance(a) == pytest.approx(0.0, abs=1e-6)
     assert abs(balance(1.1 * a)) > 1e-3
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        PowerLaw(coefficient=1e6, loss=1.4e7, loss_exponent=1.5),
+        ForceFunction(force=lambda y, v: 1e6 * y**1.5 * (1.0 + 14.0 * v)),
+    ],
+    ids=["power", "function"],
+)
+def test_slow_impacts_are_not_those_of_the_usual_speed(law: PowerLaw | ForceFunction) -> None:
+    """By the balance of energy above, 1 - R = 2 a w / 3 of slow impacts, where R is .07 at 1 m/s."""
+    assert law.restitution < 0.1
+    assert 1.0 - law.slow_restitution == pytest.approx(2.0 / 3.0 * 14.0 * 1e-3, rel=0.02)
 
 
 def test_a_viscoelastic_ball_loses_with_the_fifth_root_of_the_speed() -> None:

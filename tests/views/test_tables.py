@@ -1,14 +1,15 @@
 """Tables on a terminal: what stands where, and what stands for a number that is not there."""
 
 import io
+from collections.abc import Callable
 
 import pandas as pd
 import pytest
 from rich.console import Console
 
-from stochvi import check, explain, load_scene
+from stochvi import Response, Scene, average, check, explain, fokker_planck, linearise, load_scene
 from stochvi.scenes.datasets import shipped_scene
-from stochvi.views.tables import print_frame
+from stochvi.views.tables import print_frame, print_response
 from stochvi.views.verification_tables import print_check, print_explanation
 
 
@@ -30,6 +31,30 @@ def test_numbers_stand_to_the_right_whether_they_are_text_or_not() -> None:
         "6.000           4          0.5  by counting",
         "10.00           -            -  -",
     ]
+
+
+def test_nothing_is_relative_to_a_mean_that_is_rounding_error() -> None:
+    """Its bias over it was printed as 5.7e+14."""
+    written = io.StringIO()
+    found = average(load_scene(shipped_scene("oscillator-lossy")))
+    mean = found.coordinates["x"]["displacement_mean"]
+    assert 0.0 < abs(mean.value) < 1e-12 and mean.bias
+    print_response(Console(file=written, width=100), found)
+    (row,) = (line for line in written.getvalue().splitlines() if "mean displacement" in line)
+    assert row.split() == ["x", "mean", "displacement", "0", "m", "0", "-", "-"]
+
+
+@pytest.mark.parametrize("method", [average, linearise, fokker_planck])
+def test_methods_say_which_impacts_their_rates_count(method: Callable[[Scene], Response]) -> None:
+    """Where slow impacts are many, rates of all and of fast ones are different numbers."""
+    lossy = method(load_scene(shipped_scene("oscillator-lossy")))
+    (pair,) = lossy.impact_pairs.values()
+    above = pair["speed_threshold"]
+    counted = f"faster than {above:.3g} m/s" if above else "of all speeds"
+    assert f"rates count impacts {counted}" in lossy.assumptions
+    assert bool(above) is (method is fokker_planck)
+    elastic = method(load_scene(shipped_scene("oscillator-elastic")))
+    assert not any("rates count" in each for each in elastic.assumptions)
 
 
 @pytest.mark.usefixtures("early_end")

@@ -80,7 +80,7 @@ def fokker_planck(
         to some 1e-8; rates are brought to 10 %.
     speed_threshold
         Slowest impact that a rate counts, m/s. Default: 0 between elastic stops, else
-        5 % of the rms velocity (of the closure), as in `simulate`.
+        about 5 % of the rms velocity: 5 % of an estimate by the balance of energy.
     budget
         Seconds after which no finer mesh is begun; None for no limit.
 

@@ -465,15 +465,15 @@ class Simulation:
         several = len(pairs) > 1
         unknown = not self.plan.elastic and self.plan.step_bias("collision_rate", 0.0) is None
         if unknown and any(
-            COLLAPSE_RESTITUTION < stop.law.slow_restitution < 1.0
+            stop.law.slow_restitution < 1.0 and not collapses(stop)
             for pair in pairs
             for stop in pair.stops
             if self._share_of_slow_impacts(pair) > FEW_SLOW
         ):
             remedy = (
-                "a higher speed threshold leaves them out"
-                if beyond_one_oscillator(self.model)
-                else "--slow-impacts (slow_impacts=True) resolves them"
+                "--slow-impacts (slow_impacts=True) resolves them"
+                if self.model.rigid and not beyond_one_oscillator(self.model)
+                else "compare F1 and F2 instead"
             )
             yield (
                 "slow impacts at these stops are not resolved: the bias of the rates is unknown, "

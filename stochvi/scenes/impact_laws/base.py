@@ -15,6 +15,11 @@ from stochvi.mathematics.kelvin_voigt import ContactSolution
 from stochvi.scenes.validation import Checked, NonNegative
 
 
+SLOW_SHARE = 1e-3
+"""Share of the usual speed of impact at which slow impacts are looked at, where R changes with it.
+"""
+
+
 class Form(NamedTuple):
     """The form in which the kernels of a simulation know an impact law, and its numbers.
 

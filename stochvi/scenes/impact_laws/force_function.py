@@ -12,7 +12,7 @@ from pydantic import PrivateAttr, field_serializer, model_validator
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.kelvin_voigt import ContactSolution
 from stochvi.results.errors import SceneError
-from stochvi.scenes.impact_laws.base import CompliantLaw, inside
+from stochvi.scenes.impact_laws.base import SLOW_SHARE, CompliantLaw, inside
 from stochvi.scenes.validation import Function, Positive, _name_of, arguments_fault
 
 SAMPLES = np.geomspace(1e-9, 1e-3, 25), np.array([-1.0, -0.1, 0.0, 0.1, 1.0])
@@ -38,7 +38,7 @@ class ForceFunction(CompliantLaw):
         name: exact laws, linearisation, Fokker-Planck.
     at_speed
         Speed of impact, m/s, whose restitution stands for that of all speeds where one number is
-        needed, for steps and starts; 1 by default.
+        needed, for steps and starts; 1 by default. Give the usual speed of the impacts.
 
     Raises
     ------
@@ -112,6 +112,11 @@ class ForceFunction(CompliantLaw):
     def restitution(self) -> float:
         """Restitution that a free mass of 1 kg sees at the speed `at_speed`."""
         return self.impact(self.at_speed / self._units[2], 1.0).restitution
+
+    @property
+    def slow_restitution(self) -> float:
+        """R of impacts that are a thousand times slower than `at_speed`."""
+        return self.impact(SLOW_SHARE * self.at_speed / self._units[2], 1.0).restitution
 
     @property
     def has_linear_damper(self) -> bool:

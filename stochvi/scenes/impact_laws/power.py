@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field, model_validator
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.scenes.impact_laws.base import CompliantLaw, inside
+from stochvi.scenes.impact_laws.base import SLOW_SHARE, CompliantLaw, inside
 from stochvi.scenes.validation import NonNegative, Number, Positive
 
 
@@ -33,7 +33,7 @@ class PowerLaw(CompliantLaw):
         m, at least 0; n by default.
     at_speed
         Speed of impact, m/s, whose restitution stands for that of all speeds where one number is
-        needed, for steps and starts; 1 by default.
+        needed, for steps and starts; 1 by default. Give the usual speed of the impacts.
     source
         Where the numbers come from.
 
@@ -81,6 +81,11 @@ class PowerLaw(CompliantLaw):
     def restitution(self) -> float:
         """Restitution that a free mass of 1 kg sees at the speed `at_speed`."""
         return self.impact(self.at_speed, 1.0).restitution
+
+    @property
+    def slow_restitution(self) -> float:
+        """R of impacts that are a thousand times slower than `at_speed`."""
+        return self.impact(SLOW_SHARE * self.at_speed, 1.0).restitution
 
     @property
     def has_linear_damper(self) -> bool:
