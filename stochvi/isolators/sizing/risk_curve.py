@@ -227,7 +227,15 @@ class RiskCurve:
         expected = np.log([self.rice_rate(c) * self.mission for c in self.clearances[usable]])
         ratio = PchipInterpolator(self.clearances[usable], logs - expected)
         last = float(self.clearances[usable][-1])
-        return lambda c: float(ratio(min(c, last))) + math.log(self.rice_rate(c) * self.mission)
+
+        def interpolated(clearance: float) -> float:
+            # at some 38 deviations Rice's rate is below the smallest number
+            crossings = self.rice_rate(clearance) * self.mission
+            if crossings == 0.0:
+                return -math.inf
+            return float(ratio(min(clearance, last))) + math.log(crossings)
+
+        return interpolated
 
     def to_frame(self) -> pd.DataFrame:
         """The table that `Sizing.curve` describes."""
