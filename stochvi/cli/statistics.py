@@ -202,10 +202,11 @@ def damage(
                 progress=report, **options.sampling, **asked,
             )  # fmt: skip
 
-    unseen: list[bool] = []
+    unseen: list[str] = []
 
     def show(answer: Damage) -> None:
-        unseen.append(answer.unseen)
+        if answer.unseen:
+            unseen.append(answer.unseen_in_words)
         judged = (None, "") if asked["way"] == "record" else judged_phase(loaded)
         options.show(answer, print_damage, "damage", None, *judged)
         if options.out is not None and answer.test is not None:
@@ -213,11 +214,8 @@ def damage(
         options.draw("damage", lambda: draw_damage(answer, loaded.title))
 
     shown(found, show, asked)
-    if any(unseen):
-        stop(
-            "no impact was seen, so that the damage of impacts is not known; raise budget with a "
-            "smaller rel_error, or ask reliability how rare they are", FAILED,
-        )  # fmt: skip
+    if unseen:
+        stop(unseen[0], FAILED)
 
 
 @main.command()

@@ -129,7 +129,9 @@ class StationaryMoments:
             acceleration = self._between_impacts(model, self.variance, self.velocity_mean_square)
             assumptions = [*assumptions, BETWEEN_IMPACTS]
         if not model.elastic:
-            counted = f"faster than {speed_threshold:.3g} m/s" if speed_threshold else "of all speeds"
+            counted = (
+                f"faster than {speed_threshold:.3g} m/s" if speed_threshold else "of all speeds"
+            )
             assumptions = [*assumptions, f"rates count impacts {counted}"]
         values = {
             "displacement_mean": self.mean,

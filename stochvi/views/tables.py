@@ -146,7 +146,7 @@ def _without_bound(response: Response) -> list[str]:
     unbounded = [
         each.how
         for each in response.estimates().values()
-        if each.bias is None and each.standard_error == 0.0
+        if each.bias is None and each.standard_error == 0.0 and each.upper_95 is None
     ]
     reasons = [
         how.partition(NO_BOUND)[2] or f"the error of {how.partition(';')[0]} is not known here"

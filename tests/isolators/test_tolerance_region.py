@@ -12,7 +12,7 @@ import pytest
 from stochvi import ConstantLoad, Isolator, Scene, TabulatedNoise, WhiteNoise, load_scene, screen
 from stochvi.isolators import size
 from stochvi.isolators.sizing.changes import WORST, Change, Tolerances, all_applied
-from stochvi.isolators.sizing.tolerance_region import Region, SameRisk, tolerance_table
+from stochvi.isolators.sizing.tolerance_region import Gaps, Region, SameRisk, tolerance_table
 from stochvi.isolators.sizing.worst_case import worst_case
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.deadline import Deadline
@@ -212,6 +212,34 @@ def test_a_limit_of_speed_needs_more_where_hits_are_faster() -> None:
     assert seldom(found, new) == pytest.approx(seldom(place, old), rel=1e-9)
     (hits,) = SameRisk(nominal=old, stops=same.stops)(loud)
     assert hits == pytest.approx(place * 10.0 ** (3.0 / 20.0)) and found > 1.15 * hits
+
+
+def test_pairs_in_common_need_what_keeps_the_crossings_of_all() -> None:
+    """A quiet pair far inside a common clearance does not govern it, however much its motion
+    grows; the sum of Rice's rates is the same before and after."""
+    sigma, rate = np.array([1.0e-3, 0.9e-3, 1.0e-4]), np.array([12.0, 15.0, 20.0])
+    shift = np.array([2e-4, -1e-4, 0.0])
+    before = Gaps(sigma, rate, np.zeros(3))
+    after = Gaps(sigma * [1.3, 1.4, 3.0], rate * 0.9, shift)
+    stops = np.full((2, 3), 5e-3)
+    found = SameRisk(nominal=before, stops=stops, common=[0, 1, 2])(after)
+    assert np.ptp(found) == 0.0
+
+    def crossings(gaps: Gaps, clearance: float) -> float:
+        upper, lower = clearance - gaps.mean, clearance + gaps.mean
+        each = np.exp(-0.5 * (upper / gaps.sigma) ** 2) + np.exp(-0.5 * (lower / gaps.sigma) ** 2)
+        return float(gaps.rate @ each)
+
+    assert crossings(after, found[0]) == pytest.approx(crossings(before, 5e-3), rel=1e-9)
+    # the control: each for itself, the quiet pair would take three times the clearance
+    alone = SameRisk(nominal=before, stops=stops)(after)
+    assert alone[2] == pytest.approx(3.0 * 5e-3, rel=0.01) and found[0] < alone[:2].max()
+    # one stop each, and the same pair twice: as each alone
+    twice = Gaps(*(np.repeat(each[:1], 2) for each in (sigma, rate, np.zeros(1))))
+    louder = twice._replace(sigma=1.5 * twice.sigma)
+    one_sided = np.array([[np.inf, np.inf], [5e-3, 5e-3]])
+    same = SameRisk(nominal=twice, stops=one_sided, common=[0, 1])(louder)
+    assert same == pytest.approx(SameRisk(nominal=twice, stops=one_sided)(louder), rel=1e-9)
 
 
 def test_a_region_that_was_not_searched_is_not_answered() -> None:

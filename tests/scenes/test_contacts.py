@@ -167,7 +167,7 @@ def test_the_restitution_of_hunt_and_crossley_is_that_of_its_energy(exponent: fl
     ids=["power", "function"],
 )
 def test_slow_impacts_are_not_those_of_the_usual_speed(law: PowerLaw | ForceFunction) -> None:
-    """By the balance of energy above, 1 - R = 2 a w / 3 of slow impacts, where R is .07 at 1 m/s."""
+    """By the balance of energy above, 1 - R = 2 a w / 3 of slow impacts; R is .07 at 1 m/s."""
     assert law.restitution < 0.1
     assert 1.0 - law.slow_restitution == pytest.approx(2.0 / 3.0 * 14.0 * 1e-3, rel=0.02)
 

@@ -100,7 +100,7 @@ def test_damage_without_an_impact_names_no_ratio(stochvi: Run, tmp_path: Path) -
     )
     asked = ("--mission", "60", "--equipment", "40:80:2", "--rel-error", "0.5")
     ended = stochvi("damage", file, *asked, "--way", "simulation", "--out", tmp_path / "out")
-    assert ended.code == 1 and "no impact was seen" in ended.err
+    assert ended.code == 1 and "no impact was seen" in ended.err and "ask reliability" in ended.err
     assert "No artists" not in ended.err
     assert "multiply the damage" not in ended.out and "impacts bring" not in ended.out
     assert "impacts at most" in ended.out and "times the damage" not in ended.out

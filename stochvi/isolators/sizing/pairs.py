@@ -229,6 +229,7 @@ class SeveralPairs(SizingJob):
         table, worst_at = tolerance_table(
             self.scene, self.allowed, stops, self.sized, min(chance.value, KNOWN),
             min((self.target.exceedance or 1.0) / chance.value, 1.0),
+            [self.sized[number] for number in self.shared],
         )  # fmt: skip
         return Sizing(
             **self.stated(self.together.ages.shape[3]),

@@ -17,7 +17,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize
+from scipy.optimize import brentq, minimize
 
 from stochvi.isolators.sizing.changes import (
     CENTRE,
@@ -92,6 +92,20 @@ class Gaps(NamedTuple):
         """rms velocity of every gap, m/s."""
         return 2.0 * math.pi * self.rate * self.sigma
 
+    def crossings(self, distance: Vector, numbers: Sequence[int]) -> Vector:
+        """Crossings per second of stops of some gaps, at distances from their means; infinite ones
+        for none."""
+        found = np.zeros(len(numbers))
+        for place, (k, away) in enumerate(zip(numbers, distance.tolist(), strict=True)):
+            if not math.isfinite(away):
+                continue
+            if self.beside_sines is not None:
+                found[place] = self.beside_sines[k].rate(away)
+            elif self.sigma[k] > 0.0:
+                level = max(away, 0.0) / float(self.sigma[k])
+                found[place] = float(self.rate[k]) * math.exp(-0.5 * level**2)
+        return found
+
 
 @dataclass(frozen=True, kw_only=True)
 class SameRisk:
@@ -107,16 +121,49 @@ class SameRisk:
     harm
         Where a limit is to be kept instead of impacts avoided, the share of the first impacts that
         exceed it: those faster than some speed w, a share of exp(-w^2 / (2 s_v^2)).
+    common
+        Numbers of the pairs that have one clearance in common.
     """
 
     nominal: Gaps
     stops: Matrix
     harm: float = 1.0
+    common: Sequence[int] = ()
 
     def __call__(self, changed: Gaps) -> Vector:
         """(pairs,): clearances from the nominal mean gap. At this clearance a stop is crossed as
         often as the nearer stop of the pair in the nominal scene; the larger of the two stops
-        counts."""
+        counts. Pairs in common have the clearance at which all their stops together are crossed as
+        often as in the nominal scene."""
+        found = self._alone(changed)
+        if self.common:
+            found[self.common] = self._in_common(changed, float(found[self.common].max()))
+        return found
+
+    def _in_common(self, changed: Gaps, enough: float) -> float:
+        """The clearance of the pairs in common; each of them alone needs no more than `enough`."""
+        before, names = self.nominal, list(self.common)
+        shift = (changed.mean - before.mean)[names]
+        stated = np.isfinite(self.stops[:, names])
+        speeds = np.maximum(changed.speed, NEVER_CROSSED) / np.maximum(before.speed, NEVER_CROSSED)
+        harmful = self.harm ** (speeds[names] ** -2)
+
+        def more_than_before(clearance: float) -> float:
+            places = np.where(stated, [clearance + shift, clearance - shift], math.inf)
+            again = sum(float(changed.crossings(each, names) @ harmful) for each in places)
+            return math.log(max(again, NEVER_CROSSED) / wanted)
+
+        wanted = self.harm * sum(
+            float(before.crossings(each, names).sum()) for each in self.stops[:, names]
+        )
+        if wanted < NEVER_CROSSED or more_than_before(0.0) <= 0.0:
+            return enough
+        while more_than_before(enough) > 0.0:
+            enough *= 1.1
+        return float(brentq(more_than_before, 0.0, enough, rtol=1e-12))
+
+    def _alone(self, changed: Gaps) -> Vector:
+        """(pairs,): clearances of pairs that have each their own."""
         before, distance = self.nominal, self.stops.min(axis=0)
         shift = changed.mean - before.mean
         sides = np.where(np.isfinite(self.stops), [-shift, shift], -math.inf).max(axis=0)
@@ -274,13 +321,14 @@ def tolerance_table(
     sized: Sequence[int],
     probability: float,
     harm: float = 1.0,
+    common: Sequence[int] = (),
     deadline: Deadline = NEVER,
 ) -> tuple[pd.DataFrame, dict[str, str]]:
     """The table that `Sizing.tolerances` describes, and `Sizing.worst_at`.
 
     Parameters
     ----------
-    stops, harm
+    stops, harm, common
         As in `SameRisk`.
     sized
         Numbers of the pairs whose clearances were searched for.
@@ -291,7 +339,7 @@ def tolerance_table(
 
     region = Region(scene, tolerances)
     names = [pair.name for pair in model_of(scene).pairs]
-    same = SameRisk(nominal=region.nominal, stops=stops, harm=harm)
+    same = SameRisk(nominal=region.nominal, stops=stops, harm=harm, common=common)
 
     def needs(gaps: Gaps) -> Vector:
         """The clearance of each pair, and the risk of any impact where the stops are."""
@@ -325,13 +373,9 @@ def _hazard(nominal: Gaps, changed: Gaps, stops: Matrix, probability: float) -> 
     """-ln(1 - P) of any impact with the stops where they are: it changes as Rice's rate of all
     crossings does."""
     shift = changed.mean - nominal.mean
-    before = sum(_rice(nominal, each) for each in stops)
-    after = _rice(changed, stops[0] + shift) + _rice(changed, stops[1] - shift)
-    return -math.log1p(-probability) * after / before
-
-
-def _rice(gaps: Gaps, distance: Vector) -> float:
-    """Crossings per second of stops at these distances, all pairs together."""
-    moving = (gaps.sigma > 0.0) & np.isfinite(distance)
-    level = distance[moving] / gaps.sigma[moving]
-    return float(np.sum(gaps.rate[moving] * np.exp(-0.5 * np.maximum(level, 0.0) ** 2)))
+    pairs = range(len(shift))
+    before, after = (
+        sum(gaps.crossings(each, pairs).sum() for each in places)
+        for gaps, places in ((nominal, stops), (changed, (stops[0] + shift, stops[1] - shift)))
+    )
+    return float(-math.log1p(-probability) * after / before)

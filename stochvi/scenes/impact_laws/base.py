@@ -14,7 +14,6 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.kelvin_voigt import ContactSolution
 from stochvi.scenes.validation import Checked, NonNegative
 
-
 SLOW_SHARE = 1e-3
 """Share of the usual speed of impact at which slow impacts are looked at, where R changes with it.
 """

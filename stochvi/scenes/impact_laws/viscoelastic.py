@@ -124,7 +124,8 @@ class Viscoelastic(LinearLaw):
         `restitution`, that of a free mass, measured `at_speed` (m/s).
     mass
         M of a test, kg, to which the damping ratio refers: the damper c is then that of the test,
-        whatever hits the stop. Without it M is the mass that hits the stop.
+        whatever hits the stop. Without it M is the mass that hits the stop; at a corner of a box
+        this is the force over the acceleration that it gives the corner.
     source
         Where the numbers come from; what was converted is added.
 

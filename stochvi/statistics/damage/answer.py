@@ -12,7 +12,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.shown_units import ACCELERATION
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.base import Result
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import TOO_FEW, Estimate
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -256,11 +256,18 @@ class Damage(Result):
 
     @property
     def unseen(self) -> bool:
-        """Whether the scene has stops and no impact was seen, so that no number holds them."""
+        """Whether the scene has stops and impacts were not seen often enough for a number."""
+        return self.impacts_per_hour is not None and self.impacts_per_hour.upper_95 is not None
+
+    @property
+    def unseen_in_words(self) -> str:
+        """How seldom impacts were seen where their damage is not known, and the remedy."""
+        assert self.impacts_per_hour is not None
+        if TOO_FEW in self.impacts_per_hour.how:
+            return f"impacts were seen {TOO_FEW}, so that their damage is not known; raise budget"
         return (
-            self.impacts_per_hour is not None
-            and self.impacts_per_hour.upper_95 is not None
-            and (self.impacts_per_hour.value == 0.0)
+            "no impact was seen, so that the damage of impacts is not known; raise budget with a "
+            "smaller rel_error, or ask reliability how rare they are"
         )
 
     def to_frame(self) -> pd.DataFrame:
@@ -304,7 +311,7 @@ class Damage(Result):
         elif self.impacts_per_hour is None:
             found = "no stops"
         elif self.unseen:
-            found = "no impact was seen, so that the damage of impacts is not in these numbers"
+            found = self.unseen_in_words
         else:
             ratio = self.damage_ratio.value
             k = int(np.argmax(ratio))

@@ -490,11 +490,6 @@ class _Question:
     ) -> Damage:  # fmt: skip
         """The answer, with all that follows from the spectra."""
         warnings = [*self.model.cautions]
-        if hits is not None and not hits.impacts_per_hour.value:
-            warnings.append(
-                "hardly an impact was seen: the damage of impacts is not in these numbers; raise "
-                "budget and lower rel_error"
-            )
         return Damage(
             equipment_frequency_hz=np.array(self.equipment.frequency_hz),
             quality=self.equipment.quality, exponent=self.equipment.exponent,

@@ -654,7 +654,12 @@ def _inaccurate(found: Mapping[str, Estimate], jobs: Jobs) -> dict[str, str]:
     """Why what was found is not as accurate as asked for, by name."""
     reasons = {}
     budget = jobs.deadline.budget
-    ended = "" if budget is None else f" when the budget of {budget:g} s ended"
+    if budget is None:
+        ended = ""
+    elif jobs.deadline.passed():
+        ended = f" when the budget of {budget:g} s ended"
+    else:
+        ended = f" within its share of the budget of {budget:g} s"
     for name, estimate in found.items():
         if estimate.upper_95 is not None:
             seen = TOO_FEW if TOO_FEW in estimate.how else "not once"
