@@ -14,7 +14,7 @@ from stochvi.mathematics.spectra import Filter
 from stochvi.methods.linearisation.structure_closure import solutions
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import functions, not_gaussian
-from stochvi.model.modal import EquivalentLinear
+from stochvi.model.modal import EquivalentLinear, ModalForm
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.scene import Scene
@@ -38,9 +38,10 @@ class LinearisedStructure:
     shapes
         Phi (n, n), q = Phi times modal displacements.
     stiffness, damping
-        Modal matrices (n, n), stops included.
+        Modal matrices (n, n), stops included, and the dampers of impacts that scatter energy.
     shaken
-        (one-sided density, modal forces (n,) per unit of it) of all noise.
+        (one-sided density, modal forces (n,) per unit of it) of all noise, that of impacts that
+        scatter energy included.
 
     See Also
     --------
@@ -133,7 +134,6 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
     if conditions := functions(model) + not_gaussian(model):
         raise NotApplicable("linearise", conditions)
     modes = model.modal
-    shaken = _shaken(model)
     found = []
     for one in solutions(model):
         stops = {
@@ -148,16 +148,15 @@ def linearised_structures(scene: Scene) -> tuple[LinearisedStructure, ...]:
                 stops=stops,
                 shapes=modes.shapes,
                 stiffness=np.diag(modes.squares) + (modes.gaps.T * springs) @ modes.gaps,
-                damping=modes.damping + (modes.gaps.T * dampers) @ modes.gaps,
-                shaken=shaken,
+                damping=one.modes.damping + (modes.gaps.T * dampers) @ modes.gaps,
+                shaken=_shaken(model, one.modes),
             )
         )
     return tuple(found)
 
 
-def _shaken(model: Model) -> tuple[tuple[Density, Force], ...]:
+def _shaken(model: Model, modes: ModalForm) -> tuple[tuple[Density, Force], ...]:
     """All noise as densities and modal forces; white noise in independent parts of density 2."""
-    modes = model.modal
     found: list[tuple[Density, Force]] = [(table, force) for table, force in modes.tables]
     for signal in model.signals:
         if signal.intensity:

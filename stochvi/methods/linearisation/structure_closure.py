@@ -5,7 +5,8 @@ linear structure that remains is solved exactly. As for one oscillator, the gap 
 exp(lambda y - kappa y^2 / 2) between its stops and a Gaussian speed. m_F is the mean force of the
 stops; k is its covariance with y over the variance of y; beta is the power that impacts take over E
 y'^2; lambda, kappa and the speed are those with which the linear structure answers. With them the
-balances of energy and virial of the whole hold, and of the force on every coordinate.
+balances of energy and virial of the whole hold, and of the force on every coordinate. Under white
+noise impacts also scatter energy among the modes, see `scattering`.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.methods.linearisation import loose_mass
+from stochvi.methods.linearisation import loose_mass, scattering
 from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
 from stochvi.methods.linearisation.forms import form_of
 from stochvi.methods.linearisation.outputs import answer_of
 from stochvi.methods.linearisation.scales import Frame
 from stochvi.methods.linearisation.soft_closure import soft_closure
-from stochvi.methods.linearisation.solver import INFEASIBLE, SAME, START_SPEEDS, root
+from stochvi.methods.linearisation.solver import INFEASIBLE, SAME, START_SPEEDS, Problem, root
 from stochvi.model.balances import residuals
 from stochvi.model.build_response import BETWEEN_IMPACTS, StationaryMoments, build_response
 from stochvi.model.coverage import unknown_dampers, without_energy, without_noise
@@ -77,11 +78,16 @@ class _PairGap(NamedTuple):
 
 
 class _Solution(NamedTuple):
-    """The law of every gap, and the linear structure that answers with them."""
+    """The law of every gap, and the linear structure that answers with them.
+
+    Where impacts scatter energy (`scatters`) its `modes` are shaken and damped by them, too.
+    """
 
     gaps: Sequence[_PairGap]
     candidates: Sequence[Candidate]
+    modes: ModalForm
     law: LinearLaw
+    scatters: bool = False
 
 
 def closure(scene: Scene, deadline: Deadline = NEVER) -> tuple[Response, ...]:
@@ -144,7 +150,7 @@ def solutions(model: Model, deadline: Deadline = NEVER) -> list[_Solution]:
         )
     law, scales = rough
     if not model.pairs:
-        return [_Solution([], [], law)]
+        return [_Solution([], [], modes, law)]
     coloured = bool(model.signals or model.tables)
     free = linear_law(modes) if coloured else None
     for stage in range(MOST_FORMS):
@@ -207,20 +213,32 @@ def _gaps(model: Model, scales: Sequence[PairScale], speeds: Sequence[float]) ->
 def _from(
     modes: ModalForm, gaps: Sequence[_PairGap], stage: int, deadline: Deadline, *, patient: bool
 ) -> _Solution | None:
-    """The solution near the elastic laws of the gaps, or None."""
+    """The solution near the elastic laws of the gaps, or None.
 
-    def imbalance(unknowns: Unknowns) -> Unknowns:
-        if deadline.passed():
-            raise deadline.fell_short(f"before {METHOD} has converged", "raise budget")
-        return _imbalance(modes, gaps, stage, unknowns)
+    Impacts that scatter energy are added to the solution without; where that leads nowhere, it is
+    kept.
+    """
+
+    def problem(scatters: bool) -> Problem:
+        def imbalance(unknowns: Unknowns) -> Unknowns:
+            if deadline.passed():
+                raise deadline.fell_short(f"before {METHOD} has converged", "raise budget")
+            return _imbalance(modes, gaps, stage, unknowns, scatters)
+
+        return imbalance
 
     start = np.concatenate([gap.form(stage).start(gap.scaled) for gap in gaps])
-    unknowns = root(imbalance, start, patient=patient)
-    if unknowns is None:
+    plain = root(problem(False), start, patient=patient)
+    if plain is None:
         return None
-    candidates = _candidates(gaps, stage, unknowns)
-    answer = _linearised(modes, gaps, candidates)
-    return None if answer is None else _Solution(gaps, candidates, answer)
+    mixed = None
+    if scattering.acts(modes):
+        start = np.concatenate([plain, np.zeros(len(gaps))])
+        mixed = root(problem(True), start, patient=False)
+    scatters = mixed is not None
+    trial = _Trial.of(modes, gaps, stage, plain if mixed is None else mixed, scatters)
+    law = trial.law
+    return None if law is None else _Solution(gaps, trial.candidates, trial.modes, law, scatters)
 
 
 def _same(one: _Solution, two: _Solution) -> bool:
@@ -244,38 +262,73 @@ def _apart(modes: ModalForm, one: _Solution, free: LinearLaw) -> float:
     )
 
 
-def _candidates(gaps: Sequence[_PairGap], stage: int, unknowns: Unknowns) -> list[Candidate]:
-    parts = np.split(unknowns, len(gaps))
-    return [gap.candidate(part, stage) for gap, part in zip(gaps, parts, strict=True)]
+class _Trial(NamedTuple):
+    """The laws of all gaps at some unknowns, and the structure that they call for.
 
+    Where impacts scatter energy each pair has one more unknown: half the log of E (row . q')^2 of
+    its `noises` over what the speed of its gap makes of it.
+    """
 
-def _linearised(
-    modes: ModalForm, gaps: Sequence[_PairGap], candidates: Sequence[Candidate]
-) -> LinearLaw | None:
-    return linear_law(
-        modes, [gap.substitute(candidate) for gap, candidate in zip(gaps, candidates, strict=True)]
-    )
+    candidates: list[Candidate]
+    modes: ModalForm
+    substitutes: list[EquivalentLinear]
+    noises: list[scattering.Scattering]
+    squares: list[float]
+
+    @classmethod
+    def of(
+        cls, modes: ModalForm, gaps: Sequence[_PairGap], stage: int, unknowns: Unknowns,
+        scatters: bool,
+    ) -> _Trial:  # fmt: skip
+        """The trial of these unknowns."""
+        own = unknowns[: len(unknowns) - len(gaps)] if scatters else unknowns
+        candidates = [
+            gap.candidate(part, stage)
+            for gap, part in zip(gaps, np.split(own, len(gaps)), strict=True)
+        ]
+        substitutes = [
+            gap.substitute(candidate) for gap, candidate in zip(gaps, candidates, strict=True)
+        ]
+        if not scatters:
+            return cls(candidates, modes, substitutes, [], [])
+        omega, noises, squares = np.sqrt(modes.squares), [], []
+        for gap, row, candidate, more in zip(
+            gaps, modes.gaps, candidates, unknowns[len(own) :], strict=True
+        ):
+            noise = scattering.scattering(candidate, gap.gap.stops, gap.pair.mass, row, omega)
+            share = float(noise.row @ noise.row) / float(row @ row)
+            noises.append(noise)
+            squares.append(candidate.velocity_mean_square * share * math.exp(2.0 * more))
+        shaken = scattering.scattered(modes, noises, squares)
+        return cls(candidates, shaken, substitutes, noises, squares)
+
+    @property
+    def law(self) -> LinearLaw | None:
+        """The law of the structure; None where it has no stationary one."""
+        return linear_law(self.modes, self.substitutes)
 
 
 def _imbalance(
-    modes: ModalForm, gaps: Sequence[_PairGap], stage: int, unknowns: Unknowns
+    modes: ModalForm, gaps: Sequence[_PairGap], stage: int, unknowns: Unknowns, scatters: bool
 ) -> Unknowns:
-    """Mean, log deviation and log speed of every gap: candidate law less linear structure."""
+    """Mean, log deviation and log speed of every gap: candidate law less linear structure; then
+    half the logs of the mean squares at which impacts scatter."""
     nowhere = np.full(len(unknowns), INFEASIBLE)
     try:
         with np.errstate(all="ignore"):
-            candidates = _candidates(gaps, stage, unknowns)
-            law = _linearised(modes, gaps, candidates)
+            trial = _Trial.of(modes, gaps, stage, unknowns, scatters)
+            law, found = trial.law, []
             if law is None:
                 return nowhere
-            found = []
-            for candidate, row in zip(candidates, modes.gaps, strict=True):
+            for candidate, row in zip(trial.candidates, modes.gaps, strict=True):
                 mean = float(row @ (modes.rest + law.mean))
                 found += [
                     (candidate.mean - mean) / math.sqrt(candidate.variance),
                     math.log(candidate.variance / law.variances(row, 0)) / 2.0,
                     math.log(candidate.velocity_mean_square / law.variances(row, modes.size)) / 2.0,
                 ]
+            for noise, square in zip(trial.noises, trial.squares, strict=True):
+                found.append(math.log(square / law.variances(noise.row, modes.size)) / 2.0)
     except (ValueError, ZeroDivisionError, OverflowError, np.linalg.LinAlgError):
         return nowhere
     return np.where(np.isfinite(found), found, INFEASIBLE)
@@ -335,6 +388,7 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
     # functions have their linear forms in the matrices
     balances = residuals(replace(model, functions=()), moments, mean.tolist())
     unknown = scene.absorber is not None and outline.bias is None
+    left_out = bool(model.pairs) and scattering.acts(modes) and not one.scatters
     return build_response(
         scene,
         METHOD,
@@ -343,12 +397,14 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
         assumptions=[
             *outline.rests_on,
             *_assumptions(model),
+            *([scattering.ASSUMPTION] if one.scatters else []),
             *_on_accelerations(model, accelerations),
         ],
         cost=Cost(wall_time=time.perf_counter() - outline.started),
         warnings=[
             *warned,
             *_warnings(one.gaps, one.candidates),
+            *([scattering.LEFT_OUT] if left_out else []),
             *([loose_mass.NOT_IN_ATLAS] if unknown else []),
         ],
         identities={
