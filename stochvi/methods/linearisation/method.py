@@ -77,10 +77,10 @@ def linearise(
     Response
         SI units. `bias` is a bound on the error that is read from an atlas of errors
         (`data/linearisation_atlas`; 99 % of the bounds hold, 98.3 % of the worst quantity) for one
-        oscillator between rigid stops in white noise, and for a loose mass in a box; None, with the
-        reason in `how`, outside of the atlas; 0 where the answer is exact, that is without stops,
-        and for the closure with elastic stops in white noise (with several coordinates: one pair,
-        and noise that matches the damping).
+        oscillator between rigid stops in white noise, and for a loose mass in a box. For structures
+        in white noise it is calibrated on simulations. None, with the reason in `how`, elsewhere;
+        0 where the answer is exact, that is without stops, and for the closure with elastic stops
+        in white noise (with several coordinates: one pair, and noise that matches the damping).
 
     Raises
     ------

@@ -3,10 +3,11 @@
 A spring and a damper in place of the stops push in step with their gap. The impulses of real
 impacts come at times that the other modes do not know: they shake all modes. A part of them,
 `SCATTERED`, acts here as white noise on the gap, of intensity rate times E P^2, with P the impulse
-of an impact. At Rayleigh speeds E P^2 = 4 / pi (E P)^2, and rate times E P is the mean force of the
-stop. A damper in parallel takes the power of this noise again, since impacts make none: the balance
-of energy stays as it was. Noise and damper of one temperature leave a Gibbs distribution as it is,
-so that the closure stays exact where it was.
+of an impact; less where contacts are long and the force is that of the spring. At Rayleigh speeds
+E P^2 = 4 / pi (E P)^2, and rate times E P is the mean force of the stop. A damper in parallel takes
+the power of this noise again, since impacts make none: the balance of energy stays as it was. Noise
+and damper of one temperature leave a Gibbs distribution as it is, so that the closure stays exact
+where it was.
 
 A contact of the duration T hardly moves a mode whose period is shorter. Noise and damper act on
 each mode by the spectrum of a half sine, cos(pi x / 2) / (1 - x^2) with x = omega T / pi.
@@ -31,8 +32,8 @@ errors in 200 random structures of 2 to 10 modes, compared with simulations."""
 
 
 ASSUMPTION = (
-    f"impacts scatter energy among modes: {SCATTERED:g} of their impulses act as white noise, by "
-    "the spectrum of a half sine as long as a contact, and a damper takes the power of this noise"
+    f"impacts scatter energy among modes: {SCATTERED:g} of their impulses act as white noise, "
+    "whose power a damper takes; their spectrum is that of a half sine as long as a contact"
 )
 
 LEFT_OUT = (
@@ -64,7 +65,20 @@ def scattering(
     if not whole > 0.0:
         return Scattering(0.0, gap)
     squares = sum(intensity * shape**2 for intensity, shape in parts) / whole
-    return Scattering(SCATTERED * mass**2 * whole, gap * np.sqrt(squares))
+    share = SCATTERED * _share_of_no_spring(candidate)
+    return Scattering(share * mass**2 * whole, gap * np.sqrt(squares))
+
+
+def _share_of_no_spring(candidate: Candidate) -> float:
+    """Part of the variance of the force of the stops that their spring leaves, by half sines: 1 for
+    brief contacts, 0 for a stop that is never left and so is a spring."""
+    contacts = [contact for contact in candidate.contacts.values() if contact.probability > 0.0]
+    if len(contacts) < len(candidate.hits):
+        return 1.0
+    square = math.pi / 2.0 * sum(each.force**2 / each.probability for each in contacts)
+    variance = square - candidate.stop_force**2
+    spring = candidate.stiffness**2 * candidate.variance
+    return max(1.0 - spring / variance, 0.0) if variance > 0.0 else 0.0
 
 
 def _of_stop(candidate: Candidate, stop: Stop, omega: Vector) -> tuple[float, Vector]:

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.methods.linearisation import loose_mass, scattering
+from stochvi.methods.linearisation import loose_mass, scattering, structure_bounds
 from stochvi.methods.linearisation.candidate import Candidate, Form, Unknowns
 from stochvi.methods.linearisation.forms import form_of
 from stochvi.methods.linearisation.outputs import answer_of
@@ -80,14 +80,15 @@ class _PairGap(NamedTuple):
 class _Solution(NamedTuple):
     """The law of every gap, and the linear structure that answers with them.
 
-    Where impacts scatter energy (`scatters`) its `modes` are shaken and damped by them, too.
+    Where impacts scatter energy its `modes` are shaken and damped by them, too, and `without` is
+    the solution that leaves this out.
     """
 
     gaps: Sequence[_PairGap]
     candidates: Sequence[Candidate]
     modes: ModalForm
     law: LinearLaw
-    scatters: bool = False
+    without: _Solution | None = None
 
 
 def closure(scene: Scene, deadline: Deadline = NEVER) -> tuple[Response, ...]:
@@ -130,7 +131,15 @@ def closure_of(
     exact &= bool(exact_by) or not assumptions
     outline = _Outline(scene, model, 0.0 if exact else None, started, tuple(assumptions), exact_by)
     warned = _several(found)
-    return tuple(_response(outline, one, warned) for one in found)
+    return tuple(_bounded(outline, one, _response(outline, one, warned)) for one in found)
+
+
+def _bounded(outline: _Outline, one: _Solution, response: Response) -> Response:
+    """The response with its stated error where the closure is approximate and has one."""
+    if outline.bias is not None or one.without is None or outline.rests_on:
+        return response
+    plain = _response(outline, one.without, ())
+    return structure_bounds.with_bounds(response, plain, outline.model, one.candidates)
 
 
 def solutions(model: Model, deadline: Deadline = NEVER) -> list[_Solution]:
@@ -231,14 +240,20 @@ def _from(
     plain = root(problem(False), start, patient=patient)
     if plain is None:
         return None
-    mixed = None
-    if scattering.acts(modes):
-        start = np.concatenate([plain, np.zeros(len(gaps))])
-        mixed = root(problem(True), start, patient=False)
-    scatters = mixed is not None
-    trial = _Trial.of(modes, gaps, stage, plain if mixed is None else mixed, scatters)
+    found = _solution(gaps, _Trial.of(modes, gaps, stage, plain, scatters=False))
+    if not scattering.acts(modes):
+        return found
+    mixed = root(problem(True), np.concatenate([plain, np.zeros(len(gaps))]), patient=False)
+    if mixed is None:
+        return found
+    return _solution(gaps, _Trial.of(modes, gaps, stage, mixed, scatters=True), found)
+
+
+def _solution(
+    gaps: Sequence[_PairGap], trial: _Trial, without: _Solution | None = None
+) -> _Solution | None:
     law = trial.law
-    return None if law is None else _Solution(gaps, trial.candidates, trial.modes, law, scatters)
+    return None if law is None else _Solution(gaps, trial.candidates, trial.modes, law, without)
 
 
 def _same(one: _Solution, two: _Solution) -> bool:
@@ -388,7 +403,7 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
     # functions have their linear forms in the matrices
     balances = residuals(replace(model, functions=()), moments, mean.tolist())
     unknown = scene.absorber is not None and outline.bias is None
-    left_out = bool(model.pairs) and scattering.acts(modes) and not one.scatters
+    left_out = bool(model.pairs) and scattering.acts(modes) and not one.without
     return build_response(
         scene,
         METHOD,
@@ -397,7 +412,7 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
         assumptions=[
             *outline.rests_on,
             *_assumptions(model),
-            *([scattering.ASSUMPTION] if one.scatters else []),
+            *([scattering.ASSUMPTION] if one.without else []),
             *_on_accelerations(model, accelerations),
         ],
         cost=Cost(wall_time=time.perf_counter() - outline.started),
