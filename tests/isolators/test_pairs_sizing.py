@@ -289,6 +289,20 @@ def test_the_answer_holds_the_hits_that_are_expected(both: Sizing) -> None:
     assert (both.pairs["impact_speed_mean"] > 0.5).all()
 
 
+def test_three_sigma_of_every_gap_is_judged(both: Sizing) -> None:
+    """Two gaps of 1 and 2 rad/s, both with an rms of 1 m: Rice's crossings of four stops."""
+    three = both.three_sigma
+    rice = MISSION * math.exp(-4.5) * sum(omega / math.pi for omega in (1.0, 2.0))
+    assert three.clearance == pytest.approx(3.0) and both.sigma == pytest.approx(1.0)
+    assert three.rice_hits == pytest.approx(rice, rel=1e-6)
+    # crossings come in clusters, of which each has one first impact
+    assert three.first_hits.value + 4.5 * three.first_hits.standard_error < three.rice_hits
+    missed, known = math.exp(-three.first_hits.value), three.probability
+    error = 4.5 * (known.standard_error + missed * three.first_hits.standard_error)
+    assert abs(1.0 - known.value - missed) < error < 0.01
+    assert set(both.to_dict()["three_sigma"]) == {"value", "lower", "upper"}
+
+
 def test_places_of_stops_count_from_the_unloaded_springs(both: Sizing) -> None:
     """The mean gap of x, on a spring of 1 N/m under 0.3 N, lies 0.3 m above the unloaded one."""
     load = ConstantLoad(force=0.3, on="x")
