@@ -6,7 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stochvi.mathematics.shown_units import ACCELERATION, FORCE, LENGTH, NUMBER, SPEED, TIME
+from stochvi.mathematics.shown_units import (
+    ACCELERATION,
+    DENSITY,
+    FORCE,
+    LENGTH,
+    NUMBER,
+    SPEED,
+    TIME,
+)
 from stochvi.views.axes import (
     add_grid,
     around_shock,
@@ -34,6 +42,9 @@ HEADROOM = 1.15
 
 MOST_SPEEDS, MOST_MOTIONS = 6, 3
 """Largest number of impact speeds in a picture, and of clearances whose x(t) is drawn."""
+
+DECADES = 1e6
+"""Largest over smallest density that a waterfall tells apart."""
 
 ROWS = {
     "displacement_max": ("largest displacement", LENGTH),
@@ -146,6 +157,35 @@ def _plot_shock(each: ReplayAt, ax: Axes, *, whole: bool = False, legend: bool =
     if legend:
         ax.legend(frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0),
                   ncols=4)  # fmt: skip
+    return ax
+
+
+def plot_waterfall(each: ReplayAt, ax: Axes | None = None) -> Axes:
+    """Short-time spectra of the absolute acceleration of the first coordinate, over the whole
+    record, with the impacts as marks above them."""
+    from matplotlib.colors import LogNorm
+
+    kept = each.histories
+    assert kept is not None
+    ax = axes_or_new(ax, (9.6, 4.2))
+    spectra = kept.short_time_spectra()
+    density = DENSITY(np.maximum(spectra.density, np.finfo(float).tiny))
+    norm = LogNorm(density.max() / DECADES, density.max(), clip=True)
+    mesh = ax.pcolormesh(
+        TIME(spectra.time), spectra.frequency_hz, density, norm=norm, cmap="viridis",
+        shading="nearest", rasterized=True,
+    )  # fmt: skip
+    ax.figure.colorbar(
+        mesh, ax=ax, label=f"acceleration of {next(iter(kept.acceleration))} ({DENSITY})"
+    )
+    if len(each.impacts):
+        times = TIME(np.asarray(each.impacts["time"]))
+        ax.plot(times, np.full(len(times), 1.02), "v", markersize=4.5, clip_on=False,
+                color=COLOURS["linearise:closure"], transform=ax.get_xaxis_transform(),
+                label="impacts")  # fmt: skip
+        ax.legend(frameon=False, fontsize="small", loc="lower right", bbox_to_anchor=(1.0, 1.03))
+    ax.set(yscale="log", ylim=spectra.frequency_hz[[0, -1]], xlabel=f"time ({TIME})",
+           ylabel="frequency (Hz)")  # fmt: skip
     return ax
 
 

@@ -13,7 +13,7 @@ from stochvi.results.origin import Origin, origin_of
 from stochvi.scenes.structures import Isolator
 from stochvi.views.axes import PAGE, axes_or_new, label_for_page
 from stochvi.views.colours import COLOURS
-from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history
+from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history, plot_waterfall
 from stochvi.views.report.changes import production_section
 from stochvi.views.report.environment import excitation_facts
 from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
@@ -484,5 +484,9 @@ def _replay_pictures(found: Replay) -> list[Picture]:
         shown(
             lambda: plot_history(single, axes_or_new(None, PAGE)),
             "The motion with its stops and impacts.",
-        )
+        ),
+        shown(
+            lambda: plot_waterfall(single, axes_or_new(None, PAGE)),
+            "Waterfall: short-time spectra of the absolute acceleration, impacts marked above.",
+        ),
     ]

@@ -38,7 +38,7 @@ from stochvi.methods.replay.march import SampledExcitation, integrate
 from stochvi.model.model import model_of
 from stochvi.scenes import Hertz
 from stochvi.scenes.impact_laws import CompliantLaw, Law
-from stochvi.views.replay import draw_replay, plot_clearances
+from stochvi.views.replay import draw_replay, plot_clearances, plot_waterfall
 from support.commands import Run, one_document, refused
 
 Vector = NDArray[np.float64]
@@ -439,11 +439,43 @@ def test_the_command(tmp_path: Path, stochvi: Run) -> None:
     assert written == {
         "replay.csv", "impacts.csv", "histories.csv", "replay.png", "replay.json", "report.html",
     }  # fmt: skip
+    assert "Waterfall: short-time spectra" in (tmp_path / "out" / "report.html").read_text("utf-8")
     run = stochvi("replay", str(file), "--clearances", "4mm, 0.006", "--json", "-")
     assert [each["clearance"] for each in one_document(run.out)["clearances"]] == [4e-3, 6e-3]
     assert "--clearances must be" in refused(
         stochvi("replay", str(file), "--clearances", "4furlongs")
     )
+
+
+def test_a_waterfall_tells_impacts_by_their_high_frequencies(tmp_path: Path) -> None:
+    law = Viscoelastic(stiffness=2e6, damping_ratio=0.1)
+    a = shaken(seed=4, samples=2000, pothole=0.0)
+    alone = scene_of(tmp_path, a)
+    free = replay(alone).only
+    assert free is not None and free.histories is not None
+    gap = 0.7 * float(np.abs(free.histories.displacement["x"]).max())
+    found = replay(scene_of(tmp_path, a, law, gap=gap)).only
+    assert found is not None and found.histories is not None
+    kept = found.histories
+    spectra = kept.short_time_spectra(segment=64 / FS)
+    # one segment by a plain transform
+    number, window = 7, np.hanning(65)[:64]
+    part = kept.acceleration["x"][32 * number : 32 * number + 64]
+    plain = np.abs(np.fft.rfft(window * (part - part.mean()))) ** 2 / (FS * np.sum(window**2))
+    assert spectra.density[:-1, number] == pytest.approx(2.0 * plain[1:-1], rel=1e-9)
+    assert spectra.time[number] == pytest.approx(kept.time[32 * number + 32])
+    high = spectra.density[spectra.frequency_hz > 0.6 * FS / 2.0].sum(axis=0)
+    times = found.impacts["time"].to_numpy()
+    near = np.abs(spectra.time[:, None] - times).min(axis=1) < 8.0 / FS
+    far = np.abs(spectra.time[:, None] - times).min(axis=1) > 64.0 / FS
+    assert near.sum() >= 2 and far.sum() >= 10
+    # against the motion without stops; the control: between impacts both are alike
+    calm = free.histories.short_time_spectra(segment=64 / FS)
+    louder = high / calm.density[calm.frequency_hz > 0.6 * FS / 2.0].sum(axis=0)
+    assert np.median(louder[near]) > 10.0 > 3.0 > np.median(louder[far])
+    axes = plot_waterfall(found)
+    assert axes.get_legend_handles_labels()[1] == ["impacts"]
+    assert plot_waterfall(free).get_legend_handles_labels()[1] == []
 
 
 def test_every_number_of_a_replay_is_that_of_a_plain_integration(tmp_path: Path) -> None:
