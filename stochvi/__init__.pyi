@@ -56,7 +56,7 @@ from .statistics.impacts import impacts
 from .statistics.reliability import reliability
 from .statistics.spectra import spectrum
 from .statistics.stability import stability
-from .sweeps import mean_over_units, sweep
+from .sweeps import mean_over_records, mean_over_units, sweep
 from .verification.check import check
 from .verification.cost import cost
 from .verification.explain import explain
@@ -114,6 +114,7 @@ __all__ = [
     "load_answer",
     "load_scene",
     "mathematics",
+    "mean_over_records",
     "mean_over_units",
     "methods",
     "reliability",
