@@ -71,6 +71,7 @@ from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 
 from stochvi.engine.ingredients import Ingredients
+from stochvi.engine.late_exceptions import undisturbed
 
 try:
     import fcntl
@@ -117,6 +118,10 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         super().__init__(py_func, *arguments, **options)
         self.obstacles: list[str] = []
         self._cache = KernelCache(self)
+
+    def __call__(self, *arguments: Any, **named: Any) -> Any:
+        """Call the compiled function; exceptions of signals and other threads wait for its end."""
+        return undisturbed(super().__call__, arguments, named)
 
     @cached_property
     def linked(self) -> LinkedKernel:

@@ -16,6 +16,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field, is_dataclass, replace
 from typing import Any, TypeVar
 
+from stochvi.engine.late_exceptions import raise_late
 from stochvi.results.errors import Interrupted, NotConverged
 
 Found = TypeVar("Found")
@@ -244,9 +245,17 @@ def graceful_interrupt() -> Iterator[None]:
     def hear(*_: Any) -> None:
         if _raise_overdue:
             _raise_overdue.clear()
-            raise Overdue
+            raise_here(Overdue)
+            return
         _heard[0] += 1
-        signal.signal(signal.SIGINT, usual)
+        signal.signal(signal.SIGINT, hear_again)
+
+    def hear_again(*_: Any) -> None:
+        raise_here(KeyboardInterrupt)
+
+    def raise_here(error: type[KeyboardInterrupt]) -> None:
+        if not raise_late(threading.get_ident(), error):
+            raise error
 
     _heeded_from.append(_heard[0])
     signal.signal(signal.SIGINT, hear)
@@ -322,7 +331,7 @@ def ended_by(budget: float | None, patience: float = OVERDUE_SECONDS) -> Iterato
                 close()
         except (KeyboardInterrupt, SystemError) as error:
             close()
-            # Python makes a SystemError of what is raised while compiled code returns
+            # Python makes a SystemError of what is raised while code of other libraries returns
             reason = error.__cause__ if isinstance(error, SystemError) else error
             if not fired.is_set() or not isinstance(reason, KeyboardInterrupt):
                 raise
@@ -359,5 +368,7 @@ def _raise_in(thread: int) -> None:
     else:
         import ctypes
 
+        if raise_late(thread, Overdue):
+            return
         raise_at = ctypes.pythonapi.PyThreadState_SetAsyncExc
         raise_at(ctypes.c_ulong(thread), ctypes.py_object(Overdue))

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import pickle
 import signal
+import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
+from stochvi.engine.compiling import kernel
 from stochvi.model.calculations import calculation
 from stochvi.results.deadline import (
     NEVER,
@@ -182,6 +185,37 @@ def test_an_end_that_meets_the_return_of_compiled_code_is_an_end() -> None:
 
     with pytest.raises(SystemError, match="is broken"):
         ended(broken)
+
+
+@kernel
+def add_up(count: int, numbers: np.ndarray) -> tuple[int, np.ndarray]:
+    total = np.zeros(4)
+    for number in range(count):
+        total[number & 3] += numbers[number & 1]
+    return count, total
+
+
+@pytest.mark.parametrize("threads", [0, 2])
+def test_an_end_within_compiled_code_waits_for_its_return(threads: int) -> None:
+    """numba makes arrays of the results, and did not look for an exception: a crash, or a
+    SystemError without a cause."""
+    add_up(1, np.ones(2))
+    count = 10_000_000
+    while (began := time.perf_counter()) and add_up(count, np.ones(2)):
+        if time.perf_counter() - began > 0.5:
+            break
+        count *= 2
+
+    def once(*_: object) -> None:
+        with pytest.raises(NotConverged, match="before there was an answer"):
+            ended(lambda: add_up(count, np.ones(2)))
+
+    if threads:
+        with ThreadPoolExecutor(threads) as pool:
+            assert list(pool.map(once, range(4))) == [None] * 4
+    else:
+        for _ in range(3):
+            once()
 
 
 def test_nothing_is_told_of_a_destructor_that_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:
