@@ -23,14 +23,15 @@ OPTIONS = {
 where nothing is sampled."""
 
 
-def _check_options(method: str, given: Mapping[str, Any]) -> None:
-    """ValueError if an option is for another method, or one that a method needs is missing."""
+def _check_options(method: str, given: Mapping[str, Any], phases: bool) -> None:
+    """ValueError if an option is for another method, or one that a method needs is missing; a scene
+    with phases has its own duration."""
     for name in sorted(given.keys() - OPTIONS.get(method, set())):
         methods = [each for each, known in OPTIONS.items() if name in known]
         alone = " alone" if len(methods) == 1 else ""
         option = f"--{name.replace('_', '-')}"
         raise ValueError(f"{option} is for --method {' or '.join(methods)}{alone}")
-    if method == "reliability" and "mission" not in given:
+    if method == "reliability" and "mission" not in given and not phases:
         raise ValueError("--method reliability needs --mission, as 3600 (s) or 10h")
     limits = given.keys() & {"probability", "rate", "impact_speed", "peak_acceleration"}
     if method == "size" and len(limits) != 1:
@@ -105,7 +106,7 @@ def sweep(
     loaded = load_scene(scene)
     document = loaded.document(as_written=True)
     ranges = dict(once([values_of(text, document) for text in vary]))
-    _check_options(method, given)
+    _check_options(method, given, bool(loaded.phases))
     given.pop("dask", None)
     if "peak_acceleration" in given:
         given["peak_acceleration"] = acceleration(given["peak_acceleration"])

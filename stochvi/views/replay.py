@@ -97,6 +97,9 @@ def _print_many(console: Console, found: Replay) -> None:
     import pandas as pd
 
     rows = []
+    pairs = [next(iter(each.impact_pairs.values())) for each in found.clearances]
+    # rigid stops give no acceleration at an impact
+    where = "" if any(pair.peak_force is not None for pair in pairs) else " between impacts"
     for each in found.clearances:
         assert each.clearance is not None
         (pair,) = each.impact_pairs.values()
@@ -109,7 +112,7 @@ def _print_many(console: Console, found: Replay) -> None:
                 "impacts": f"{float(pair.hits):.0f}",
                 f"max speed ({SPEED})": UNKNOWN if speed is None else f"{SPEED(float(speed)):.4g}",
                 f"max force ({FORCE})": UNKNOWN if force is None else f"{FORCE(float(force)):.4g}",
-                f"peak acc. ({ACCELERATION})": f"{ACCELERATION(peak):.4g}",
+                f"peak acc.{where} ({ACCELERATION})": f"{ACCELERATION(peak):.4g}",
                 f"from ({LENGTH})": four_digits(LENGTH(float(motion.displacement_min))),
                 f"to ({LENGTH})": four_digits(LENGTH(float(motion.displacement_max))),
             }

@@ -542,6 +542,17 @@ def test_a_reliability_for_each_row(tmp_path: Path) -> None:
     assert table["mission.expected_hits"][1] < table["mission.expected_hits"][0]
 
 
+def test_phases_bring_their_own_mission_to_a_sweep(stochvi: Run, tmp_path: Path) -> None:
+    phases = '[[phase]]\nname = "road"\nduration = 20.0\n'
+    (tmp_path / "phases.toml").write_text(TRUCK + phases)
+    asked = ("--vary", "impact_pair.0.clearance=8mm,9mm", "--method", "reliability")
+    limits = ("--rel-error", "0.3", "--threads", "1", "--out", tmp_path / "out")
+    done = stochvi("sweep", tmp_path / "phases.toml", *asked, *limits)
+    assert done.code == 0, done.err
+    hit = pd.read_csv(tmp_path / "out" / "sweep.csv")["mission.hit"]
+    assert 0.0 < hit[1] < hit[0]
+
+
 def test_what_a_row_takes_too_long_the_others_have_less(monkeypatch: pytest.MonkeyPatch) -> None:
     now, given = [0.0], []
     monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))

@@ -169,7 +169,8 @@ class RiskCurve:
         usable, logs, errors = self._logarithms()
         first = float(self.clearances[usable][0])
         value = math.exp(self._interpolated(usable, logs)(max(clearance, first)))
-        value *= self.rice_rate(clearance) / self.rice_rate(max(clearance, first))
+        if clearance < first:
+            value *= self.rice_rate(clearance) / self.rice_rate(first)
         return value, value * float(np.interp(clearance, self.clearances[usable], errors))
 
     @property

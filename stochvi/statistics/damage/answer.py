@@ -12,7 +12,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.shown_units import ACCELERATION
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.base import Result
-from stochvi.results.estimates import TOO_FEW, Estimate
+from stochvi.results.estimates import TOO_FEW, Estimate, format_with_error
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -313,12 +313,15 @@ class Damage(Result):
         elif self.unseen:
             found = self.unseen_in_words
         else:
-            ratio = self.damage_ratio.value
-            k = int(np.argmax(ratio))
-            found = (
-                f"stops multiply the damage by {np.min(ratio):.3g} to {ratio[k]:.3g}, most at "
-                f"{f[k]:.4g} Hz"
+            ratio = self.damage_ratio
+            least, most = int(np.argmin(ratio.value)), int(np.argmax(ratio.value))
+            low, high = (
+                format_with_error(ratio.value[k], ratio.standard_error[k])
+                if ratio.standard_error[k]
+                else f"{ratio.value[k]:.3g}"
+                for k in (least, most)
             )
+            found = f"stops multiply the damage by {low} to {high}, most at {f[most]:.4g} Hz"
         return (
             f"{band}: {found}; median standard error {100.0 * self.relative_error:.2g} % "
             f"(by {self.way})"

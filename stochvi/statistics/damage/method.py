@@ -239,8 +239,13 @@ class _Question:
         }
         found = question.answer(spectra, without, ("record", "record"), hits, work)
         known = assumptions_of(self.scene, self.model, len(records), 0)
+        half_rate = with_stops.half_rate
         return replace(
-            found, warnings=(),
+            found,
+            warnings=[
+                f"the record says nothing above {half_rate:.4g} Hz, half its sampling rate: faster "
+                "equipment answers to the straight lines between its samples"
+            ] if self.equipment.frequency_hz[-1] > half_rate else [],
             assumptions=(
                 "the mission repeats this record: another one of the same road differs",
                 *(each[0].lower() + each[1:].rstrip(".") for each in known),

@@ -72,6 +72,7 @@ class Replayed:
             coarse = [integrate(model, each, rest_of(model), keep=False) for each in segments]
             speeds += [float(each.impacts[:, SPEED].max(initial=0.0)) for each in coarse]
         longest = min(equipment.longest_step, contact_time(model, max(speeds)) / CONTACT_SAMPLES)
+        self.half_rate = 0.5 / segments[0].step
         self.parts = math.ceil(segments[0].step / longest)
         self.step = segments[0].step / self.parts
         if self.duration / self.step > MOST_SAMPLES:
