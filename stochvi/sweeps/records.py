@@ -85,7 +85,7 @@ def mean_over_records(
     ...     excitations=[RecordedNoise(file=str(files[0]), unit="m/s2", fs=400.0)],
     ... )
     >>> table = mean_over_records(scene, files, mission=60.0).set_index("quantity")
-    >>> bool(0.0 < table.loc["hit", "mean"] < table.loc["hit", "high"] <= 1.0)
+    >>> bool(0.0 < table.loc["mission.hit", "mean"] < table.loc["mission.hit", "high"] <= 1.0)
     True
     """
     import pandas as pd
