@@ -47,6 +47,7 @@ from stochvi.statistics.pair_crossings import pair_crossings
 from stochvi.statistics.structure_hits import Limit, exceedance
 from stochvi.testing import assert_agrees
 from stochvi.views.pairs import pairs_in_words, plot_pairs_risk
+from stochvi.views.report.environment import excitations_section
 from stochvi.views.report.pairs import pairs_page
 from support.commands import Run, one_document
 from support.pairs import LAW, pair, uncoupled
@@ -532,6 +533,18 @@ def test_hits_that_the_budget_left_unknown_end_with_code_one(
     assert outcome(NotApplicable("hits", ["a law"])) == (0, [])
 
 
+def test_the_page_of_a_box_states_its_profiles() -> None:
+    """As the page of one mass does: the rms of each table beside that of its source."""
+    box = load_scene(shipped_scene("rigid-box"))
+    facts = excitations_section(box).facts
+    assert [fact.name.split(" on ")[0] for fact in facts] == 3 * [
+        "Tabulated noise", "Stated by its source", "Acceleration, recomputed"
+    ]  # fmt: skip
+    for stated, found in zip(facts[1::3], facts[2::3], strict=True):
+        known, calculated = (float(fact.value.split()[0]) for fact in (stated, found))
+        assert calculated == pytest.approx(known, rel=0.03)
+
+
 def test_one_clearance_for_all_is_said_to_be_common(both: Sizing) -> None:
     """The risks of its pairs then differ: no page says that they are equal."""
     x = both.clearances["x"]
@@ -541,6 +554,7 @@ def test_one_clearance_for_all_is_said_to_be_common(both: Sizing) -> None:
     page = pairs_page(common, origin_of(common.provenance))
     lead = page.sections[0].lead
     assert lead == "x, z have one clearance in common, so that their risks differ."
+    assert "Environment" in [section.title for section in page.sections]
     assert "in common" not in both.verdict()
     equal = pairs_page(both, origin_of(both.provenance)).sections[0].lead
     assert equal.startswith("Pairs share the risk equally: each alone")

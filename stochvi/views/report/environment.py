@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission
 from stochvi.mathematics.shown_units import ACCELERATION, SPEED
 from stochvi.scenes.excitations import Excitation
+from stochvi.scenes.excitations.base import BASE, DensityNoise
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures import Isolator, Oscillator
 from stochvi.views.report.pages import Fact, Section, shown
@@ -21,6 +23,16 @@ from stochvi.views.words import (
 
 if TYPE_CHECKING:
     from stochvi.isolators.sizing.review import Review
+
+
+UNITS_IN_WORDS = (
+    "All densities are one-sided per hertz; accelerations are rms unless they are stated to be "
+    "peak. 1 g = 9.80665 m/s²."
+)
+"""What the numbers of an environment are."""
+
+AREA_IN_WORDS = "area under the density, log-log straight between breakpoints"
+"""How an rms acceleration is recomputed."""
 
 
 def excitation_facts(
@@ -45,7 +57,7 @@ def environment_section(review: Review) -> Section:
             Fact(
                 "Base acceleration, recomputed",
                 f"{ACCELERATION.text(found.base.acceleration_std)} rms",
-                "area under the density, log-log straight between breakpoints",
+                AREA_IN_WORDS,
             ),
             Fact("Base velocity", f"{SPEED.text(found.base.velocity_std)} rms"),
             Fact(
@@ -67,13 +79,20 @@ def environment_section(review: Review) -> Section:
                 "Absolute acceleration of the mass without stops, over the input.",
             ),
         ]
-    return Section(
-        title="Environment",
-        lead="All densities are one-sided per hertz; accelerations are rms unless they are stated "
-        "to be peak. 1 g = 9.80665 m/s².",
-        facts=facts,
-        pictures=pictures,
-    )
+    return Section(title="Environment", lead=UNITS_IN_WORDS, facts=facts, pictures=pictures)
+
+
+def excitations_section(scene: Scene) -> Section:
+    """The section on the excitations of a scene of any structure."""
+    facts = []
+    for excitation in scene.excitations:
+        facts += excitation_facts(scene, excitation, excitation.numbers())
+        if isinstance(excitation, DensityNoise) and scene.place(excitation) == BASE:
+            rms = math.sqrt(excitation.table.mean_square())
+            facts.append(
+                Fact("Acceleration, recomputed", f"{ACCELERATION.text(rms)} rms", AREA_IN_WORDS)
+            )
+    return Section(title="Environment", lead=UNITS_IN_WORDS, facts=facts)
 
 
 def mount_section(review: Review) -> Section:

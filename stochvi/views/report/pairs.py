@@ -27,6 +27,7 @@ from stochvi.views.pairs import (
     worst_places,
 )
 from stochvi.views.report.changes import production_section, sensitivity_section
+from stochvi.views.report.environment import excitations_section
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
 from stochvi.views.report.records import record_cards
 from stochvi.views.schematic import draw_gaps
@@ -116,6 +117,7 @@ def pairs_page(sizing: Sizing, origin: Origin, sensitivity: pd.DataFrame | None 
                     ),
                 ],
             ),
+            excitations_section(sizing.scene),
             *_box_sections(sizing),
             Section(
                 title="Other risks",
