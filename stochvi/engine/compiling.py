@@ -71,7 +71,7 @@ from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
 
 from stochvi.engine.ingredients import Ingredients
-from stochvi.engine.late_exceptions import undisturbed
+from stochvi.engine.late_exceptions import disturbed, undisturbed
 
 try:
     import fcntl
@@ -146,7 +146,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         """Compile the kernel for a signature or load it, while other processes wait for it."""
         arguments = tuple(sigutils.normalize_signature(sig)[0])
         # the lock of this process comes first: a thread that waits for it holds up no other process
-        with global_compiler_lock:
+        with disturbed(), global_compiler_lock:
             if arguments in self.overloads or not self._can_compile:
                 return super().compile(sig)
             file = self._cache.find(sig, arguments)

@@ -7,7 +7,8 @@ notes an exception for a thread that is in a compiled function; it is raised onc
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from threading import get_ident
 from typing import Any
 
@@ -31,6 +32,7 @@ def undisturbed(call: Callable[..., Any], arguments: tuple[Any, ...], named: dic
     thread = get_ident()
     if thread in _inside:  # compiled code that calls Python that calls compiled code
         return call(*arguments, **named)
+    _noted.pop(thread, None)  # what another thread noted too late
     _inside.add(thread)
     try:
         return call(*arguments, **named)
@@ -38,3 +40,17 @@ def undisturbed(call: Callable[..., Any], arguments: tuple[Any, ...], named: dic
         _inside.discard(thread)
         if _noted and (error := _noted.pop(thread, None)) is not None:
             raise error
+
+
+@contextmanager
+def disturbed() -> Iterator[None]:
+    """Let exceptions come at once within the `with` block, also in the call of a compiled function:
+    numba compiles there, for many seconds, in Python."""
+    thread = get_ident()
+    inside = thread in _inside
+    _inside.discard(thread)
+    try:
+        yield
+    finally:
+        if inside:
+            _inside.add(thread)

@@ -7,12 +7,14 @@ import signal
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from threading import get_ident
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from stochvi.engine.compiling import kernel
+from stochvi.engine.late_exceptions import disturbed, raise_late, undisturbed
 from stochvi.model.calculations import calculation
 from stochvi.results.deadline import (
     NEVER,
@@ -216,6 +218,19 @@ def test_an_end_within_compiled_code_waits_for_its_return(threads: int) -> None:
     else:
         for _ in range(3):
             once()
+
+
+def test_compiling_within_a_call_is_ended_at_once() -> None:
+    """It takes many seconds, and runs in Python, where exceptions do no harm."""
+
+    def call() -> None:
+        with disturbed():
+            assert not raise_late(get_ident(), Overdue)
+        assert raise_late(get_ident(), Overdue)
+
+    with pytest.raises(Overdue):
+        undisturbed(call, (), {})
+    assert not raise_late(get_ident(), Overdue)
 
 
 def test_nothing_is_told_of_a_destructor_that_is_ended(monkeypatch: pytest.MonkeyPatch) -> None:

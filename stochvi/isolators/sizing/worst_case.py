@@ -136,6 +136,8 @@ def _linear_worst(
     region, harm = Region(sizing.scene, tolerances), 1.0
     if sizing.target.exceedance is not None:
         harm = min(sizing.target.exceedance / (sizing.any_hit or 1.0), 1.0)
-    same = SameRisk(nominal=region.nominal, stops=sizing.stops, harm=harm)
+    names = sizing.pairs["pair"].tolist()
+    common = [names.index(name) for name in sizing.common]
+    same = SameRisk(nominal=region.nominal, stops=sizing.stops, harm=harm, common=common)
     found = region.worst(same, deadline)
     return list(dict.fromkeys(found[k][1] for k in sizing.sized_pairs))

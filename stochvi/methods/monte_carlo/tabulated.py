@@ -31,7 +31,6 @@ from scipy.fft import ifft, irfft, next_fast_len, rfft
 from stochvi.engine.impact_log import NO_LOG, NO_RECORD, Log
 from stochvi.engine.law import rate
 from stochvi.engine.mass_contacts import CONTACT_ANGLE
-from stochvi.engine.one_mass import MassStops
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.mathematics.quadrature import gauss_legendre
 from stochvi.mathematics.sampled_passages import moments_of_rises
@@ -46,7 +45,7 @@ from stochvi.methods.monte_carlo.kernels.response_domain import (
 )
 from stochvi.methods.monte_carlo.kernels.rows import N_LOWER, NO_EXTREMES, Sums
 from stochvi.methods.monte_carlo.kernels.steps import RigidStop, Sampling
-from stochvi.methods.monte_carlo.mass_stops import stops_of_mass
+from stochvi.methods.monte_carlo.mass_stops import StopsOfMass, stops_of_mass
 from stochvi.methods.monte_carlo.path_statistics import Layout
 from stochvi.methods.monte_carlo.plan import (
     Histories,
@@ -446,7 +445,7 @@ class TabulatedPlan:
             ),
             self._stop(self.model.lower),
             self._stop(self.model.upper),
-            self._compliant_stops,
+            self._compliant.for_kernel if self.contacts else None,
             state,
             peaks,
             sums,
@@ -463,12 +462,10 @@ class TabulatedPlan:
         restitution = 0.0 if self.contacts else stop.law.restitution
         return RigidStop(stop.position - self.model.rest, restitution, -1.0)
 
-    @property
-    def _compliant_stops(self) -> MassStops | None:
-        """The stops for the kernel where one is compliant, else None."""
-        if not self.contacts:
-            return None
-        return stops_of_mass(self.model, self.speed, self.step, shaken=True).for_kernel
+    @cached_property
+    def _compliant(self) -> StopsOfMass:
+        """The stops where one is compliant, as the engine knows them."""
+        return stops_of_mass(self.model, self.speed, self.step, shaken=True)
 
     @cached_property
     def _velocity_variance(self) -> float:
