@@ -12,6 +12,7 @@ from scipy.stats import gumbel_r
 
 from stochvi import ImpactPair, Isolator, Scene, TabulatedNoise, damage, load_scene
 from stochvi.model.model import model_of
+from stochvi.results.estimates import format_with_error
 from stochvi.scenes.impact_laws import Elastic
 from stochvi.statistics.damage.answer import EquipmentSpectra, SpectrumValues
 from stochvi.statistics.damage.phases import joint_spectra
@@ -97,7 +98,17 @@ def test_the_largest_of_phases_is_that_of_drawn_ones() -> None:
 @pytest.mark.slow
 def test_impacts_of_a_mission_are_those_of_its_phases() -> None:
     mission = halves(BUMPERS, {}, {"level_db": -3.0})
-    found = damage(mission, equipment=[60.0], levels=[50.0], rel_error=0.3, seed=1)
+    found = damage(
+        mission, equipment=[60.0], levels=[50.0], rel_error=0.3, seed=1, test_duration=900.0
+    )
+    # the largest responses of its test are told with the error of the mission's
+    extremes, test = found.with_stops.extreme_response, found.test
+    assert test is not None and float(extremes.standard_error[0]) > 0.0
+    shown = format_with_error(
+        float(test.extreme_ratio[0]),
+        float(test.extreme_ratio[0] * extremes.standard_error[0] / extremes.value[0]),
+    )
+    assert f"their largest responses are {shown} to" in test.summary()
     parts = [
         damage(phase.of(mission), mission=1800.0, equipment=[60.0], levels=[50.0], rel_error=0.3,
                seed=5 + number)

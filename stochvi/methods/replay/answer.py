@@ -198,8 +198,8 @@ class ReplayAt:
     coordinates, impact_pairs
         The quantities by the names of coordinates and of impact pairs.
     impacts
-        One row per impact: `time` (s), `pair`, `side`, `speed` (m/s), `peak_force` (N, 0 for rigid
-        stops).
+        One row per impact: `time` (s), `pair`, `side`, `speed` (m/s), `peak_force` (N, nan
+        at rigid stops, whose impulses have none).
     histories
         The samples; None where they would not fit into memory.
 

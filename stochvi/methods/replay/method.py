@@ -290,7 +290,10 @@ def _answer_at(
                 "pair": [pair.name for pair, _ in hit],
                 "side": [stop.name for _, stop in hit],
                 "speed": impacts[:, 2],
-                "peak_force": impacts[:, 3],
+                "peak_force": [
+                    math.nan if stop.rigid else force
+                    for (_, stop), force in zip(hit, impacts[:, 3], strict=True)
+                ],
             }
         ),
         histories=_histories(model, motions, segments, starts) if keep else None,

@@ -142,9 +142,10 @@ class TailoredTest:
     damage_ratio, damage_ratio_error
         (F,): damage of the profile without stops over that of the mission, and the relative error
         of the formula for the former.
-    extreme_ratio
-        (F,): expected largest response of the test over that of the mission. Below 1 the test has
-        smaller shocks than the mission.
+    extreme_ratio, extreme_ratio_error
+        (F,): expected largest response of the test over that of the mission, and its relative
+        standard error, which is that of the mission. Below 1 the test has smaller shocks than the
+        mission.
 
     See Also
     --------
@@ -160,6 +161,7 @@ class TailoredTest:
     damage_ratio: Vector
     damage_ratio_error: Vector
     extreme_ratio: Vector
+    extreme_ratio_error: Vector
 
     def to_frame(self) -> pd.DataFrame:
         """The breakpoints as the columns of a file of a profile, in Hz and g^2/Hz."""
@@ -174,11 +176,12 @@ class TailoredTest:
 
     def summary(self) -> str:
         """The profile in a sentence."""
-        least, most = float(self.extreme_ratio.min()), float(self.extreme_ratio.max())
+        ratio = self.extreme_ratio
+        least, most = _ends(ratio, ratio * self.extreme_ratio_error)
         return (
             f"{len(self.density)} breakpoints of {ACCELERATION.text(self.rms)} rms do at least the "
             f"fatigue damage of the mission, up to {float(self.damage_ratio.max()):.3g} times it; "
-            f"their largest responses are {least:.3g} to {most:.3g} times those of the mission"
+            f"their largest responses are {least} to {most} times those of the mission"
         )
 
 
@@ -314,15 +317,19 @@ class Damage(Result):
             found = self.unseen_in_words
         else:
             ratio = self.damage_ratio
-            least, most = int(np.argmin(ratio.value)), int(np.argmax(ratio.value))
-            low, high = (
-                format_with_error(ratio.value[k], ratio.standard_error[k])
-                if ratio.standard_error[k]
-                else f"{ratio.value[k]:.3g}"
-                for k in (least, most)
-            )
-            found = f"stops multiply the damage by {low} to {high}, most at {f[most]:.4g} Hz"
+            low, high = _ends(ratio.value, ratio.standard_error)
+            most = f[np.argmax(ratio.value)]
+            found = f"stops multiply the damage by {low} to {high}, most at {most:.4g} Hz"
         return (
             f"{band}: {found}; median standard error {100.0 * self.relative_error:.2g} % "
             f"(by {self.way})"
         )
+
+
+def _ends(value: Vector, standard_error: Vector) -> list[str]:
+    """The smallest and the largest of some values, each with its standard error where it has
+    one."""
+    return [
+        format_with_error(value[k], standard_error[k]) if standard_error[k] else f"{value[k]:.3g}"
+        for k in (int(np.argmin(value)), int(np.argmax(value)))
+    ]

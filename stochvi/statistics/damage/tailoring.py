@@ -56,6 +56,7 @@ def tailored_test(found: Damage, duration: float, breakpoints: int) -> TailoredT
     steady = GaussianEquipment(table, table.frequency_hz, equipment)
     wear, wear_error = steady.damage_rates()
     largest, _, _ = steady.extremes(duration, (0.5,))
+    extremes = found.with_stops.extreme_response
     return TailoredTest(
         duration=duration,
         frequency_hz=table.frequency_hz,
@@ -65,7 +66,8 @@ def tailored_test(found: Damage, duration: float, breakpoints: int) -> TailoredT
         equal_density=equal,
         damage_ratio=wear * duration / found.with_stops.fatigue_damage.value,
         damage_ratio_error=wear_error / wear,
-        extreme_ratio=largest / found.with_stops.extreme_response.value,
+        extreme_ratio=largest / extremes.value,
+        extreme_ratio_error=extremes.standard_error / extremes.value,
     )
 
 
