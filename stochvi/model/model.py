@@ -267,7 +267,7 @@ for the distances of two stops that are hit at once."""
 
 
 def sharing_of(directions: Matrix, lower: Vector, upper: Vector) -> Matrix | None:
-    """Shares of the impacts of pairs that are hit at once: equal, as none of them is the first.
+    """Shares of the impacts of stops that are hit at once: equal, as none of them is the first.
 
     Parameters
     ----------
@@ -279,25 +279,29 @@ def sharing_of(directions: Matrix, lower: Vector, upper: Vector) -> Matrix | Non
     Returns
     -------
     NDArray or None
-        (pairs, pairs), by which counts of impacts by pair are multiplied; None where no two pairs
-        have one motion and equally distant stops.
+        (stops, stops), by which counts of impacts on all lower stops, then on all upper ones, are
+        multiplied; None where no two stops end one motion at one distance.
 
     Examples
     --------
-    >>> directions, distances = np.array([[1.0], [1.0], [-1.0]]), np.full(3, 2.0)
-    >>> sharing_of(directions, distances, distances)
-    array([[0.5, 0.5, 0. ],
-           [0.5, 0.5, 0. ],
-           [0. , 0. , 1. ]])
+    The lower stop of the second pair is the upper one of the first.
+
+    >>> sharing_of(np.array([[1.0], [-1.0]]), np.full(2, 2.0), np.array([2.0, 3.0]))
+    array([[1. , 0. , 0. , 0. ],
+           [0. , 0.5, 0.5, 0. ],
+           [0. , 0.5, 0.5, 0. ],
+           [0. , 0. , 0. , 1. ]])
     """
     if len(directions) < 2:
         return None
-    size = np.linalg.norm(directions, axis=1)
-    apart = np.linalg.norm(directions[:, None] - directions, axis=2)
+    outwards, distances = np.concatenate([-directions, directions]), np.concatenate([lower, upper])
+    size = np.linalg.norm(outwards, axis=1)
+    apart = np.linalg.norm(outwards[:, None] - outwards, axis=2)
     together = apart <= ALIKE * np.maximum.outer(size, size)
-    for distances in (lower, upper):
-        together &= np.isclose(distances[:, None], distances, rtol=ALIKE, atol=0.0)
-    if together.sum() == len(directions):
+    together &= np.isclose(distances[:, None], distances, rtol=ALIKE, atol=0.0)
+    together &= np.isfinite(distances)
+    np.fill_diagonal(together, True)
+    if together.sum() == len(distances):
         return None
     return np.asarray(together / together.sum(axis=1, keepdims=True))
 
@@ -418,12 +422,13 @@ class Model:
 
     @cached_property
     def sharing(self) -> Matrix | None:
-        """(pairs, pairs): what each pair gets of the impacts that are counted on each, see
-        `sharing_of`; None where no pairs are hit at once."""
+        """What each rigid stop gets of the impacts that are counted on each, see `sharing_of`; None
+        where none are hit at once. Compliant ones count their own contacts."""
         places = np.full((2, len(self.pairs)), math.inf)
         for number, pair in enumerate(self.pairs):
             for stop in pair.stops:
-                places[int(stop.side > 0), number] = stop.distance
+                if stop.rigid:
+                    places[int(stop.side > 0), number] = stop.distance
         return sharing_of(np.array([pair.direction for pair in self.pairs]), *places)
 
     @cached_property

@@ -428,8 +428,6 @@ class ClusterPaths:
         hits, speeds = (
             sums[:, of[f"{what}_lower"]] + sums[:, of[f"{what}_upper"]] for what in ("n", "f1")
         )
-        if self.model.sharing is not None:
-            hits, speeds = self.model.sharing @ hits, self.model.sharing @ speeds
         counts = np.bincount(early, minlength=bursts)
         fastest = self.fastest(impacts, bursts)
         return np.vstack([counts, hits, speeds, fastest, accelerations.T])

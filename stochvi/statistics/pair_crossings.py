@@ -98,7 +98,8 @@ class PairCrossings(CrossingAges):
     displacement_std, velocity_std
         (pairs,): standard deviations of the gaps and of their rates, m and m/s.
     crossing
-        (sides,): number of the pair to which each row of `rice_rates` belongs.
+        (sides,): number of the stop to which each row of `rice_rates` belongs, first those of all
+        lower stops, then of all upper ones, which stand for both where they are alike.
     directions
         (pairs, n): the gaps as combinations of coordinates.
     outside_error
@@ -131,12 +132,13 @@ class PairCrossings(CrossingAges):
         """(levels, pairs): share of the first impacts of a mission that falls to each pair; pairs
         that are hit at once share their impacts."""
         known = np.minimum(self.ages[0].astype(float), mission).mean(axis=(-2, -1))
-        found = np.zeros_like(self.lower)
-        np.add.at(found.T, self.crossing, self.rice_rates * known)
+        of_stops = np.zeros((len(self.lower), 2 * len(self.pairs)))
+        np.add.at(of_stops.T, self.crossing, self.rice_rates * known)
         for level, rows in enumerate(zip(self.lower, self.upper, strict=True)):
             sharing = sharing_of(self.directions, *rows)
             if sharing is not None:
-                found[level] = sharing @ found[level]
+                of_stops[level] = sharing @ of_stops[level]
+        found = of_stops.reshape(len(of_stops), 2, -1).sum(axis=1)
         total = found.sum(axis=1, keepdims=True)
         return np.asarray(np.divide(found, total, out=np.zeros_like(found), where=total > 0.0))
 
@@ -384,14 +386,20 @@ def same_gaps(model: Model) -> list[str]:
     found = []
     for number, pair in enumerate(model.pairs):
         for earlier in model.pairs[:number]:
-            size = float(np.linalg.norm(earlier.direction))
-            if np.linalg.norm(pair.direction - earlier.direction) <= ALIKE * size:
+            if turn_between(earlier.direction, pair.direction):
                 found.append(
                     f"{earlier.name} and {pair.name} have the same gap: where their stops are "
                     "equally far, both are hit at once, and share the impacts"
                 )
                 break
     return found
+
+
+def turn_between(one: Vector, other: Vector) -> int:
+    """1 where two gaps (n,) are one motion, -1 where the second is the first with the opposite
+    sign, else 0."""
+    size = ALIKE * np.linalg.norm(one)
+    return next((turn for turn in (1, -1) if np.linalg.norm(other - turn * one) <= size), 0)
 
 
 def crossing_response(model: Model, directions: Matrix, memories: float = 1.0) -> GapResponse:
@@ -637,7 +645,12 @@ class GapRecords:
             upper=self.upper,
             displacement_std=self.motion.displacement_std,
             velocity_std=self.motion.velocity_std,
-            crossing=np.array([self.pairs[gap] for gap, _, _ in self.sides]),
+            crossing=np.array(
+                [
+                    self.pairs[gap] + (near is self.above) * len(self.motion.directions)
+                    for gap, near, _ in self.sides
+                ]
+            ),
             directions=self.motion.directions,
             horizon=self.horizon,
             interval=self.plan.step,

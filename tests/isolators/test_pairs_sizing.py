@@ -134,6 +134,16 @@ def test_a_pair_alone_is_sized_as_an_oscillator() -> None:
     assert off < math.hypot(found.upper - found.value, twice["x"].upper - twice["x"].value) * 2.0
 
 
+def test_pairs_of_one_gap_have_one_clearance_and_share_the_first_hits() -> None:
+    """Also where one counts its gap the other way round."""
+    plain = ImpactPair(name="a", between=("x", "z"), lower=-4.0, upper=4.0, law=LAW)
+    turned = ImpactPair(name="b", between=("z", "x"), lower=-4.0, upper=4.0, law=LAW)
+    found = sized(uncoupled(plain, turned), rel_error=0.3)
+    assert found.clearances["a"] == found.clearances["b"]
+    assert found.pairs["share_of_first_hits"].tolist() == pytest.approx([0.5, 0.5])
+    assert any("a and b have the same gap" in each for each in found.warnings)
+
+
 @pytest.mark.slow
 def test_one_pair_of_several_leaves_the_others_where_they_are() -> None:
     """And its stop stays on its side."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm, solve_continuous_lyapunov
 
 from stochvi import (
+    Elastic,
     FilteredNoise,
     ImpactPair,
     Matrices,
@@ -33,7 +34,7 @@ from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impact_counts import count_impacts
-from stochvi.statistics.pair_crossings import PairMotion, pair_crossings
+from stochvi.statistics.pair_crossings import PairMotion, pair_crossings, same_gaps
 from stochvi.testing import assert_agrees
 from support.pairs import LAW, diagonal, pair, uncoupled
 from support.runs import run_of
@@ -80,6 +81,42 @@ def test_pairs_that_are_hit_at_once_share_their_hits() -> None:
     farther = uncoupled(pair("left", "x", 2.0), pair("right", "x", 2.1))
     crossings = pair_crossings(farther, mission=MISSION, rel_error=0.2)
     assert crossings.shares(MISSION)[0] == pytest.approx([1.0, 0.0])
+
+
+def test_stops_that_are_hit_at_once_share_their_hits_side_by_side() -> None:
+    """The lower stops of two pairs coincide, or the upper one of a pair that is turned over."""
+    plain = {"between": ("x", "z"), "lower": -2.0, "law": LAW}
+    turned = ImpactPair(name="b", between=("z", "x"), lower=-4.0, upper=2.0, law=LAW)
+    alike = ImpactPair(name="b", upper=4.0, **plain)
+    first = ImpactPair(name="a", upper=3.0, **plain)
+    (alone,) = simulate(uncoupled(first), paths=64, duration=200.0, seed=1).impact_pairs.values()
+    lower, upper = alone.collision_rate_lower, alone.collision_rate_upper
+    assert lower is not None and upper is not None and upper.value > 0.0
+    for second in (alike, turned):
+        scene = uncoupled(first, second)
+        found = simulate(scene, paths=64, duration=200.0, seed=1).impact_pairs
+        shared = both(found["b"].collision_rate * 2.0, lower.value, lower.standard_error)
+        assert_agrees(shared, lower.value)
+        lone = found["a"].collision_rate_lower
+        assert lone is not None and lone.value == pytest.approx(found["b"].collision_rate.value)
+        # the other stop of the first pair is its own
+        rate = found["a"].collision_rate_upper
+        assert_agrees(both(rate, upper.value, upper.standard_error), upper.value)
+        shares = pair_crossings(scene, mission=MISSION, rel_error=0.2, seed=1).shares(MISSION)[0]
+        assert 0.0 < shares[1] < 0.5 < shares[0]
+        assert len(same_gaps(model_of(scene))) == 1
+
+
+def test_compliant_stops_at_one_place_count_their_own_forces() -> None:
+    """Both are touched at once, and push by their own stiffness."""
+    stiff, soft = (
+        ImpactPair(name=name, on="x", upper=2.0, law=Elastic(stiffness=stiffness))
+        for name, stiffness in (("stiff", 40.0), ("soft", 10.0))
+    )
+    found = simulate(uncoupled(stiff, soft), paths=16, duration=50.0, seed=1).impact_pairs
+    forces = [float(found[name].contact_force_upper) for name in ("stiff", "soft")]
+    assert forces[0] == pytest.approx(4.0 * forces[1], rel=1e-9)
+    assert float(found["stiff"].collision_rate) == float(found["soft"].collision_rate) > 0.0
 
 
 def test_one_pair_is_one_oscillator() -> None:

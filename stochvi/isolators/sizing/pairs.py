@@ -43,6 +43,7 @@ from stochvi.statistics.pair_crossings import (
     own_distances,
     pressed_pairs,
     same_gaps,
+    turn_between,
 )
 from stochvi.statistics.structure_hits import exceedance, without_stops
 
@@ -120,7 +121,9 @@ class SeveralPairs(SizingJob):
                     f"{', '.join(still)}; leave these pairs out of the scene"
                 ],
             )
-        self.curves = [self._curve(number, k) for number, k in enumerate(self.sized)]
+        self.curves: list[RiskCurve] = []
+        for number, k in enumerate(self.sized):
+            self.curves.append(self._known_curve(k) or self._curve(number, k))
         self.risks = self._risks()
         self.stage(0.4, 0.5, "all pairs together")
         places = [*map(self._stops_of_risk, self.risks), self._stops(3.0 * self.sigma)]
@@ -269,6 +272,17 @@ class SeveralPairs(SizingJob):
             self.motion.crossings, rows[:, 0], rows[:, 1], self.mission, self.part(share)
         )
         return found
+
+    def _known_curve(self, k: int) -> RiskCurve | None:
+        """The curve of an earlier pair with the same gap and stops on the same sides of it, with
+        which a pair is hit at once; None for none."""
+        stopped = np.isfinite(self.own)
+        for earlier, curve in zip(self.sized, self.curves, strict=False):
+            pairs = self.model.pairs
+            turn = turn_between(pairs[earlier].direction, pairs[k].direction)
+            if turn and np.array_equal(stopped[:, earlier], stopped[::turn, k]):
+                return curve
+        return None
 
     def _curve(self, number: int, k: int) -> RiskCurve:
         """The probability that a pair is hit, if it alone had stops, against their distance."""

@@ -395,10 +395,7 @@ class ModalPlan(SteppedPlan):
         """Averages over the samples of moments, per second of what pairs add up, and over the steps
         of products of noise."""
         found = sums / samples
-        of_pairs = sums[self._rows_of_pairs]
-        if self.model.sharing is not None:
-            shared = np.tensordot(self.model.sharing, self._of_pairs(sums), axes=1)
-            of_pairs = shared.reshape(of_pairs.shape)
+        of_pairs = self._of_pairs(sums).reshape(-1, sums.shape[1])
         found[self._rows_of_pairs] = of_pairs / (steps * self.step)
         found[self._rows_of_friction] = sums[self._rows_of_friction] / (steps * self.step)
         found[self._rows_of_parts] = sums[self._rows_of_parts] / (steps * self.step)
@@ -493,9 +490,21 @@ class ModalPlan(SteppedPlan):
         return Flight(self, at)
 
     def _of_pairs(self, sums: Matrix) -> NDArray[np.float64]:
-        """The sums of a kernel that belong to pairs, (pairs, sums_of_pair, paths)."""
+        """The sums of a kernel that belong to pairs, (pairs, sums_of_pair, paths); stops that are
+        hit at once share theirs."""
         hits = sums[self._rows_of_pairs]
         found: NDArray[np.float64] = hits.reshape(len(self.model.pairs), -1, sums.shape[1])
+        if self.model.sharing is None:
+            return found
+        sides = [
+            [row for row, name in enumerate(self.sums_of_pair) if name.endswith(side)]
+            for side in ("_lower", "_upper")
+        ]
+        of_stops = np.concatenate([found[:, rows] for rows in sides])
+        found = found.copy()
+        found[:, sides[0]], found[:, sides[1]] = np.split(
+            np.tensordot(self.model.sharing, of_stops, axes=1), 2
+        )
         return found
 
     def columns(self, record: NDArray[np.float64]) -> dict[str, Vector]:
