@@ -98,8 +98,8 @@ class PairCrossings(CrossingAges):
     displacement_std, velocity_std
         (pairs,): standard deviations of the gaps and of their rates, m and m/s.
     crossing
-        (sides,): number of the stop to which each row of `rice_rates` belongs, first those of all
-        lower stops, then of all upper ones, which stand for both where they are alike.
+        (sides,): number of the stop to which each row of `rice_rates` belongs: first all lower
+        stops, then all upper ones. An upper one stands for both where they are alike.
     directions
         (pairs, n): the gaps as combinations of coordinates.
     outside_error

@@ -274,8 +274,8 @@ class SeveralPairs(SizingJob):
         return found
 
     def _known_curve(self, k: int) -> RiskCurve | None:
-        """The curve of an earlier pair with the same gap and stops on the same sides of it, with
-        which a pair is hit at once; None for none."""
+        """The curve of an earlier pair with the same gap, and stops on the same sides; None for
+        none."""
         stopped = np.isfinite(self.own)
         for earlier, curve in zip(self.sized, self.curves, strict=False):
             pairs = self.model.pairs

@@ -493,7 +493,9 @@ class ModalPlan(SteppedPlan):
         """The sums of a kernel that belong to pairs, (pairs, sums_of_pair, paths); stops that are
         hit at once share theirs."""
         hits = sums[self._rows_of_pairs]
-        found: NDArray[np.float64] = hits.reshape(len(self.model.pairs), -1, sums.shape[1])
+        found: NDArray[np.float64] = hits.reshape(
+            len(self.model.pairs), len(self.sums_of_pair), sums.shape[1]
+        )
         if self.model.sharing is None:
             return found
         sides = [

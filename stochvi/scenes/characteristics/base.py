@@ -101,7 +101,10 @@ class Characteristic(Checked):
     def refusal(self, name: str) -> str:
         """What a method for linear structures says of it, of the name that it has there."""
         part = "damper" if self.is_damper else "spring"
-        return f"structure.{part} must be linear, got kind {self.kind!r} ({name})"
+        return (
+            f"structure.{part} must be linear, got kind {self.kind!r} ({name}); simulate follows "
+            "it, and sweep counts its impacts over clearances"
+        )
 
     def potential_at(self, displacement: ArrayLike) -> Vector:
         """Energy at displacements, less that at 0, J; ValueError where there is none."""

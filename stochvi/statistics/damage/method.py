@@ -176,7 +176,10 @@ def damage(
         raise ValueError(f"mission must be left out where the scene has phases, got {mission}")
     known = mission is not None and 0.0 < mission < math.inf
     if not (scene.phases or known or (mission is None and way == "record")):
-        raise ValueError(f"mission must be a positive number of seconds, got {mission}")
+        raise ValueError(
+            f"mission must be a positive number of seconds, got {mission}; an hour is 3600 in "
+            "Python, --mission 1h on the command line"
+        )
 
     def of_part(part: Scene, duration: float, its_run: Run) -> Damage:
         model = model_of(part)

@@ -170,7 +170,10 @@ def reliability(
 
         return of_phases(scene, of_phase, run)
     if mission is None:
-        raise ValueError("mission must be given where the scene has no phases, got none")
+        raise ValueError(
+            "mission must be given where the scene has no phases, got none; an hour is 3600 in "
+            "Python, --mission 1h on the command line"
+        )
     _check(mission, impact_speed, peak_acceleration, start, way, run.accuracy, confidence)
     jobs = Jobs(run=run, confidence=confidence, deadline=run.deadline)
     model = model_of(scene)
