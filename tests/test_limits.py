@@ -67,7 +67,11 @@ SCENES = {
         "impact_pair": [{"on": "across", "tangent": "along", "clearance": 0.002,
                          "law": {"kind": "restitution", "coefficient": 0.6, "friction": 0.2}}],
     },
+    "a progressive stop with a loss": document(
+        impact_pair=[STOPS | {"law": {"kind": "power", "coefficient": 1e6, "loss": 4e5}}]
+    ),
     "equipment that acts back": None,
+    "a random force that is a function": None,
 }  # fmt: skip
 """A scene for each row that names commands, by the start of its first cell; None where no scene
 can say it."""

@@ -119,42 +119,6 @@ def gaps() -> Axes:
     return draw_gaps(scene.impact_pairs, _rests(scene))
 
 
-COMMANDS = (
-    ("Is the scene what I mean?", "explain", "effects, methods, price, drawing", "1 s"),
-    ("How far does it move without stops?", "screen", "rms, Miles, Rice", "1 s"),
-    ("How much clearance do I need?", "size", "clearance, tolerances, report", "3 s"),
-    ("How often and how hard at my stops?", "simulate, impacts", "rates, speeds, forces", "2 s"),
-    ("The same over clearances?", "clearance", "impact rates, Rice, closure", "5 s"),
-    ("And where impacts are rare?", "reliability", "probability to 1e-9, expected impacts", "10 s"),
-    ("On a journey of several parts?", "reliability", "each [[phase]], all together", "10 s"),
-    ("What do impacts do to equipment?", "damage", "fatigue, shocks, peak g", "30 s"),
-    ("What does this record do?", "replay", "every impact, x(t), peak g", "1 s"),
-    ("Which motions exist under a sine?", "sine, basins", "regimes, jumps, clatter", "4 s"),
-    ("Which absorber for my structure?", "absorber", "residual vibration, best cavity", "1 min"),
-    ("Are my numbers right?", "check, cost", "methods compared, error and price", "3 s"),
-)  # fmt: skip
-"""Rows of the chart of commands: the question, the command, what it answers, and its time."""
-
-
-def choose() -> Axes:
-    """Which command answers which question."""
-    _, ax = plt.subplots(figsize=(7.6, 0.52 * len(COMMANDS) + 0.5), layout="constrained")
-    for row, (question, command, answer, time) in enumerate(COMMANDS):
-        y = -float(row)
-        ax.text(0.0, y, question, va="center", fontsize="small")
-        ax.annotate("", (4.02, y), (3.62, y),
-                    arrowprops={"arrowstyle": "->", "color": DRAWING["ink"]})  # fmt: skip
-        ax.text(4.9, y, command, va="center", ha="center", fontsize="small", family="monospace",
-                bbox={"boxstyle": "round,pad=0.35", "facecolor": DRAWING["mass"],
-                      "edgecolor": COLOURS["simulate"]})  # fmt: skip
-        ax.text(5.95, y, answer, va="center", fontsize="small")
-        ax.text(9.1, y, time, va="center", ha="right", fontsize="small", color=DRAWING["length"])
-    ax.set_xlim(-0.05, 9.2)
-    ax.set_ylim(-len(COMMANDS) + 0.4, 0.6)
-    ax.set_axis_off()
-    return ax
-
-
 KINDS = {
     "one mass, white noise, elastic stops": "oscillator-elastic",
     "one mass, white noise, inelastic stops": "oscillator-lossy",
@@ -324,7 +288,6 @@ PICTURES: dict[str, Callable[[], Axes]] = {
     "problem_in_numbers": problem_in_numbers,
     "box": box,
     "gaps": gaps,
-    "choose": choose,
     "methods": methods,
     "mounts": mounts,
     "laws": laws,
