@@ -67,7 +67,7 @@ def assert_same(found: FirstPassage, other: FirstPassage) -> None:
 # Known answers ------------------------------------------------------------------------------
 
 KNOWN = [
-    # barrier, decay rate, mean time, P(ten periods) of another solver; half a unit of the last digit
+    # barrier, decay rate, mean time, P(ten periods) of another solver; half a last unit
     (2.0, (0.017595300, 5e-10), (65.85570, 5e-6), None),
     (3.0, (0.0018091405, 5e-11), (570.3591, 5e-5), (0.0784609, 5e-8)),
     (4.0, None, None, (0.00274504, 5e-9)),
