@@ -331,7 +331,7 @@ def plot_impact_speeds(review: Review, ax: Axes | None = None) -> Axes:
 
 def plot_exceedances(review: Review, ax: Axes | None = None) -> Axes:
     """Probability that the hardest impact of the mission exceeds a limit against the limit, for the
-    smallest, the recommended and the largest clearance; each line bears its clearance."""
+    smallest, the recommended and the largest clearance."""
     ax = axes_or_new(ax, PAGE)
     table, words, quantity = _hard_hits(review)
     known = sorted(set(table["clearance"]))
@@ -343,12 +343,12 @@ def plot_exceedances(review: Review, ax: Axes | None = None) -> Axes:
     _limit_mark(ax, review)
     ax.set_ylim(*_chance_limits(table))
     ax.set_yscale("log")
-    label_for_page(ax, quantity.heading(words), _chance_label(review), legend=False)
+    label_for_page(ax, quantity.heading(words), _chance_label(review))
     return ax
 
 
 def plot_exceedances_over_clearance(review: Review, ax: Axes | None = None) -> Axes:
-    """The probability of exceeding a limit against clearance; each line bears its limit."""
+    """The probability of exceeding a limit against clearance."""
     ax = axes_or_new(ax, PAGE)
     table, _, quantity = _hard_hits(review)
     marked = table[table["mark"]]
@@ -359,10 +359,8 @@ def plot_exceedances_over_clearance(review: Review, ax: Axes | None = None) -> A
     ax.set_ylim(*_chance_limits(table))
     ax.set_yscale("log")
     for colour, name, place in _marks(review.sizing):
-        ax.axvline(LENGTH(place), color=colour, linewidth=1.0)
-        ax.text(LENGTH(place), 1.0, f" {name}", color=colour, fontsize="small",
-                va="bottom", ha="left", transform=ax.get_xaxis_transform())  # fmt: skip
-    label_for_page(ax, f"clearance per side ({LENGTH})", _chance_label(review), legend=False)
+        ax.axvline(LENGTH(place), color=colour, linewidth=1.0, linestyle="--", label=name)
+    label_for_page(ax, f"clearance per side ({LENGTH})", _chance_label(review))
     return ax
 
 
@@ -390,14 +388,11 @@ LEAST_CHANCE = 1e-9
 def _chance_line(
     ax: Axes, x: Any, rows: pd.DataFrame, colour: str, label: str, marker: str = ""
 ) -> None:
-    """Draw probabilities with their 95 % band, and the label at the end of the line."""
+    """Draw probabilities with their 95 % band."""
     y = rows["probability"].to_numpy()
-    ax.plot(x, y, color=colour, linewidth=1.6, marker=marker, markersize=4)
+    ax.plot(x, y, color=colour, linewidth=1.6, marker=marker, markersize=4, label=label)
     ax.fill_between(x, np.maximum(rows["probability_low"], LEAST_CHANCE), rows["probability_high"],
                     color=colour, alpha=0.2, linewidth=0)  # fmt: skip
-    ax.annotate(label, (x[-1], y[-1]), xytext=(3, 3), textcoords="offset points", color=colour,
-                fontsize="small", annotation_clip=False)  # fmt: skip
-    ax.margins(x=0.12)
 
 
 def _limit_mark(ax: Axes, review: Review) -> None:
@@ -407,11 +402,9 @@ def _limit_mark(ax: Axes, review: Review) -> None:
         return
     peak = target.name == "peak_acceleration"
     place = (ACCELERATION if peak else SPEED)(target.value)
-    ax.axvline(place, color=COLOURS["stop"], linewidth=1.0)
-    ax.axhline(target.exceedance, color=COLOURS["stop"], linewidth=1.0)
     limit = f"limit {target.in_g if peak else target.limit}"
-    ax.text(place, 1.0, limit, fontsize="small", color=COLOURS["stop"], va="bottom", ha="center",
-            transform=ax.get_xaxis_transform())  # fmt: skip
+    ax.axvline(place, color=COLOURS["stop"], linewidth=1.0, label=limit)
+    ax.axhline(target.exceedance, color=COLOURS["stop"], linewidth=1.0)
 
 
 def plot_peaks(review: Review, ax: Axes | None = None) -> Axes:
