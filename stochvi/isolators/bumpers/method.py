@@ -291,6 +291,9 @@ def _check(scene: Scene, mission: float, exceedance: float) -> None:
     if not 0.0 < exceedance < 1.0:
         raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
     if conditions := beyond_one_oscillator(model_of(scene)):
-        several = "size a structure for one stiffness after the other, by sweep, instead"
-        raise NotApplicable("bumper map", [*conditions[:-1], f"{conditions[-1]}; {several}"])
+        why = (
+            "a map takes every contact from its impact speed alone, as on one linear mass; sweep "
+            "by size or reliability over impact_pair.0.law.stiffness instead"
+        )
+        raise NotApplicable("bumper map", [*conditions[:-1], f"{conditions[-1]}; {why}"])
     check_laws(scene, Target(name="peak_acceleration", value=1.0, unit="m/s^2"))

@@ -166,8 +166,12 @@ class SizingJob(ABC):
     # What one pair and several have each in their way ---------------------------------------
 
     @abstractmethod
-    def reach(self) -> Reached:
-        """Find the place that keeps the target."""
+    def keeping(self, probability: float) -> Reached:
+        """The place that keeps a probability of any impact."""
+
+    @abstractmethod
+    def check_free_motion(self, exceedance: float) -> None:
+        """Raise `NotApplicable` if springs and dampers alone exceed the limit of the target."""
 
     @abstractmethod
     def answer(self, found: Reached) -> Sizing:
@@ -223,6 +227,22 @@ class SizingJob(ABC):
     """Fraction done at the beginning of the search, and at its end."""
 
     # What they have in common ---------------------------------------------------------------
+
+    def reach(self) -> Reached:
+        """Find the place that keeps the target."""
+        if self.target.name == "probability":
+            return self.keeping(self.target.value)
+        if self.target.exceedance is None:
+            return self.search(self.target.value)
+        self.check_free_motion(self.target.exceedance)
+        return self.search(self.accepted_rate)
+
+    @property
+    def accepted_rate(self) -> float:
+        """Rate of exceedances of the limit at which a mission has the accepted probability of any,
+        1/s."""
+        assert self.target.exceedance is not None
+        return -math.log1p(-self.target.exceedance) / self.mission
 
     def sizing(self) -> Sizing:
         """Find the place, then the other numbers of the answer."""

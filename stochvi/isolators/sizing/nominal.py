@@ -233,17 +233,12 @@ class OnePair(SizingJob):
         sides = [float(stop.side) for stop in model_of(self.scene).stops] or SIDES
         return np.array([[clearance if side in sides else math.inf] for side in SIDES])
 
-    def reach(self) -> Reached:
-        """The clearance that keeps the target."""
-        if self.target.name == "probability":
-            found = self.curve.clearance(self.target.value)
-            return Reached(found.value, found.lower, found.upper)
-        if self.target.exceedance is None:
-            return self.search(self.target.value)
-        self._check_free_motion(self.target.exceedance)
-        return self.search(-math.log1p(-self.target.exceedance) / self.mission)
+    def keeping(self, probability: float) -> Reached:
+        """The clearance that keeps a probability of any impact."""
+        found = self.curve.clearance(probability)
+        return Reached(found.value, found.lower, found.upper)
 
-    def _check_free_motion(self, exceedance: float) -> None:
+    def check_free_motion(self, exceedance: float) -> None:
         """Raise `NotApplicable` if the spring of the mount alone exceeds the target."""
         spring = model_of(self.scene).omega ** 2
         needed = self.curve.clearance(exceedance).value
@@ -368,11 +363,10 @@ class OnePair(SizingJob):
         """Rate of clusters with an impact beyond the limit of the target."""
         name, limit = self.target.name, self.target.value
         scene = self.scene_at(place)
-        assert self.target.exceedance is not None
         found = partial_result(
             bursts,
             scene,
-            far_from=-math.log1p(-self.target.exceedance) / self.mission,
+            far_from=self.accepted_rate,
             wanted=lambda some: some.exceedance_rate(name, limit),
             widening=widening(scene, self.target, self.curve.crossings.velocity_std, place),
             **run.options(rel_error=run.rel_error),

@@ -155,16 +155,23 @@ class SeveralPairs(SizingJob):
         ends = dict.fromkeys(f"{1e3 * each:.4g}" for each in (min(found), max(found)))
         return f"{' to '.join(ends)} mm"
 
-    def reach(self) -> Reached:
-        """The place that keeps the target."""
-        if self.target.name == "probability":
-            risk, half = self._found()
-        elif self.target.exceedance is None:
-            return self.search(self.target.value)
-        else:
-            self._check_without_stops(self.target.exceedance)
-            return self.search(-math.log1p(-self.target.exceedance) / self.mission)
-        return Reached(-math.log(risk), -math.log(risk) - half, -math.log(risk) + half)
+    def keeping(self, probability: float) -> Reached:
+        """The place of the risk that keeps a probability of any impact."""
+        if probability <= self.total.least:
+            others = ", ".join(self.names[k] for k in self.fixed)
+            most = max((each.value for each in self.alone), default=0.0)
+            raise NotApplicable(
+                "size",
+                [
+                    f"no clearance of {self.pair} keeps the probability of any impact at "
+                    f"{probability:g}: the other stops ({others}) are hit with a probability "
+                    f"of {self.total.least:.3g} (one of them alone with {most:.3g}); size all "
+                    "pairs together, or move the others farther away"
+                ],
+            )
+        risk, half = self.total.risk(probability)
+        place = -math.log(risk)
+        return Reached(place, place - half, place + half)
 
     def first_guess(self, wanted: float) -> float:
         """The place where the pairs together have as many first impacts as are wanted."""
@@ -180,12 +187,12 @@ class SeveralPairs(SizingJob):
 
     def exceedance_rate(self, place: float, run: Run) -> Estimate:
         """Rate that the probability of the limit in the mission gives."""
-        assert self.limit is not None and self.target.exceedance is not None
-        wanted = -math.log1p(-self.target.exceedance) / self.mission
+        assert self.limit is not None
         overlap = math.prod(self.first_rate(place))
         chance = partial_result(
-            exceedance, self.scene_at(place), self.limit, self.mission, overlap, run, wanted
-        ).chance
+            exceedance, self.scene_at(place), self.limit, self.mission, overlap, run,
+            self.accepted_rate,
+        ).chance  # fmt: skip
         left = max(1.0 - chance.value, 1e-12)
         return replace(chance * (1.0 / left / self.mission), value=-math.log(left) / self.mission)
 
@@ -252,7 +259,7 @@ class SeveralPairs(SizingJob):
             box=box_overview(self.scene, self.mission),
         )
 
-    def _check_without_stops(self, exceedance: float) -> None:
+    def check_free_motion(self, exceedance: float) -> None:
         """Raise `NotApplicable` if springs and dampers alone exceed the limit of the target."""
         if self.limit is None or self.limit.event != "peak_acceleration":
             return
@@ -378,23 +385,6 @@ class SeveralPairs(SizingJob):
         """The stops of one pair alone, at their places in the scene."""
         kept = np.arange(len(self.names)) == k
         return np.where(kept, self.own, math.inf)
-
-    def _found(self) -> tuple[float, float]:
-        """The risk of each sized pair that keeps a probability, and the 95 % half width of its
-        logarithm."""
-        if self.target.value <= self.total.least:
-            others = ", ".join(self.names[k] for k in self.fixed)
-            most = max((each.value for each in self.alone), default=0.0)
-            raise NotApplicable(
-                "size",
-                [
-                    f"no clearance of {self.pair} keeps the probability of any impact at "
-                    f"{self.target.value:g}: the other stops ({others}) are hit with a probability "
-                    f"of {self.total.least:.3g} (one of them alone with {most:.3g}); size all "
-                    "pairs together, or move the others farther away"
-                ],
-            )
-        return self.total.risk(self.target.value)
 
     def _pairs(self, answer: Matrix, risk: float, counts: ImpactCounts | None) -> pd.DataFrame:
         alone = np.empty(len(self.names))
