@@ -175,11 +175,18 @@ def linearise(options: Common, scene: str, **asked: Any) -> None:
 def average(options: Common, scene: str, variant: str) -> None:
     """Average the energy: approximate, for light damping."""
     from stochvi.methods.averaging import average as solve
+    from stochvi.methods.averaging import average_density
     from stochvi.scenes.scene import load_scene
+
+    def density() -> Axes:
+        from stochvi.views.density import draw_density
+
+        return draw_density(loaded, average_density(loaded, variant=variant, budget=options.rest))
 
     variant = variant.replace("-", " ")
     loaded = load_scene(scene)
     show_response(options, solve(loaded, variant=variant, budget=options.rest), loaded)
+    options.draw("density", density)
 
 
 @main.command()

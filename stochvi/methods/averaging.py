@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.model.build_response import StationaryMoments
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import beyond_one_oscillator, compliant, not_white, without_dissipation
@@ -19,14 +24,14 @@ from stochvi.model.energy_law import (
     EnergyLaw,
     energy_law,
 )
-from stochvi.model.error_atlas import with_bounds
+from stochvi.model.error_atlas import density_spans, with_bounds
 from stochvi.model.gap import Gap
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
 
-__all__ = ["VARIANTS", "average", "unmet"]
+__all__ = ["VARIANTS", "AveragedDensity", "average", "average_density", "unmet"]
 
 
 @calculation
@@ -100,6 +105,149 @@ def average(
     >>> print(f"{average(scene).coordinates['x']['displacement_std'].value:.3f} m")
     0.531 m
     """
+    return _averaged(scene, variant).response
+
+
+Spans = tuple[Vector, Vector]
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class AveragedDensity:
+    """The density of an averaged energy, as a function of place and speed. Made by
+    `average_density`.
+
+    Parameters
+    ----------
+    response
+        The answer of `average`.
+    law
+        The distribution of the energy; a cycle spends dx / |v| at every place, twice.
+    spans
+        Where ln(density of the displacement / its true value) lies, at probabilities of a smaller
+        displacement; a string says why that is not known.
+
+    See Also
+    --------
+    stochvi.methods.averaging.average_density : The calculation.
+    """
+
+    response: Response
+    law: EnergyLaw
+    spans: Callable[[Vector], Spans | str]
+
+    def __repr__(self) -> str:
+        return f"<averaged density, E v^2 = {self.law.velocity_mean_square:.6g} m^2/s^2>"
+
+    def density(self, x: ArrayLike, v: ArrayLike) -> Vector:
+        """Joint density at displacements x (m) and velocities v (m/s), s/m^2; 0 beyond stops."""
+        place, speed = np.broadcast_arrays(np.asarray(x, float), np.asarray(v, float))
+        found = self.law.flux_at(self.law.well.energy(place) + 0.5 * speed**2)
+        well = self.law.well
+        return np.where((place < well.lower) | (place > well.upper), 0.0, found)
+
+    def displacement_density(self, x: ArrayLike) -> Vector:
+        """Density of the displacement, 1/m; 0 beyond stops."""
+        place = np.asarray(x, float)
+        return np.asarray(self.law.displacement_density(place.ravel()).reshape(place.shape))
+
+    def velocity_density(self, v: ArrayLike) -> Vector:
+        """Density of the velocity, s/m."""
+        places, weights = self._places
+        return np.asarray(self.density(places, np.asarray(v, float)[..., None]) @ weights)
+
+    def impact_flux(self, side: str, w: ArrayLike) -> Vector:
+        """Impacts on one stop per second and unit of incident speed, 1/m."""
+        speed = np.asarray(w, float)
+        return np.asarray(speed * self.law.flux_at(self.law.stops[side].energy + 0.5 * speed**2))
+
+    def bands(self, x: ArrayLike) -> tuple[Vector, Vector]:
+        """Lower and upper limits of the true density of the displacement, 1/m.
+
+        They are read from an atlas of errors against the Fokker-Planck equation. They are NaN
+        beyond the outermost half per cent of the motion, and where `how_bands` says why.
+        """
+        place = np.asarray(x, float)
+        density = self.displacement_density(place)
+        found = self.spans(self._levels(place))
+        if isinstance(found, str):
+            return np.full_like(density, np.nan), np.full_like(density, np.nan)
+        low, high = found
+        return density * np.exp(-high), density * np.exp(-low)
+
+    @property
+    def how_bands(self) -> str:
+        """Where the bands come from, or why there are none."""
+        found = self.spans(np.array([0.5]))
+        return f"no band: {found}" if isinstance(found, str) else "band from the atlas of errors"
+
+    @cached_property
+    def _places(self) -> tuple[Vector, Vector]:
+        """Nodes and weights over all displacements."""
+        ends = self.law.well.ends(self.law.top)
+        return gauss_panels(np.linspace(*ends, PLACES + 1), NODES_OF_PLACES)
+
+    def quantiles(self, probability: ArrayLike) -> Vector:
+        """Displacements that are not exceeded with these probabilities, m."""
+        places, below = self._below
+        return np.asarray(np.interp(np.asarray(probability, float), below, places))
+
+    def _levels(self, x: Vector) -> Vector:
+        """Probabilities of a displacement below each of some."""
+        return np.asarray(np.interp(x, *self._below))
+
+    @cached_property
+    def _below(self) -> tuple[Vector, Vector]:
+        """Displacements, and the probabilities of a smaller one."""
+        places, weights = self._places
+        each = weights * self.displacement_density(places)
+        below = np.cumsum(each) - 0.5 * each
+        return places, below / each.sum()
+
+
+PLACES, NODES_OF_PLACES = 200, 4
+"""Number of panels over all displacements, and of nodes in each."""
+
+
+@calculation
+def average_density(
+    scene: Scene, *, variant: str = FINITE_JUMPS, budget: float | None = None
+) -> AveragedDensity:
+    """The density itself by stochastic averaging, with a band; arguments and limits of `average`.
+
+    p(x, v) = G(E) with the energy E of x and v: a cycle passes every place twice.
+
+    Parameters
+    ----------
+    scene
+        The scene.
+    variant
+        As for `average`; only "finite jumps" has bands.
+    budget
+        Seconds after which `NotConverged` is raised; None for no limit.
+
+    Returns
+    -------
+    AveragedDensity
+        The joint density, its marginals and impact speeds.
+
+    See Also
+    --------
+    stochvi.average : The averages alone.
+    stochvi.methods.fokker_planck.fokker_planck_density : The same from its equation.
+
+    Examples
+    --------
+    >>> from stochvi.scenes import shipped_scene
+    >>> from stochvi.scenes.scene import load_scene
+    >>> found = average_density(load_scene(shipped_scene("oscillator-lossy")))
+    >>> low, high = found.bands(0.5)
+    >>> print(f"{found.displacement_density(0.5):.3f} ({low:.3f} to {high:.3f})")
+    0.520 (0.515 to 0.521)
+    """
+    return _averaged(scene, variant)
+
+
+def _averaged(scene: Scene, variant: str) -> AveragedDensity:
     started = time.perf_counter()
     if variant not in VARIANTS:
         raise ValueError(f"variant must be one of {', '.join(VARIANTS)}, got {variant!r}")
@@ -129,7 +277,17 @@ def average(
         assumptions=["noise, damping and impacts change the energy little in one cycle"],
     )
     response = replace(response, warnings=[*response.warnings, *_warnings(model, law)])
-    return response if model.elastic else with_bounds(response, model)
+    response = response if model.elastic else with_bounds(response, model)
+    return AveragedDensity(response=response, law=law, spans=_spans(model, variant))
+
+
+def _spans(model: Model, variant: str) -> Callable[[Vector], Spans | str]:
+    """Where the logarithm of the error of a density lies, see `AveragedDensity`."""
+    if model.elastic:
+        return lambda levels: (np.zeros_like(levels), np.zeros_like(levels))
+    if variant != FINITE_JUMPS:
+        return lambda _: f"the variant {variant!r} has no atlas"
+    return partial(density_spans, model)
 
 
 MEASURED_RESTITUTIONS = (0.5, 0.8, 0.9, 0.98, 1.0)

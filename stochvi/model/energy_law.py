@@ -16,14 +16,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 import numpy as np
 from numpy.polynomial.legendre import legvander
 
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.impact_rates import NO_STOP, StopStatistics
-from stochvi.mathematics.quadrature import gauss_legendre
+from stochvi.mathematics.quadrature import gauss_legendre, gauss_panels
 from stochvi.model.barriers import AnyBarrier, barrier_of
 from stochvi.model.gap import Gap
 from stochvi.results.errors import NotApplicable
@@ -35,6 +35,10 @@ VARIANTS = (CONTINUOUS, FINITE_JUMPS, UNFOLDED)
 
 NODES, WEIGHTS = gauss_legendre(12)
 """Nodes and weights of the Gauss-Legendre rule of each panel of energies, and of each orbit."""
+
+GRADED = gauss_panels([0.0, *0.5 ** np.arange(12, 0, -1), *np.linspace(0.5, 1.0, 9)[1:]], 12)
+"""Nodes and weights from 0 to 1 of panels that become narrower towards 0, where a density over the
+velocity has a root."""
 
 PANELS = 14
 """Number of panels between the energies of two stops, and above the last one. With twice as many,
@@ -79,10 +83,29 @@ class Well:
     lower: float
     upper: float
 
-    def energy(self, x: float) -> float:
+    @overload
+    def energy(self, x: float) -> float: ...
+
+    @overload
+    def energy(self, x: Vector) -> Vector: ...
+
+    def energy(self, x: float | Vector) -> float | Vector:
         """Potential energy U(x), to full precision also close to the place where it is 0."""
         away = x - self.place
         return away * (0.5 * self.omega**2 * away + (self.omega**2 * self.place - self.load))
+
+    def ends(self, energy: float) -> tuple[float, float]:
+        """Ends of the orbit of an energy, m: its turning points, or stops before them."""
+        if self.omega:
+            rest = self.load / self.omega**2
+            reach = math.sqrt(2.0 * (energy - self.energy(rest))) / self.omega
+            ends = rest - reach, rest + reach
+        elif self.load:
+            turn = self.place - energy / self.load
+            ends = (turn, math.inf) if self.load > 0.0 else (-math.inf, turn)
+        else:
+            ends = self.lower, self.upper
+        return max(self.lower, ends[0]), min(self.upper, ends[1])
 
     @cached_property
     def place(self) -> float:
@@ -278,6 +301,40 @@ class EnergyLaw:
         falls = self.damping * np.eye(len(energy)) + jumps / self.orbits.action[:, None]
         kernel = above @ falls / self.diffusion
         return np.asarray(np.linalg.solve(np.eye(len(energy)) - kernel, np.ones(len(energy))))
+
+    # Densities -----------------------------------------------------------------------------
+
+    @property
+    def top(self) -> float:
+        """The largest energy, beyond which the density is negligible."""
+        start, _, last = self._edges[-1]
+        return start + last**2
+
+    def flux_at(self, energy: Vector) -> Vector:
+        """G at any energies. It is the joint density of displacement and velocity there: a cycle
+        passes every place twice, once in each direction, for dx / |v|."""
+        edges = np.array(self._edges)
+        bounds = edges[:, 0] + edges[:, 1] ** 2
+        panel = np.clip(np.searchsorted(bounds, energy, side="right") - 1, 0, len(edges) - 1)
+        start, one, two = np.moveaxis(edges[panel], -1, 0)
+        s = np.sqrt(np.maximum(energy - start, 0.0))
+        z = np.clip((s - (one + two) / 2.0) / ((two - one) / 2.0), -1.0, 1.0)
+        coefficients = self.flux.reshape(-1, len(NODES)) @ _TO_COEFFICIENTS.T
+        found = np.sum(legvander(z, len(NODES) - 1) * coefficients[panel], axis=-1)
+        return np.where(energy > self.top, 0.0, np.maximum(found, 0.0))
+
+    def displacement_density(self, x: Vector) -> Vector:
+        """Density of the displacement x (m), 1/m: the joint density over all velocities, piece by
+        piece between the velocities at which an orbit begins to reach a stop."""
+        potential = self.well.energy(x)
+        total = np.zeros_like(potential)
+        for low, high in pairwise([*_starts(self.stops), self.top]):
+            first, last = (np.sqrt(2.0 * np.maximum(e - potential, 0.0)) for e in (low, high))
+            nodes, weights = GRADED
+            v = first[:, None] + (last - first)[:, None] * nodes
+            energy = potential[:, None] + 0.5 * v**2
+            total += 2.0 * (last - first) * (self.flux_at(energy) @ weights)
+        return np.where((x < self.well.lower) | (x > self.well.upper), 0.0, total)
 
     # Moments and rates ---------------------------------------------------------------------
 

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.model.coverage import speed_restitutions
 from stochvi.model.model import Model
@@ -65,6 +66,13 @@ FILES = {"average:finite jumps": "average"}
 """Files of the methods that are no form of a linearisation."""
 
 
+DENSITY_LEVELS = (
+    0.005, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.98, 0.995,
+)  # fmt: skip
+"""Probabilities of a smaller displacement, counted towards a single stop, at which the atlas has
+the errors of averaged densities."""
+
+
 class LogErrorInterval(NamedTuple):
     """The interval in which ln(answer / truth) lies."""
 
@@ -105,7 +113,7 @@ class Grid(NamedTuple):
             # on a node the cell is the node itself
             places.append([j for j in (k, k + 1) if value not in axis or axis[j] == value])
         found = self.errors[np.ix_(*places)]
-        return found.reshape(-1, len(QUANTITIES))
+        return found.reshape(-1, self.errors.shape[-1])
 
     def holds(self, gap: float, zeta: float) -> bool:
         """Whether a place lies within the grid."""
@@ -118,15 +126,24 @@ def atlas(method: str) -> Mapping[str, Grid] | None:
     """The grids of a method ("linearise:closure", ...), by kind of stops; None if it has none."""
     family, _, form = method.partition(":")
     name = form.replace(":", "-") if family == "linearise" else FILES.get(method, "")
-    path = data_folder() / "linearisation_atlas" / f"{name}.csv"
+    return _grids(name, QUANTITIES)
+
+
+@cache
+def _grids(file_name: str, quantities: Sequence[str]) -> Mapping[str, Grid] | None:
+    """The grids of a file, by kind of stops; None where there is none."""
+    path = data_folder() / "linearisation_atlas" / f"{file_name}.csv"
     if not path.is_file():
         return None
     with path.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    return {kind: _grid([row for row in rows if row["stops"] == kind]) for kind in (TWO, ONE)}
+    return {
+        kind: _grid([row for row in rows if row["stops"] == kind], quantities)
+        for kind in (TWO, ONE)
+    }
 
 
-def _grid(rows: Sequence[Mapping[str, str]]) -> Grid:
+def _grid(rows: Sequence[Mapping[str, str]], quantities: Sequence[str]) -> Grid:
     def column(name: str) -> NDArray[np.float64]:
         return np.array([row[name] or "nan" for row in rows], dtype=float)
 
@@ -134,8 +151,8 @@ def _grid(rows: Sequence[Mapping[str, str]]) -> Grid:
         *(np.unique(column(name), return_inverse=True) for name in ("gap", "restitution", "zeta")),
         strict=True,
     )
-    errors = np.full((*map(len, axes), len(QUANTITIES)), np.nan)
-    errors[places] = np.column_stack([column(name) for name in QUANTITIES])
+    errors = np.full((*map(len, axes), len(quantities)), np.nan)
+    errors[places] = np.column_stack([column(name) for name in quantities])
     gaps, restitutions, zetas = axes
     return Grid(gaps, restitutions, zetas, errors)
 
@@ -216,6 +233,43 @@ def spans(method: str, model: Model) -> Mapping[str, LogErrorInterval] | str:
             if span.largest < LARGEST:
                 known[name] = span
     return known
+
+
+def density_spans(model: Model, levels: Vector) -> tuple[Vector, Vector] | str:
+    """Where ln(answer / truth) of the averaged density of the displacement lies.
+
+    Parameters
+    ----------
+    model
+        The model of a scene.
+    levels
+        Probabilities of a smaller displacement, by the averaged density.
+
+    Returns
+    -------
+    tuple of arrays, or str
+        The ends of the interval at each level; NaN beyond the first and the last of
+        `DENSITY_LEVELS`. Else the reason why they are unknown.
+    """
+    grids, place = _grids("average-density", tuple(map(str, DENSITY_LEVELS))), place_of(model)
+    assert grids is not None
+    if isinstance(place, str):
+        return place
+    if place.unlike:
+        return "the atlas knows densities between two like stops, or beside one"
+    found = _corners(grids, place)
+    if isinstance(found, str):
+        return found
+    (first, *_), known = model.stops, np.asarray(DENSITY_LEVELS)
+    towards = 1.0 - levels if len(model.stops) == 1 and first.side < 0 else levels
+    after = np.clip(np.searchsorted(known, towards), 1, len(known) - 1)
+    inside = (known[0] <= towards) & (towards <= known[-1])
+    ends = []
+    for sign, extreme in ((-1.0, found.min(axis=0)), (1.0, found.max(axis=0))):
+        most = np.maximum(sign * extreme, 0.0)
+        reach = SAFETY * np.maximum(most[after - 1], most[after]) + REFERENCE_ERROR
+        ends.append(np.where(inside, sign * reach, np.nan))
+    return ends[0], ends[1]
 
 
 def _unlike_safety(method: str, quantity: str) -> float:

@@ -191,21 +191,24 @@ class Response(Result):
         return found
 
     def densities(self) -> Mapping[str, Any]:
-        """Densities of the coordinate, or of every gap, of a simulation, with 95 % bands, by name.
+        """Densities of the coordinate, or of every gap, of a simulation or of averaging, by name.
 
-        They are simulated when this is called, some seconds at most, with the seed of the answer.
-        There are none of other methods, and of scenes that the answer cannot make again.
+        They are calculated when this is called. Those of a simulation take some seconds at most,
+        with the seed of the answer, and have 95 % bands. Those of averaging have bands from the
+        atlas of its errors. There are none of other methods, and of scenes that the answer cannot
+        make again.
 
         Returns
         -------
-        Mapping[str, BandedDensity]
-            Each with its `edges`, `density`, `standard_error` and `bands()`.
+        Mapping[str, BandedDensity or AveragedBins]
+            Each with its `edges`, `density` and `bands()`; simulated ones with `standard_error`.
 
         See Also
         --------
         stochvi.simulate : The simulation whose densities they are; its `plot` draws them.
         """
-        return densities_of(self) if self.method == "simulate" else {}
+        known = self.method.partition(":")[0] in ("simulate", "average")
+        return densities_of(self) if known else {}
 
     def changed(self, change: Callable[[str, Estimate], Estimate]) -> Self:
         """The response with every estimate replaced by `change(quantity, estimate)`."""

@@ -15,6 +15,7 @@ from typing import Unpack
 import numpy as np
 
 from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.methods.averaging import AveragedDensity, average_density
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.deadline import partial_result
@@ -186,12 +187,40 @@ def densities(
     return found
 
 
-def densities_of(found: Response) -> dict[str, BandedDensity]:
-    """The densities that the picture of a simulation shows: of the only coordinate, or of every
-    gap; none where the scene cannot be made again from the answer."""
+@dataclass(frozen=True, eq=False)
+class AveragedBins:
+    """The averaged density of a displacement in bins, m from the unloaded spring, 1/m."""
+
+    edges: Vector
+    averaged: AveragedDensity
+
+    @property
+    def density(self) -> Vector:
+        """The density in the middle of each bin."""
+        return self.averaged.displacement_density(self._middles)
+
+    def bands(self) -> tuple[Vector, Vector]:
+        """The limits of the atlas of errors; NaN where it has none."""
+        return self.averaged.bands(self._middles)
+
+    @property
+    def _middles(self) -> Vector:
+        return np.asarray((self.edges[1:] + self.edges[:-1]) / 2.0)
+
+
+def densities_of(found: Response) -> Mapping[str, BandedDensity | AveragedBins]:
+    """The densities that the picture of a simulation or of averaging shows: of the only coordinate,
+    or of every gap; none where the scene cannot be made again from the answer."""
     try:
         scene = scene_from(found.provenance["scene"])
         motions = motions_of(found, model_of(scene))
+        method, _, variant = found.method.partition(":")
+        if method == "average":
+            averaged = average_density(scene, variant=variant)
+            return {
+                name: AveragedBins(np.linspace(low, high, BINS + 1), averaged)
+                for name, (_, low, high) in motions.items()
+            }
         seed = found.provenance.get("seed") or 0
         return partial_result(densities, scene, motions, seed=seed, budget=SECONDS)
     except (StochviError, KeyError, ValueError):

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from stochvi.methods.replay.answer import Replay
     from stochvi.results.base import Result
     from stochvi.results.response import PairResponse, Response
-    from stochvi.statistics.densities import BandedDensity
+    from stochvi.statistics.densities import AveragedBins, BandedDensity
     from stochvi.statistics.histories import History
     from stochvi.statistics.impacts import ImpactStatistics
     from stochvi.statistics.spectra import ResponseSpectrum
@@ -85,7 +85,7 @@ def plot(found: Result, ax: Axes | None = None) -> Axes:
 
 
 def plot_response(found: Response, ax: Axes | None = None) -> Axes:
-    """The densities of a simulation between its stops, with 95 % bands.
+    """The densities of a simulation, or of averaging, between the stops, with their bands.
 
     Other methods are drawn by the mean and one standard deviation of each coordinate and gap, with
     the rates and mean speeds of impacts.
@@ -133,7 +133,7 @@ def plot_response(found: Response, ax: Axes | None = None) -> Axes:
 
 
 def _plot_densities(
-    found: Response, densities: Mapping[str, BandedDensity], ax: Axes | None
+    found: Response, densities: Mapping[str, BandedDensity | AveragedBins], ax: Axes | None
 ) -> Axes:
     """Densities in bins with their bands, the stops of each as dashed lines."""
     ax = axes_or_new(ax)
@@ -157,7 +157,8 @@ def _plot_densities(
                 ax.axvline(place / unit, color=colour, linestyle="--", linewidth=1.0)
     ax.set_ylim(bottom=0.0)
     ax.set_xlabel(f"displacement ({length}), stops dashed")
-    ax.set_ylabel(f"probability density (1/{length}), 95 % bands")
+    bands = "95 % bands" if found.method == "simulate" else "bands of its error"
+    ax.set_ylabel(f"probability density (1/{length}), {bands}")
     ax.legend(
         frameon=False, fontsize="small", loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=1,
         title=found.method,
