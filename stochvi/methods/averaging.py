@@ -113,8 +113,7 @@ Spans = tuple[Vector, Vector]
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class AveragedDensity:
-    """The density of an averaged energy, as a function of place and speed. Made by
-    `average_density`.
+    """The density of an averaged energy over place and speed; made by `average_density`.
 
     Parameters
     ----------
