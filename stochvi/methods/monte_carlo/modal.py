@@ -107,6 +107,14 @@ MOST_CROSSED = 3
 """Largest number of modes for which the noise of each is multiplied with the motion of every other.
 With more modes each is multiplied with itself alone: the products grow with their square."""
 
+MOMENTS_PER_MODE = 4.0
+"""Largest number of moments per mode and step. Above it they are sampled less often: there are n^2
+of them, which would take far longer than the step of many modes."""
+
+LONGEST_SAMPLE = 1.6
+"""Largest omega of a sine times the time between two samples of the moments (rad): at half a
+period its square would be sampled at one phase."""
+
 SUMS_OF_PAIR = tuple(f"{what}_{side}" for side in ("lower", "upper") for what in ("n", "f1", "f2"))
 """Names of the sums over the impacts of a pair: their number n, the sum f1 of the impact speeds and
 the sum f2 of their squares, at either stop. There are ROWS_OF_PAIR of them."""
@@ -587,8 +595,13 @@ class ModalPlan(SteppedPlan):
 
     @property
     def _stride(self) -> int:
-        fastest = max(self.modes.fastest, 1.0 / self.burn_in)
-        return max(1, round(MOMENT_ANGLE / fastest / self.step))
+        n, angle = self.modes.size, max(self.modes.fastest, 1.0 / self.burn_in) * self.step
+        moments = n * (n + 2) + (0 if self._pulls is None else n * (n + 3) // 2)
+        sparse = moments / (MOMENTS_PER_MODE * n)
+        if self.modes.sines:
+            fastest = max(omega for _, omega, _ in self.modes.sines)
+            sparse = min(sparse, LONGEST_SAMPLE / (fastest * self.step))
+        return max(1, round(MOMENT_ANGLE / angle), round(sparse))
 
     def _physical(self, sums: Matrix) -> Matrix:
         """Moments of coordinates and energies from those of modes, with velocities in the middle of

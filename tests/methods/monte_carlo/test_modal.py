@@ -28,7 +28,8 @@ from stochvi.engine.pushes import V1, Y1, Responses
 from stochvi.engine.roots import first_root
 from stochvi.mathematics.state_space import stationary_covariance, step_covariance
 from stochvi.methods.monte_carlo import record_path
-from stochvi.methods.monte_carlo.modal import plan_modal
+from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_passes
+from stochvi.methods.monte_carlo.modal import _table, plan_modal
 from stochvi.methods.monte_carlo.path_statistics import PathStatistics
 from stochvi.methods.monte_carlo.quantities import of_coordinate, of_pair
 from stochvi.model.balances import residuals
@@ -464,3 +465,46 @@ def test_structures_without_a_stationary_state_say_so() -> None:
     table = absorber(excitation=TabulatedNoise(on="base", profile="navmat-p-9492"))
     with pytest.raises(NotApplicable, match="too far apart"):
         simulate(table)
+
+
+def row_of_masses(modes: int, *excitations: object) -> Scene:
+    """Masses in a row, each on a spring and a damper of its own."""
+    stiffness = 3.0 * np.eye(modes) - np.eye(modes, k=1) - np.eye(modes, k=-1)
+    return Scene(
+        structure=Matrices(
+            coordinates=[f"m{k}" for k in range(modes)], mass=np.eye(modes).tolist(),
+            damping=(0.1 * np.eye(modes)).tolist(), stiffness=stiffness.tolist(),
+        ),
+        excitations=[WhiteNoise(on="m0", intensity=0.2), *excitations],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("modes", [2, 5, 10, 30])
+def test_moments_of_many_modes_are_sampled_less_often(modes: int) -> None:
+    plan = plan_modal(model_of(row_of_masses(modes)), None, None)
+    moments = modes + modes * (modes + 1)
+    assert moments / plan._stride <= 4.5 * modes
+    # with few modes samples are 0.8 rad apart, as of one oscillator
+    angle = plan.fastest * plan.step * (plan._stride - 1)
+    assert (angle < 0.8) is (modes <= 10)
+
+
+def test_a_sine_is_not_sampled_at_one_phase_beside_many_modes() -> None:
+    sine = Sine(on="m0", amplitude=1.0, frequency_hz=2.0)
+    quiet = plan_modal(model_of(row_of_masses(30)), None, None)
+    with_sine = plan_modal(model_of(row_of_masses(30, sine)), None, None)
+    turn = 2.0 * math.pi * 2.0 * with_sine.step * with_sine._stride
+    assert turn < 2.0 < quiet.fastest * quiet.step * quiet._stride
+
+
+def test_matrix_passes_are_products_of_any_rows() -> None:
+    rng = np.random.default_rng(1)
+    states, normals = rng.normal(size=(5, 16)), rng.normal(size=(3, 16))
+    own, other = np.zeros((5, 5)), np.zeros((5, 3))
+    # rows of 2 and 2, of 1 and 2, of 2 and 1, of 5 and 3, and of zeros
+    for row, (first, second) in enumerate([(2, 2), (1, 2), (2, 1), (5, 3), (0, 0)]):
+        own[row, rng.permutation(5)[:first]] = rng.normal(size=first)
+        other[row, rng.permutation(3)[:second]] = rng.normal(size=second)
+    found = rng.normal(size=(5, 16))
+    matrix_passes(found, states, _table(own), normals, _table(other), 16)
+    np.testing.assert_allclose(found, own @ states + other @ normals, rtol=0.0, atol=1e-14)

@@ -54,7 +54,7 @@ from stochvi.engine.pushes import Responses
 from stochvi.engine.statistic_calls import NO_STATISTICS, Statistics, add_statistics
 from stochvi.engine.sums import ROWS_OF_CONTACT_PAIR, ROWS_OF_PAIR
 from stochvi.engine.together import Scene, Waiting, finish_together, make_waiting
-from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass
+from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass, matrix_passes
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 
 Table = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]
@@ -672,8 +672,7 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                 if remembering(kicks.parts):
                     all_rates(kicks.parts, mid, smooth, of_ends[0], width)
                 before = mid
-            matrix_pass(new, 0.0, before, passes.states, width)
-            matrix_pass(new, 1.0, z, passes.states_drawn, width)
+            matrix_passes(new, before, passes.states, z, passes.states_drawn, width)
             if tables is not None:
                 sample = tables.samples[number % samples]
                 read_sample(sample, tables.scale, start, lanes, modes, smooth)
