@@ -42,6 +42,24 @@ def show_response(options: Common, found: Response, scene: Scene) -> None:
     options.show(found, print_response, "response", record=record)
     if options.out is not None:
         write_text(to_json(found.to_dict()) + "\n", options.out / "response.json")
+        write_map(options, found, scene)
+
+
+def write_map(options: Common, found: Response, scene: Scene) -> None:
+    """Write the rms along a bar or beam, or over a plate, as `map.csv` and `map.png`."""
+    from stochvi.methods.linearisation.along import rms_along
+    from stochvi.results.errors import NotApplicable
+    from stochvi.views.files import write_table
+    from stochvi.views.shapes import draw_map, has_places
+
+    if options.out is None or not has_places(scene):
+        return
+    try:
+        table = rms_along(scene)
+    except NotApplicable:  # not even without stops
+        return
+    write_table(table, options.out / "map.csv")
+    options.draw("map", lambda: draw_map(table, found, scene))
 
 
 @main.command()

@@ -199,7 +199,8 @@ def beyond_one_oscillator(
     if len(model.coordinates) > 1:
         found.append(
             "structure.kind must be 'oscillator' or 'isolator', got "
-            f"{len(model.coordinates)} coordinates ({', '.join(model.coordinates)})"
+            f"{len(model.coordinates)} coordinates ({', '.join(model.coordinates)}), which "
+            "simulate and linearise take"
         )
     if len(model.pairs) > 1:
         found.append(f"the scene must have one impact pair, got {len(model.pairs)}")
@@ -227,7 +228,8 @@ def without_noise(model: Model, *, with_sines: bool = False) -> list[str]:
         return []
     wanted = "noise or a sine" if with_sines else "noise"
     got = "a sine" if model.sines else "a constant load"
-    return [f"excitation must contain {wanted}, got {got} alone"]
+    remedy = "; the command sine finds the motions under it" if model.sines else ""
+    return [f"excitation must contain {wanted}, got {got} alone{remedy}"]
 
 
 def without_free_response(model: Model) -> list[str]:

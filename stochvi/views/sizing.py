@@ -331,7 +331,7 @@ def plot_impact_speeds(review: Review, ax: Axes | None = None) -> Axes:
 
 def plot_exceedances(review: Review, ax: Axes | None = None) -> Axes:
     """Probability that the hardest impact of the mission exceeds a limit against the limit, for the
-    smallest, the recommended and the largest clearance."""
+    smallest, the recommended and the largest clearance; each line bears its clearance."""
     ax = axes_or_new(ax, PAGE)
     table, words, quantity = _hard_hits(review)
     known = sorted(set(table["clearance"]))
@@ -343,12 +343,12 @@ def plot_exceedances(review: Review, ax: Axes | None = None) -> Axes:
     _limit_mark(ax, review)
     ax.set_ylim(*_chance_limits(table))
     ax.set_yscale("log")
-    label_for_page(ax, quantity.heading(words), _chance_label(review))
+    label_for_page(ax, quantity.heading(words), _chance_label(review), legend=False)
     return ax
 
 
 def plot_exceedances_over_clearance(review: Review, ax: Axes | None = None) -> Axes:
-    """The probability of exceeding a limit against clearance."""
+    """The probability of exceeding a limit against clearance; each line bears its limit."""
     ax = axes_or_new(ax, PAGE)
     table, _, quantity = _hard_hits(review)
     marked = table[table["mark"]]
@@ -359,8 +359,10 @@ def plot_exceedances_over_clearance(review: Review, ax: Axes | None = None) -> A
     ax.set_ylim(*_chance_limits(table))
     ax.set_yscale("log")
     for colour, name, place in _marks(review.sizing):
-        ax.axvline(LENGTH(place), color=colour, linewidth=1.0, linestyle="--", label=name)
-    label_for_page(ax, f"clearance per side ({LENGTH})", _chance_label(review))
+        ax.axvline(LENGTH(place), color=colour, linewidth=1.0)
+        ax.text(LENGTH(place), 1.0, f" {name}", color=colour, fontsize="small",
+                va="bottom", ha="left", transform=ax.get_xaxis_transform())  # fmt: skip
+    label_for_page(ax, f"clearance per side ({LENGTH})", _chance_label(review), legend=False)
     return ax
 
 
@@ -388,11 +390,14 @@ LEAST_CHANCE = 1e-9
 def _chance_line(
     ax: Axes, x: Any, rows: pd.DataFrame, colour: str, label: str, marker: str = ""
 ) -> None:
-    """Draw probabilities with their 95 % band."""
+    """Draw probabilities with their 95 % band, and the label at the end of the line."""
     y = rows["probability"].to_numpy()
-    ax.plot(x, y, color=colour, linewidth=1.6, marker=marker, markersize=4, label=label)
+    ax.plot(x, y, color=colour, linewidth=1.6, marker=marker, markersize=4)
     ax.fill_between(x, np.maximum(rows["probability_low"], LEAST_CHANCE), rows["probability_high"],
                     color=colour, alpha=0.2, linewidth=0)  # fmt: skip
+    ax.annotate(label, (x[-1], y[-1]), xytext=(3, 3), textcoords="offset points", color=colour,
+                fontsize="small", annotation_clip=False)  # fmt: skip
+    ax.margins(x=0.12)
 
 
 def _limit_mark(ax: Axes, review: Review) -> None:
@@ -402,9 +407,11 @@ def _limit_mark(ax: Axes, review: Review) -> None:
         return
     peak = target.name == "peak_acceleration"
     place = (ACCELERATION if peak else SPEED)(target.value)
-    limit = f"limit {target.in_g if peak else target.limit}"
-    ax.axvline(place, color=COLOURS["stop"], linewidth=1.0, label=limit)
+    ax.axvline(place, color=COLOURS["stop"], linewidth=1.0)
     ax.axhline(target.exceedance, color=COLOURS["stop"], linewidth=1.0)
+    limit = f"limit {target.in_g if peak else target.limit}"
+    ax.text(place, 1.0, limit, fontsize="small", color=COLOURS["stop"], va="bottom", ha="center",
+            transform=ax.get_xaxis_transform())  # fmt: skip
 
 
 def plot_peaks(review: Review, ax: Axes | None = None) -> Axes:

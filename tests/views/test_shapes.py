@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import pytest
 
-from stochvi import Elastic, ImpactPair, Scene, WhiteNoise
+from stochvi import (
+    Elastic,
+    ImpactPair,
+    NotApplicable,
+    RecordedNoise,
+    Scene,
+    SpeedRestitution,
+    WhiteNoise,
+    linearise,
+    replay,
+)
+from stochvi.methods.linearisation.along import rms_along
 from stochvi.scenes import Beam, Plate
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
 from stochvi.statistics.histories import history
 from stochvi.views.history import draw_history, write_animation
+from stochvi.views.report.missions import _replay_pictures
 from stochvi.views.shapes import draw_shapes, has_shape
+from support.commands import Run
 
 STEEL = {"young": 2e11, "density": 7850.0, "zeta": 0.02, "modes": 2}
 REED = Beam(length=0.2, width=0.02, height=0.002, points={"tip": 1.0, "middle": 0.5}, **STEEL)
@@ -96,4 +112,65 @@ def test_one_mode_is_drawn_by_its_gap(tmp_path) -> None:
     assert shape[50] / shape[-1] == pytest.approx(one.table.shapes["middle"][0], rel=1e-9)
     assert shape[-1] - shape[50] == pytest.approx(0.3, abs=0.02)
     write_animation(found, scene, tmp_path / "a.gif")
+    plt.close("all")
+
+
+def test_a_map_is_the_answer_at_all_places() -> None:
+    stop = ImpactPair(on="tip", upper=5e-4, law=SPRING)
+    for scene in (shaken(REED, stop), shaken(PANEL, stop.replace(on="off", upper=5e-5))):
+        table, point = rms_along(scene), scene.impact_pairs[0].on
+        with_stops = linearise(scene).coordinates[point].displacement_std
+        without = exact_rms(scene, point)
+        at = {"tip": -1, "off": 6 * 21 + 8}[point]  # 0.3 and 0.4 of the sides are places of the map
+        assert table["rms_with_stops_m"].iloc[at] == pytest.approx(with_stops.value, rel=1e-9)
+        assert table["rms_without_stops_m"].iloc[at] == pytest.approx(without, rel=1e-9)
+        assert with_stops.value < 0.97 * without
+        # nothing moves at supports
+        assert abs(table["rms_without_stops_m"].iloc[0]) < 1e-12
+
+
+def exact_rms(scene: Scene, point: str) -> float:
+    """Rms without stops, from modes that white noise shakes together (Crandall and Mark)."""
+    table, level = scene.structure.table, 0.01 * 9.80665**2 / 2.0
+    total = 0.0
+    for a, first in enumerate(table.omega):
+        for b, second in enumerate(table.omega):
+            one, two = 2.0 * table.zeta[a] * first, 2.0 * table.zeta[b] * second
+            below = (first**2 - second**2) ** 2 + (one + two) * (one * second**2 + two * first**2)
+            gain = table.participation[a] * table.participation[b] * level * (one + two)
+            total += table.shapes[point][a] * table.shapes[point][b] * gain / below
+    return float(np.sqrt(total))
+
+
+def test_a_map_without_an_answer_for_the_stops_has_that_without_stops() -> None:
+    law = SpeedRestitution(coefficient=lambda speed: 0.5 / (1.0 + speed))
+    scene = shaken(REED, ImpactPair(on="tip", upper=5e-4, law=law))
+    assert list(rms_along(scene)) == ["distance_m", "rms_without_stops_m"]
+    with pytest.raises(NotApplicable, match="got 'modes'"):
+        rms_along(load_scene(shipped_scene("blade")))
+
+
+def test_commands_write_the_map(stochvi: Run, tmp_path: Path) -> None:
+    found = stochvi("linearise", str(shipped_scene("beam")), "--out", str(tmp_path), "--quiet")
+    assert found.code == 0
+    assert (tmp_path / "map.png").stat().st_size > 10_000
+    assert len(pd.read_csv(tmp_path / "map.csv")) == 101
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("modes", [1, 2])
+def test_the_shape_of_a_replay_has_the_rms_of_its_record(modes: int, tmp_path: Path) -> None:
+    time = np.arange(2000) / 2000.0
+    np.savetxt(
+        tmp_path / "a.csv", np.column_stack([time, 60.0 * np.sin(2.2e2 * time)]), delimiter=","
+    )
+    record = RecordedNoise(file=str(tmp_path / "a.csv"), unit="m/s2", on="base")
+    stop = ImpactPair(on="tip", upper=5e-4, law=SPRING)
+    scene = Scene(structure=REED.replace(modes=modes), impact_pairs=[stop], excitations=[record])
+    found = replay(scene)
+    *_, rms, _ = draw_shapes(found.only, scene).lines
+    tip = found.histories.displacement["tip"]
+    assert rms.get_ydata()[-1] == pytest.approx(1e3 * np.sqrt(np.mean(tip**2)), rel=1e-9)
+    captions = [each.caption for each in _replay_pictures(found, scene)]
+    assert "shape at impacts" in captions[0] and len(captions) == 3
     plt.close("all")

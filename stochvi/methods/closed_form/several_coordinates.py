@@ -122,7 +122,8 @@ def _not_gibbs(model: Model) -> list[str]:
     if model.temperature is None:
         return [
             "white noise must match damping, S = 2 theta C with one theta for all coordinates: "
-            "noise of the base, or on a part of what is damped, does not"
+            "noise of the base, or on a part of what is damped, does not; linearise and simulate "
+            "take any noise"
         ]
     if not _reached(model):
         return ["damping and noise must reach every motion, directly or through springs and stops"]

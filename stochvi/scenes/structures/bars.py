@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -47,6 +47,8 @@ class Bar(Span):
     >>> rod.natural_frequency_hz.round(3).tolist(), rod.places["tip"].round(12).tolist()
     ([1250.0, 3750.0], [1.0, 1.0])
     """
+
+    moves: ClassVar[str] = "displacement along the bar"
 
     kind: Literal["bar"] = "bar"
     length: Positive

@@ -81,6 +81,10 @@ class Plate(Span):
         return self.points or {"centre": (0.5, 0.5)}
 
     @property
+    def sides(self) -> tuple[float, ...]:
+        return (self.length, self.width)
+
+    @property
     def carried_mass(self) -> float:
         return self.density * self.length * self.width * self.height
 

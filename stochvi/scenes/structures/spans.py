@@ -3,10 +3,11 @@ and the static compliance of those left out."""
 
 from __future__ import annotations
 
+import itertools
 from abc import abstractmethod
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Annotated, Any, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -53,6 +54,19 @@ class Span(ModalStructure):
     modes: Count | None = None
     max_frequency_hz: Positive | None = None
 
+    moves: ClassVar[str] = "deflection"
+    """Its displacement in words."""
+
+    if TYPE_CHECKING:  # keys of each, at their places among its keys
+
+        @property
+        def length(self) -> float:
+            """Length, m."""
+
+        @property
+        def support(self) -> str:
+            """How its ends are held."""
+
     @model_validator(mode="after")
     def _has_modes(self) -> Self:
         for one, other in (("zeta", "loss_factor"), ("modes", "max_frequency_hz")):
@@ -98,6 +112,19 @@ class Span(ModalStructure):
     @abstractmethod
     def places_of_points(self) -> Mapping[str, Any]:
         """Where each named point lies, as shares of the lengths."""
+
+    @property
+    def sides(self) -> tuple[float, ...]:
+        """Its length, m; of what has an area its width, too."""
+        return (self.length,)
+
+    def with_places(self, count: int) -> Self:
+        """The same with "place 0", "place 1" and so on as its first points, `count` of them over
+        each side, row after row."""
+        share = np.linspace(0.0, 1.0, count).tolist()
+        grid = list(itertools.product(share, repeat=len(self.sides)))
+        places = {f"place {k}": at if len(at) > 1 else at[0] for k, at in enumerate(grid)}
+        return self.replace(points={**places, **self.places_of_points})
 
     @property
     @abstractmethod

@@ -18,6 +18,7 @@ from stochvi.views.report.changes import production_section
 from stochvi.views.report.environment import excitation_facts
 from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
 from stochvi.views.schematic import draw_problem
+from stochvi.views.shapes import draw_shapes, has_shape
 from stochvi.views.statistics_tables import NEAR_ONE, SURELY
 from stochvi.views.tables import effects_in_words
 from stochvi.views.words import (
@@ -396,7 +397,7 @@ def replay_page(
                 title="Motion and impacts",
                 lead="One record, one answer: nothing is sampled, every impact is located in time.",
                 grids=[_replay_grid(found)],
-                pictures=_replay_pictures(found),
+                pictures=_replay_pictures(found, scene),
             ),
             _scene_section(scene, hung),
             Section(
@@ -469,7 +470,7 @@ def _replay_grid(found: Replay) -> Grid:
     return Grid(caption="The record itself", headings=["", *headings], rows=rows)
 
 
-def _replay_pictures(found: Replay) -> list[Picture]:
+def _replay_pictures(found: Replay, scene: Scene) -> list[Picture]:
     single = found.only
     if single is None:
         return [
@@ -480,7 +481,16 @@ def _replay_pictures(found: Replay) -> list[Picture]:
         ]
     if found.histories is None:
         return []
+    shape = (
+        shown(
+            lambda: draw_shapes(single, scene, "under the record"),
+            "The structure with its stops: its shape at impacts, and its rms where it is a line.",
+        )
+        if has_shape(single, scene)
+        else None
+    )
     return [
+        *([] if shape is None else [shape]),
         shown(
             lambda: plot_history(single, axes_or_new(None, PAGE)),
             "The motion with its stops and impacts.",
