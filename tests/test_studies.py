@@ -33,3 +33,18 @@ def test_a_study_takes_quick_and_out(program: Path) -> None:
 def test_a_study_that_only_names_an_option_does_not_take_it() -> None:
     source = 'parser.add_argument("--quick")\nprint("--out")\n'
     assert STUDIES and options_of(source) == {"--quick"}
+
+
+@pytest.mark.parametrize("page", [program.with_name("README.md") for program in STUDIES],
+                         ids=lambda page: page.parent.name)  # fmt: skip
+def test_a_page_of_a_study_has_no_gap_to_fill(page: Path) -> None:
+    assert gaps(page.read_text("utf-8")) == []
+
+
+def test_a_gap_is_found() -> None:
+    assert gaps("It holds.\n\nRESULT\n\nMILES, RICE\n") == ["RESULT"]
+
+
+def gaps(text: str) -> list[str]:
+    """Lines of a single word in capitals, which stand for what was to be written."""
+    return [line for line in text.splitlines() if line.isalpha() and line.isupper()]
