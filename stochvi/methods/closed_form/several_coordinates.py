@@ -84,8 +84,8 @@ def unmet(model: Model) -> list[str]:
         return found
     if model.tables and model.pairs:
         found.append(
-            "excitation must not be a tabulated density with stops where there are several "
-            "coordinates, filtered noise or a sine"
+            "excitation must be white noise where several coordinates have stops, got a tabulated "
+            "density; linearise and simulate take it"
         )
     if model.sines:
         found.append("excitation must be noise, got a sine")

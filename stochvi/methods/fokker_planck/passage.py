@@ -214,6 +214,8 @@ def first_passage(
         raise ValueError(f"times must be finite and at least 0 s, got {moments.tolist()}")
     model = model_of(scene)
     unmet = unmet_by_first_passage(model, lower, upper)
+    if len(model.coordinates) > 1:
+        unmet.append("reliability finds the probability of impacts of any structure")
     if unmet:
         raise NotApplicable(METHOD, unmet)
     low, high = barriers(model, lower, upper)

@@ -69,13 +69,9 @@ def make_plan(
     if conditions := unmet(model):
         raise NotApplicable("simulate", conditions)
     if model.functions or model.moves_stops or statistics:
-        if slow_impacts:
-            what = "simulations without statistics" if statistics else "linear structures"
-            raise NotApplicable("slow_impacts", [f"steps near stops are refined for {what} only"])
         check_statistics(statistics or {}, model)
-        return replace(
-            plan_several(model, speed_threshold, duration), statistics=dict(statistics or {})
-        )
+        plan = plan_several(model, speed_threshold, duration, slow_impacts)
+        return replace(plan, statistics=dict(statistics or {}))
     alone = model.single
     seconds = seconds_of_plan(model)
     if seconds > deadline.left + PATIENCE_SECONDS:
@@ -101,22 +97,23 @@ def make_plan(
     if alone and not (falling or several or model.drawn) and sampled:
         return plan_tabulated(model, speed_threshold, duration)
     if falling or several or model.drawn or beyond_one_oscillator(model):
-        if slow_impacts:
-            raise NotApplicable(
-                "slow_impacts", ["steps near stops are refined for one oscillator only"]
-            )
-        return plan_several(model, speed_threshold, duration)
+        return plan_several(model, speed_threshold, duration, slow_impacts)
     if not model.rigid:
         return plan_compliant(model, speed_threshold, duration, slow_impacts)
     return plan_white(model, speed_threshold, duration, slow_impacts, corner_share)
 
 
-def plan_several(model: Model, speed_threshold: float | None, duration: float | None) -> ModalPlan:
+def plan_several(
+    model: Model, speed_threshold: float | None, duration: float | None, slow_impacts: bool = False
+) -> ModalPlan:
     """The plan in modal coordinates, without tables or contacts where the model has none."""
     if model.functions:
         model = with_linear_part(model)
+    plan: ModalPlan
     if model.tables or model.drawn or model.sampled_modulations:
-        return plan_modal_tables(model, speed_threshold, duration)
-    if model.summed:
-        return plan_modal_contacts(model, speed_threshold, duration)
-    return plan_modal(model, speed_threshold, duration)
+        plan = plan_modal_tables(model, speed_threshold, duration)
+    elif model.summed:
+        plan = plan_modal_contacts(model, speed_threshold, duration)
+    else:
+        plan = plan_modal(model, speed_threshold, duration)
+    return plan.resolving_slow_impacts() if slow_impacts else plan

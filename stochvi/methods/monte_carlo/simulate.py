@@ -79,7 +79,8 @@ def simulate(
         default 0, or 5 % of the rms velocity where a stop loses energy.
     slow_impacts
         Refine the steps near a stop until impacts at the threshold are resolved, for the rates
-        under white noise at restitutions below 0.5. Ten or more times the cost; without it the
+        under white noise at restitutions below 0.5. With several coordinates all steps are a
+        sixteenth of the usual ones. Ten or more times the cost; without it the
         bias of those rates is unknown (None). F1 and the moments need it only for small errors,
         and get it then by themselves.
     statistics

@@ -472,7 +472,7 @@ class Simulation:
         ):
             remedy = (
                 "--slow-impacts (slow_impacts=True) resolves them"
-                if self.model.rigid and not beyond_one_oscillator(self.model)
+                if self.model.rigid and not (self.model.tables or self.model.drawn)
                 else "compare F1 and F2 instead"
             )
             yield (

@@ -11,6 +11,7 @@ import pytest
 from scipy.linalg import expm
 
 from stochvi import (
+    Elastic,
     Estimate,
     ImpactPair,
     NotApplicable,
@@ -20,6 +21,7 @@ from stochvi import (
     TabulatedNoise,
     WhiteNoise,
     exact,
+    fokker_planck,
     simulate,
 )
 from stochvi.engine.alone import put_on_stop
@@ -508,3 +510,57 @@ def test_matrix_passes_are_products_of_any_rows() -> None:
     found = rng.normal(size=(5, 16))
     matrix_passes(found, states, _table(own), normals, _table(other), 16)
     np.testing.assert_allclose(found, own @ states + other @ normals, rtol=0.0, atol=1e-14)
+
+
+def with_an_idle_mass(restitution: float) -> Scene:
+    """A mass between stops, and another one that has nothing to do with it."""
+    return Scene(
+        structure=Matrices(
+            coordinates=["x", "idle"], mass=np.eye(2).tolist(), damping=(0.1 * np.eye(2)).tolist(),
+            stiffness=np.eye(2).tolist(),
+        ),
+        impact_pairs=[
+            ImpactPair(on="x", lower=-1.0, upper=1.0, law=Restitution(coefficient=restitution))
+        ],
+        excitations=[WhiteNoise(on="x", intensity=0.2), WhiteNoise(on="idle", intensity=0.2)],
+    )  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("restitution", [0.1, 0.3])
+def test_slow_impacts_of_any_structure_are_resolved(restitution: float) -> None:
+    scene = with_an_idle_mass(restitution)
+    found, usual = (
+        simulate(scene, paths=1024, seed=1, slow_impacts=slow).impact_pairs["stops"]
+        for slow in (True, False)
+    )
+    alone = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=restitution))],
+        excitations=[WhiteNoise(intensity=0.2)],
+    )  # fmt: skip
+    truth = fokker_planck(alone).impact_pairs["stops"]
+    assert found.speed_threshold == pytest.approx(truth.speed_threshold, rel=1e-6)
+    for name in ("collision_rate", "impact_speed_rate", "impact_speed_square_rate"):
+        one, other = getattr(found, name), getattr(truth, name)
+        # below R = 0.163 all impacts are infinitely many, and no bias of a rate is stated
+        assert (one.bias is None) is (restitution < 0.2 and name == "collision_rate")
+        reach = 4.5 * one.standard_error + (one.bias or 0.0) + other.bias
+        assert abs(one.value - other.value) < reach
+    # negative control: the usual step misses slow impacts, and does not state how many
+    assert usual.collision_rate.bias is None
+    error = math.hypot(found.collision_rate.standard_error, usual.collision_rate.standard_error)
+    missed = found.collision_rate.value - usual.collision_rate.value
+    assert restitution > 0.2 or missed > 4.5 * error
+
+
+def test_what_refines_no_steps_refuses_slow_impacts() -> None:
+    rigid = with_an_idle_mass(0.3)
+    noise = TabulatedNoise(on="x", frequency_hz=[0.1, 0.3], density=[1.0, 1.0], unit="N2/Hz")
+    soft = ImpactPair(name="soft", on="idle", upper=1.0, law=Elastic(stiffness=100.0))
+    for scene, match in (
+        (rigid.replace(excitations=[*rigid.excitations, noise]), "left out with tabulated noise"),
+        (rigid.replace(impact_pairs=[*rigid.impact_pairs, soft]), "left out with compliant stops"),
+    ):
+        with pytest.raises(NotApplicable, match=match):
+            simulate(scene, paths=8, duration=10.0, slow_impacts=True)

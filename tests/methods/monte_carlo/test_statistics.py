@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import norm
 
 import stochvi
-from stochvi import Estimate, NotApplicable, SceneError, Statistic, simulate
+from stochvi import Estimate, SceneError, Statistic, simulate
 from stochvi.methods.monte_carlo import modal
 from stochvi.results.errors import CheckpointError
 from stochvi.scenes.excitations import TabulatedNoise, WhiteNoise
@@ -190,5 +190,3 @@ def test_a_statistic_of_nothing_in_the_scene_is_refused() -> None:
         simulate(scene, statistics={"fast": Statistic(function=fast, of="y")})
     with pytest.raises(ValueError, match="must be a table of names and `Statistic`"):
         simulate(scene, statistics={"fast": fast})
-    with pytest.raises(NotApplicable, match="simulations without statistics"):
-        simulate(scene, statistics={"fast": Statistic(function=fast)}, slow_impacts=True)
