@@ -48,7 +48,7 @@ def show_response(options: Common, found: Response, scene: Scene) -> None:
 def write_map(options: Common, found: Response, scene: Scene) -> None:
     """Write the rms along a bar or beam, or over a plate, as `map.csv` and `map.png`."""
     from stochvi.methods.linearisation.along import rms_along
-    from stochvi.results.errors import NotApplicable
+    from stochvi.results.errors import NotApplicable, NotConverged
     from stochvi.views.files import write_table
     from stochvi.views.shapes import draw_map, has_places
 
@@ -56,7 +56,7 @@ def write_map(options: Common, found: Response, scene: Scene) -> None:
         return
     try:
         table = rms_along(scene)
-    except NotApplicable:  # not even without stops
+    except (NotApplicable, NotConverged):  # not even without stops
         return
     write_table(table, options.out / "map.csv")
     options.draw("map", lambda: draw_map(table, found, scene))

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stochvi.methods.linearisation.method import linearise
-from stochvi.results.errors import NotApplicable
+from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.scenes.structures.spans import Span
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from stochvi.results.response import CoordinateResponse
     from stochvi.scenes.scene import Scene
 
 PLACES = {1: 101, 2: 21}
@@ -33,7 +34,7 @@ def rms_along(scene: Scene) -> pd.DataFrame:
     pandas.DataFrame
         A row for each place: its distance from the first end (m), or `x_m` and `y_m` on a plate,
         row after row along y; the rms about the mean without stops (m), which is exact; and that
-        with stops, which is approximate. The latter is missing where `linearise` does not apply.
+        with stops, which is approximate. The latter is missing where `linearise` has no answer.
 
     Examples
     --------
@@ -56,7 +57,7 @@ def rms_along(scene: Scene) -> pd.DataFrame:
     table = {name: place.ravel() for name, place in zip(names, sides, strict=True)}
     table["rms_without_stops_m"] = _rms(fine.replace(impact_pairs=[]))
     if scene.impact_pairs:
-        with contextlib.suppress(NotApplicable):
+        with contextlib.suppress(NotApplicable, NotConverged):
             table["rms_with_stops_m"] = _rms(fine)
     return pd.DataFrame(table)
 
@@ -64,5 +65,13 @@ def rms_along(scene: Scene) -> pd.DataFrame:
 def _rms(fine: Scene) -> np.ndarray:
     """Standard deviations of the displacement at all places, m."""
     found = linearise(fine).coordinates
-    stds = [each.displacement_std for name, each in found.items() if name.startswith("place ")]
-    return np.array([np.nan if each is None else each.value for each in stds])
+    rows = {name: row for name, row in fine.structure.places.items() if name.startswith("place ")}
+    if len(found) == 1:  # without stops one mode is reported alone
+        (mode,) = found.values()
+        return np.array([abs(float(row[0])) * _std(mode) for row in rows.values()])
+    return np.array([_std(found[name]) for name in rows])
+
+
+def _std(motion: CoordinateResponse) -> float:
+    """Standard deviation of a displacement, m; nan where it is not known."""
+    return np.nan if motion.displacement_std is None else motion.displacement_std.value
