@@ -495,11 +495,12 @@ def summary_of_sizing(found: Sizing) -> Summary:
     is that of its interval, taken for Gaussian."""
 
     def clearance(c: Clearance) -> Estimate:
+        if found.kept_with is not None or not c.lower:
+            # the nearest stops that can be judged keep the target, and smaller clearances may too
+            return Estimate(value=0.0, upper_95=c.value, how="the nearest stops judged")
         error = (c.upper - c.lower) / (2.0 * GAUSSIAN_95)
         return Estimate(value=c.value, standard_error=error, how=found.method)
 
-    # where the nearest stops that can be judged keep the target, smaller clearances may as well
-    at_most = Estimate(value=0.0, upper_95=found.clearance.value, how="the nearest stops judged")
     three = found.three_sigma
     risk: dict[str, Estimate | None] = {
         "probability_at_three_sigma": three.probability, "expected_hits": found.expected_hits
@@ -508,7 +509,7 @@ def summary_of_sizing(found: Sizing) -> Summary:
         each = {name: {"clearance": clearance(c)} for name, c in found.clearances.items()}
         return Summary(quantities={"size": risk, **each}, cost=found.cost)
     sized = {
-        "clearance": clearance(found.clearance) if found.kept_with is None else at_most,
+        "clearance": clearance(found.clearance),
         "three_sigma": Estimate(value=three.clearance),
         "rms_displacement": Estimate(value=found.sigma),
     }

@@ -45,6 +45,7 @@ from stochvi.scenes.scene import ImpactPair, scene_from
 from stochvi.statistics.bursts import bursts
 from stochvi.statistics.pair_crossings import pair_crossings
 from stochvi.statistics.structure_hits import Limit, exceedance
+from stochvi.sweeps.ranges import summary_of_sizing
 from stochvi.testing import assert_agrees
 from stochvi.views.pairs import pairs_in_words, plot_pairs_risk
 from stochvi.views.report.environment import excitations_section
@@ -401,6 +402,21 @@ def test_a_speed_is_kept() -> None:
         again = exceedance(there, limit, MISSION, 0.0, run).chance
     assert_agrees(replace(again, standard_error=math.hypot(again.standard_error, 0.1 * 0.01)), 0.01)
     assert found.probability.value > 2.0 * 0.01
+
+
+@pytest.mark.slow
+def test_a_limit_far_above_every_impact_is_kept_by_the_smallest_clearances_that_are_tried() -> None:
+    """Smaller ones may do as well, and a sweep says so."""
+    pairs_of_it = (pair("x", "x", 4.0), pair("z", "z", 4.0))
+    asked = {"probability": None, "impact_speed": 40.0, "mission": 20.0, "exceedance": 0.2}
+    found = sized(uncoupled(*pairs_of_it), rel_error=0.5, **asked)
+    assert found.kept_with is not None and found.shown_to_keep
+    assert {c.lower for c in found.clearances.values()} == {0.0}
+    assert "are enough, and less may be" in found.verdict()
+    assert found.to_dict()["kept_with"]["value"] <= 0.2
+    for name, c in found.clearances.items():
+        told = summary_of_sizing(found).quantities[name]["clearance"]
+        assert told is not None and told.upper_95 == c.value
 
 
 @pytest.mark.slow

@@ -376,7 +376,7 @@ class Probability:
 NEARLY_CERTAIN = 0.999
 """Largest probability of any impact from which the number of first impacts is read."""
 
-OF_ONE = ("simulated", "evidence", "kept_with", "exceeding", "probability_of_stops", "worst_case")
+OF_ONE = ("simulated", "evidence", "exceeding", "probability_of_stops", "worst_case")
 OF_SEVERAL = (
     "pair", "common", "probability", "expected_hits", "pairs", "as_given", "tolerances", "box",
     "worst_at",
@@ -458,7 +458,7 @@ class Sizing(ClearanceAnswer):
         For one mass, responses simulated with the stop law, by "three_sigma" and "recommended".
     kept_with
         Probability that the limit of the target is exceeded in the mission. Given where the
-        clearance is the smallest that can be judged and keeps the target with a margin; else None.
+        clearances are the smallest that can be judged and keep the target with a margin; else None.
     exceeding
         For one mass and a target with a limit, a row per clearance that was tried: `clearance` (m),
         and the `probability` that any impact of the mission exceeds the limit, with
@@ -648,13 +648,15 @@ class Sizing(ClearanceAnswer):
                 f"the probability that any {target.name.replace('_', ' ')} of "
                 f"{spoken_mission(mission)} exceeds {target.limit} is {self.kept_chance()} there"
             )
+            places = self._places() if self.several else str(made)
             if not self.shown_to_keep:
                 return (
-                    f"no clearance was shown to keep the target{within}: {made} from the static "
+                    f"no clearance was shown to keep the target{within}: {places} from the static "
                     f"equilibrium were tried, and {kept}; raise budget"
                 )
+            first, are = ("clearances", "are") if self.several else ("clearance", "is")
             return (
-                f"clearance: {made} from the static equilibrium{within} is enough, and less may "
+                f"{first}: {places} from the static equilibrium{within} {are} enough, and less may "
                 f"be; {kept}"
             )
         return f"{self.to_make} {target.kept(mission)}{within}"

@@ -155,6 +155,8 @@ class SizingJob(ABC):
     warnings: list[str] = field(default_factory=list)
     fell_short: list[str] = field(default_factory=list)
     unfinished: dict[float, str] = field(default_factory=dict)
+    exceeded: dict[float, Estimate] = field(default_factory=dict)
+    kept_with: Estimate | None = None
 
     def __post_init__(self) -> None:
         self.target, self.mission, self.run = self.asked.target, self.asked.mission, self.asked.run
@@ -267,6 +269,7 @@ class SizingJob(ABC):
         return {
             "scene": self.scene, "target": self.target, "mission": self.mission,
             "screening": linear, "record": linear.record, "allowed": self.allowed,
+            "kept_with": self.kept_with,
             "fell_short": tuple(dict.fromkeys(self.fell_short)),
             "warnings": tuple(dict.fromkeys(self.warnings)), "cost": self.run.cost(paths=paths),
             "provenance": provenance(self.scene.document(), self.run.seed),

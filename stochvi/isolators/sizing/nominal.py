@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -145,9 +145,6 @@ class OnePair(SizingJob):
     """The sizing of one pair, or of one mass that has none yet: its place is the clearance, and its
     curve of risk says all of the probability of any impact."""
 
-    kept_with: Estimate | None = None
-    exceeded: dict[float, Estimate] = field(default_factory=dict)
-
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.target.name != "probability":
@@ -223,7 +220,6 @@ class OnePair(SizingJob):
                 if at in self.hits.tried and (response := self.hits.tried[at].counts.response)
             },
             method=METHODS.get(self.target.name, BY_BURSTS).format(beside=beside),
-            kept_with=self.kept_with,
             probability_of_stops=stops,
             exceeding=self._exceeding() if self.target.exceedance is not None else None,
         )

@@ -193,6 +193,7 @@ class SeveralPairs(SizingJob):
             exceedance, self.scene_at(place), self.limit, self.mission, overlap, run,
             self.accepted_rate,
         ).chance  # fmt: skip
+        self.exceeded[place] = chance
         left = max(1.0 - chance.value, 1e-12)
         return replace(chance * (1.0 / left / self.mission), value=-math.log(left) / self.mission)
 
@@ -202,7 +203,8 @@ class SeveralPairs(SizingJob):
             "smaller clearances may do as well: these are the smallest that are tried, and they "
             "keep the target with a margin"
         )
-        return Reached(place, place, place)
+        self.kept_with = self.exceeded.get(place)
+        return Reached(place, -math.inf, place)
 
     def hits_or_warning(self, place: float) -> PlaceTrial | None:
         """Impacts for information alone; those of many coordinates take too long for no time."""
@@ -215,10 +217,12 @@ class SeveralPairs(SizingJob):
         """The numbers of the answer besides its clearances."""
         place, far, near = map(self._between_ends, (found.place, found.upper, found.lower))
         risk = math.exp(-place)
+        # where smaller ones than those that are tried may do as well, nothing is known below
+        most = math.isinf(found.lower)
         clearances = {
             self.names[k]: Clearance(
                 value=self._clearance(number, risk),
-                lower=self._clearance(number, math.exp(-near)),
+                lower=0.0 if most else self._clearance(number, math.exp(-near)),
                 upper=self._clearance(number, math.exp(-far)),
             )
             for number, k in enumerate(self.sized)
