@@ -43,9 +43,6 @@ OF_EXTRAS = {
 LONGEST_WAIT = 10 * MOST_SECONDS
 """Longest time of a reader by the clock, s, on a machine that has other work."""
 
-TEXT_SHOWN = 60
-"""Number of characters of a text of a file that is taken."""
-
 
 class Foreign(NamedTuple):
     """An array `y` of a file, over `x` if the file says so, and what the file says of it."""

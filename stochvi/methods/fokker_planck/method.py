@@ -26,8 +26,8 @@ from stochvi.methods.fokker_planck.fixed_meshes import (
 from stochvi.methods.fokker_planck.linear_boxes import speed_scale
 from stochvi.methods.fokker_planck.motion import Motion
 from stochvi.methods.fokker_planck.refinement import (
-    TIME_RATIO,
     Refinement,
+    accurate,
     rates_not_resolved,
     refine,
     worst_relative_error,
@@ -38,7 +38,7 @@ from stochvi.model.coverage import functions
 from stochvi.model.model import Model, Stop, model_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.results.deadline import NEVER, Deadline
-from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.scene import Scene
@@ -278,20 +278,11 @@ def _response(
     if balances is not None:
         response = replace(response, identities=balances)
     reached = worst_relative_error(*found)
-    if reached > rtol and deadline.left <= TIME_RATIO * (time.perf_counter() - started):
-        raise deadline.fell_short(
-            f"at a relative error of {reached:.2g} by fokker-planck, asked for {rtol:g}",
-            "raise budget or rtol",
-            response,
-        )
-    if reached > rtol:
-        raise NotConverged(
-            f"fokker-planck reached a relative error of {reached:.2g} on its finest mesh, not "
-            f"{rtol:g}; raise rtol, or simulate. Rare impacts of a lightly damped mass, and stiff "
-            "dampers in stops, are the hardest cases.",
-            response,
-        )
-    return response
+    remedy = (
+        "raise rtol, or simulate. Rare impacts of a lightly damped mass, and stiff dampers in "
+        "stops, are the hardest cases."
+    )
+    return accurate(response, reached, rtol, deadline, started, "fokker-planck", remedy)
 
 
 def _balances(answered: Refinement) -> dict[str, Estimate]:

@@ -48,7 +48,7 @@ from stochvi.methods.fokker_planck.meshes_in_time import (
     passage_layout,
 )
 from stochvi.methods.fokker_planck.operators import Operator
-from stochvi.methods.fokker_planck.refinement import TIME_RATIO
+from stochvi.methods.fokker_planck.refinement import TIME_RATIO, accurate
 from stochvi.model.calculations import calculation
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import Result
@@ -255,20 +255,8 @@ def first_passage(
         cost=Cost(wall_time=time.perf_counter() - started),
         provenance=provenance(scene.document()),
     )
-    worst = _worst(values, bounds)
-    if worst > rtol and deadline.left <= TIME_RATIO * (time.perf_counter() - started):
-        raise deadline.fell_short(
-            f"at a relative error of {worst:.2g} by {METHOD}, asked for {rtol:g}",
-            "raise budget or rtol",
-            found,
-        )
-    if worst > rtol:
-        raise NotConverged(
-            f"{METHOD} reached a relative error of {worst:.2g} on its finest mesh, not {rtol:g}; "
-            "raise rtol. Very light damping and starts close to a barrier are the hardest cases.",
-            found,
-        )
-    return found
+    remedy = "raise rtol. Very light damping and starts close to a barrier are the hardest cases."
+    return accurate(found, _worst(values, bounds), rtol, deadline, started, METHOD, remedy)
 
 
 def _assumptions(scene: Scene, start: StartChoice) -> list[str]:

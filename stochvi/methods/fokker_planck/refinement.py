@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Collection
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -56,6 +56,29 @@ MOST_STRETCHES = 8
 
 TIME_RATIO = 2.0
 """Ratio of the CPU time of a mesh to that of the one before (measured: 1.3 to 2)."""
+
+
+T = TypeVar("T")
+
+
+def accurate(
+    found: T, reached: float, rtol: float, deadline: Deadline, started: float, method: str,
+    remedy: str,
+) -> T:  # fmt: skip
+    """An answer; where its relative error is larger than `rtol`, `NotConverged` carries it."""
+    if reached <= rtol:
+        return found
+    if deadline.left <= TIME_RATIO * (time.perf_counter() - started):
+        raise deadline.fell_short(
+            f"at a relative error of {reached:.2g} by {method}, asked for {rtol:g}",
+            "raise budget or rtol",
+            found,
+        )
+    raise NotConverged(
+        f"{method} reached a relative error of {reached:.2g} on its finest mesh, not {rtol:g}; "
+        f"{remedy}",
+        found,
+    )
 
 
 class Refinement(NamedTuple):

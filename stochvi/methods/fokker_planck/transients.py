@@ -41,13 +41,13 @@ from stochvi.methods.fokker_planck.meshes_in_time import (
 )
 from stochvi.methods.fokker_planck.method import SLOW_IMPACTS
 from stochvi.methods.fokker_planck.operators import EndConditions, Factors, Operator
-from stochvi.methods.fokker_planck.refinement import TIME_RATIO
+from stochvi.methods.fokker_planck.refinement import TIME_RATIO, accurate
 from stochvi.model.calculations import calculation
 from stochvi.model.model import UPPER, Model, model_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
-from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene
@@ -255,20 +255,8 @@ def transient(
         provenance=provenance(scene.document()),
         _states=states,
     )
-    worst = _worst(values, errors)
-    if worst > rtol and deadline.left <= TIME_RATIO * (time.perf_counter() - started):
-        raise deadline.fell_short(
-            f"at a relative error of {worst:.2g} by {METHOD}, asked for {rtol:g}",
-            "raise budget or rtol",
-            found,
-        )
-    if worst > rtol:
-        raise NotConverged(
-            f"{METHOD} reached a relative error of {worst:.2g} on its finest mesh, not {rtol:g}; "
-            "raise rtol, or start from a wider law. A start close to a stop is the hardest case.",
-            found,
-        )
-    return found
+    remedy = "raise rtol, or start from a wider law. A start close to a stop is the hardest case."
+    return accurate(found, _worst(values, errors), rtol, deadline, started, METHOD, remedy)
 
 
 class _Problem(NamedTuple):

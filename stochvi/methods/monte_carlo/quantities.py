@@ -23,14 +23,6 @@ RATES = ("collision_rate", "collision_rate_lower", "collision_rate_upper", "impa
 EVENTS = (*RATES[:3], "impact_speed_rate", "impact_speed_square_rate")
 """Quantities that are sums over impacts, per second."""
 
-CONTACT_QUANTITIES = (
-    "peak_force",
-    "contact_probability",
-    "contact_force_lower",
-    "contact_force_upper",
-)
-"""Quantities that only compliant stops have."""
-
 GOVERNED = (
     "displacement_mean",
     "displacement_mean_square",

@@ -9,13 +9,13 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
+from stochvi.methods.monte_carlo.path_statistics import PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.plan import RELAXATIONS, Plan, Underway
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.sampling.blocks import FULL_LANES, PIECE_SECONDS, Block, blocks_of
@@ -45,14 +45,6 @@ class PathsOf:
     fine: PathStatistics
     pairs: StepPairs
     steps: int
-
-    def of_layout(self, layout: Layout) -> PathsOf:
-        """The same numbers of a plan whose rows are expected to have other values."""
-        return replace(
-            self,
-            fine=replace(self.fine, layout=layout),
-            pairs=replace(self.pairs, layout=layout),
-        )
 
 
 @dataclass(frozen=True)

@@ -78,25 +78,6 @@ class PairReplay(Quantities[Estimate | None]):
     rests: Estimate
 
 
-REPLAY_UNITS = {
-    "displacement_max": "m",
-    "displacement_min": "m",
-    "displacement_mean": "m",
-    "displacement_std": "m",
-    "displacement_kurtosis": "1",
-    "acceleration_max": "m/s^2",
-    "hits": "1",
-    "hits_lower": "1",
-    "hits_upper": "1",
-    "impact_speed_max": "m/s",
-    "impact_speed_mean": "m/s",
-    "peak_force": "N",
-    "contact_time": "s",
-    "rests": "1",
-}
-"""Units of every quantity of a replay."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Histories:
     """Samples of a replay (SI units).

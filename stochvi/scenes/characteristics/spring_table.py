@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -12,7 +11,7 @@ from pydantic import model_validator
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.scenes.characteristics.base import SpringForce
-from stochvi.scenes.impact_laws.force_table import with_columns
+from stochvi.scenes.impact_laws.force_table import check_columns, with_columns
 from stochvi.scenes.validation import Numbers
 
 
@@ -66,20 +65,9 @@ class SpringTable(SpringForce):
     @model_validator(mode="after")
     def _rises(self) -> Self:
         x, force = self.deflection, self.force
-        if self.unit is not None:
-            raise ValueError("takes unit with a file only: deflection is in m, force in N")
-        if len(x) != len(force):
-            raise ValueError(
-                f"needs as many entries in force as in deflection, got {len(force)} and {len(x)}"
-            )
+        check_columns(self.unit, x, force)
         if len(x) < 2:
             raise ValueError(f"needs at least two points, got {len(x)}")
-        for one, two in pairwise(x):
-            if one >= two:
-                raise ValueError(f"needs rising deflection, got {two:g} after {one:g}")
-        for one, two in pairwise(force):
-            if one > two:
-                raise ValueError(f"needs force that never falls, got {two:g} after {one:g}")
         if force[0] == force[1] or force[-1] == force[-2]:
             raise ValueError(
                 "needs force that rises in the first and the last piece, so that the spring holds "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -81,23 +82,11 @@ class ForceTable(CompliantLaw):
 
     @model_validator(mode="after")
     def _grows(self) -> Self:
-        if self.unit is not None:
-            raise ValueError("takes unit with a file only: deflection is in m, force in N")
-        if len(self.deflection) != len(self.force):
-            raise ValueError(
-                f"needs as many entries in force as in deflection, got {len(self.force)} and "
-                f"{len(self.deflection)}"
-            )
+        check_columns(self.unit, self.deflection, self.force)
         if not self.deflection or self.deflection[-1] == 0.0:
             raise ValueError("needs at least one point with a deflection above 0")
         if self.deflection[0] == 0.0 and self.force[0] > 0.0:
             raise ValueError(f"needs force 0 at the deflection 0, got {self.force[0]:g}")
-        for one, two in pairwise(self.deflection):
-            if one >= two:
-                raise ValueError(f"needs increasing deflection, got {two:g} after {one:g}")
-        for one, two in pairwise(self.force):
-            if one > two:
-                raise ValueError(f"needs force that never decreases, got {two:g} after {one:g}")
         return self
 
     @cached_property
@@ -211,6 +200,23 @@ class ForceTable(CompliantLaw):
     @property
     def largest_force(self) -> float:
         return self.force[-1] if self.pieces[2, -1] == 0.0 else math.inf
+
+
+def check_columns(unit: str | None, deflection: Sequence[float], force: Sequence[float]) -> None:
+    """Raise `ValueError` where a table of deflection and force is none, or its force falls."""
+    if unit is not None:
+        raise ValueError("takes unit with a file only: deflection is in m, force in N")
+    if len(deflection) != len(force):
+        raise ValueError(
+            f"needs as many entries in force as in deflection, got {len(force)} and "
+            f"{len(deflection)}"
+        )
+    for one, two in pairwise(deflection):
+        if one >= two:
+            raise ValueError(f"needs increasing deflection, got {two:g} after {one:g}")
+    for one, two in pairwise(force):
+        if one > two:
+            raise ValueError(f"needs force that never decreases, got {two:g} after {one:g}")
 
 
 def with_columns(keys: Any) -> Any:
