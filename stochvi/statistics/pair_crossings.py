@@ -395,6 +395,22 @@ def same_gaps(model: Model) -> list[str]:
     return found
 
 
+def listed_under_first(model: Model) -> list[str]:
+    """Sentences about rigid stops that are hit at once, for lists of single impacts: each impact
+    stands under the pair that the scene names first."""
+    if model.sharing is None:
+        return []
+    stops, others = np.nonzero(model.sharing)
+    number = len(model.pairs)
+    twins = {(int(i) % number, int(j) % number) for i, j in zip(stops, others, strict=True)}
+    return [
+        f"{model.pairs[one].name} and {model.pairs[two].name} are hit at once where their stops "
+        f"are equally far: such impacts stand under {model.pairs[one].name} alone"
+        for one, two in sorted(twins)
+        if one < two
+    ]
+
+
 def turn_between(one: Vector, other: Vector) -> int:
     """1 where two gaps (n,) are one motion, -1 where the second is the first with the opposite
     sign, else 0."""

@@ -25,6 +25,7 @@ from stochvi import (
     TabulatedNoise,
     WhiteNoise,
     exact,
+    impacts,
     reliability,
     simulate,
 )
@@ -34,7 +35,12 @@ from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.impact_counts import count_impacts
-from stochvi.statistics.pair_crossings import PairMotion, pair_crossings, same_gaps
+from stochvi.statistics.pair_crossings import (
+    PairMotion,
+    listed_under_first,
+    pair_crossings,
+    same_gaps,
+)
 from stochvi.testing import assert_agrees
 from support.pairs import LAW, diagonal, pair, uncoupled
 from support.runs import run_of
@@ -105,6 +111,10 @@ def test_stops_that_are_hit_at_once_share_their_hits_side_by_side() -> None:
         shares = pair_crossings(scene, mission=MISSION, rel_error=0.2, seed=1).shares(MISSION)[0]
         assert 0.0 < shares[1] < 0.5 < shares[0]
         assert len(same_gaps(model_of(scene))) == 1
+        (told,) = listed_under_first(model_of(scene))
+        assert told.endswith("such impacts stand under a alone")
+        assert told in impacts(scene, paths=64, duration=5.0, seed=1).warnings
+    assert not listed_under_first(model_of(uncoupled(first)))
 
 
 def test_compliant_stops_at_one_place_count_their_own_forces() -> None:

@@ -50,6 +50,7 @@ from stochvi.statistics.impacts.tallies import (
     passes_for_poisson,
     rate,
 )
+from stochvi.statistics.pair_crossings import listed_under_first
 
 SLOWEST_SHARE, FASTEST_SHARE = 0.01, 10.0
 """Slowest and fastest speed of a histogram, in rms speeds; it begins at the threshold if that is
@@ -224,6 +225,7 @@ def impacts(
             *_unseen(pairs, done * plan.duration),
             *_long_intervals(pairs),
             *_warnings(plan, model),
+            *listed_under_first(model),
         ),
         cost=run.cost(
             impacts=round(sum(tally.numbers.sum() for tally in found.values())),
