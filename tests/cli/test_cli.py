@@ -506,7 +506,11 @@ def test_a_mistake_in_a_scene_file_ends_the_process_without_a_traceback(tmp_path
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "scene"),
-    [("exact", "oscillator-elastic"), ("fokker-planck", "oscillator-lossy")],
+    [
+        ("exact", "oscillator-elastic"),
+        ("fokker-planck", "oscillator-lossy"),
+        ("average", "oscillator-lossy"),
+    ],
 )
 def test_solutions_draw_their_density(
     stochvi: Run, command: str, scene: str, tmp_path: Path
