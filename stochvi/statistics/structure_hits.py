@@ -153,9 +153,9 @@ def exceedance(
     )
 
 
-def overlap_of(crossings: PairCrossings, level: int = 0) -> float:
-    """Expected first impacts in the time for which a cluster is followed, at one level."""
-    return crossings.first_rate()[level].value * WINDOWS * crossings.horizon
+def overlap_of(crossings: PairCrossings) -> float:
+    """Expected first impacts in the time for which a cluster is followed, at the first level."""
+    return crossings.first_rate()[0].value * WINDOWS * crossings.horizon
 
 
 def without_stops(model: Model, limit: Limit, mission: float) -> float:

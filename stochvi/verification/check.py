@@ -414,15 +414,15 @@ def _judged(
     return rows, normal_quantile(alarm_rate)
 
 
-def single_alarm_rate(family: int, family_alarm_rate: float = FAMILY_ALARM_RATE) -> float:
+def single_alarm_rate(family: int) -> float:
     """Probability of a false alarm of one comparison such that `family` independent comparisons
-    together raise one with the probability `family_alarm_rate` (Z. Sidak 1967).
+    together raise one with the probability `FAMILY_ALARM_RATE` (Z. Sidak 1967).
 
     >>> round(single_alarm_rate(20), 8)
     0.00015021
     """
     # log1p and expm1 keep the digits where the family is large
-    return -math.expm1(math.log1p(-family_alarm_rate) / family)
+    return -math.expm1(math.log1p(-FAMILY_ALARM_RATE) / family)
 
 
 def degrees_of_freedom(first: Response, second: Response | None, errors: Sequence[float]) -> float:

@@ -11,12 +11,10 @@ from matplotlib.axes import Axes
 
 from stochvi.mathematics.shown_units import NUMBER, ShownQuantity, Size
 from stochvi.views.axes import MOST_OF_SPECTRA, limit_decades
-from stochvi.views.colours import BAND_ALPHA, COLOURS, OWNERS, TRANSFERS
+from stochvi.views.colours import BAND_ALPHA, OWNERS, TRANSFERS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-
-    from numpy.typing import NDArray
 
     from stochvi.statistics.spectra import Curve, ResponseSpectrum
 
@@ -63,13 +61,8 @@ MODAL = re.compile(r"mode \d+")
 """Names of modal coordinates, which are not drawn beside points."""
 
 
-def draw_spectrum(
-    found: ResponseSpectrum, title: str = "", references: Mapping[str, NDArray[np.float64]] = {}
-) -> Axes:
-    """All spectra, one panel for each quantity; the last panel compares with the excitation.
-
-    `references` are displacement densities at `found.frequency_hz`, by label, that are drawn too.
-    """
+def draw_spectrum(found: ResponseSpectrum, title: str = "") -> Axes:
+    """All spectra, one panel for each quantity; the last panel compares with the excitation."""
     shown = {owner: c for owner, c in found.curves.items() if not MODAL.fullmatch(owner)}
     shown = shown or dict(found.curves)
     present = [name for name in DENSITIES if any(name in c for c in shown.values())]
@@ -88,10 +81,7 @@ def draw_spectrum(
         label = words.format("absolute, between impacts" if more else which)
         ax.set_ylabel(f"{label}\n({quantity})")
         ax.grid(alpha=0.25)
-    for label, density in references.items():
-        density = DENSITIES["displacement"][1](density)
-        axes[0].plot(found.frequency_hz, density, color=COLOURS["exact"], lw=0.9, label=label)
-    if len(shown) > 1 or references:
+    if len(shown) > 1:
         axes[0].legend(frameon=False, fontsize="small", loc="lower left")
     if transfer is not None:
         _draw_transfer(transfer, axes[-1])
