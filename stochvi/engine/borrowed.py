@@ -16,7 +16,7 @@ from typing import TypeVar
 
 from numba.core import types
 from numba.core.datamodel import models
-from numba.extending import intrinsic, lower_cast, overload, register_model
+from numba.extending import lower_builtin, lower_cast, register_model, type_callable
 
 Given = TypeVar("Given")
 
@@ -97,31 +97,25 @@ def _value_of(context, builder, kind, value):
     return value
 
 
-@intrinsic
-def _borrowed(typing, value):
-    def codegen(context, builder, signature, arguments):
-        return _value_of(context, builder, signature.args[0], arguments[0])
-
-    return _type_of(value)(value), codegen
+@type_callable(borrowed)
+def type_of_borrowed(context):
+    return _type_of
 
 
-@intrinsic
-def _hold(typing, value):
-    def codegen(context, builder, signature, arguments):
-        return context.get_dummy_value()
-
-    return types.none(value), codegen
+@lower_builtin(borrowed, types.Any)
+def write_borrowed(context, builder, signature, arguments):
+    return _value_of(context, builder, signature.args[0], arguments[0])
 
 
-@overload(borrowed)
-def _choose(value):
-    return lambda value: _borrowed(value)
+@type_callable(hold)
+def type_of_hold(context):
+    return lambda value: types.none
 
 
-@overload(hold)
-def _choose_hold(value):
-    return lambda value: _hold(value)
+@lower_builtin(hold, types.Any)
+def write_hold(context, builder, signature, arguments):
+    return context.get_dummy_value()
 
 
-borrowed.made_of = {object: (_choose,)}  # type: ignore[attr-defined]
-hold.made_of = {object: (_choose_hold,)}  # type: ignore[attr-defined]
+borrowed.made_of = {object: (type_of_borrowed, write_borrowed)}  # type: ignore[attr-defined]
+hold.made_of = {object: (type_of_hold, write_hold)}  # type: ignore[attr-defined]

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from numba.core import cgutils, types
-from numba.extending import intrinsic, overload
+from numba.extending import lower_builtin, type_callable
 
 
 def call_by_address(signature: Any) -> Callable[..., Any]:
@@ -20,26 +20,23 @@ def call_by_address(signature: Any) -> Callable[..., Any]:
     """
     kinds = signature.args
 
-    @intrinsic
-    def call_at(typing, address, arguments):
-        def codegen(context, builder, call, values):
-            given = [
-                context.cast(builder, builder.extract_value(values[1], k), arguments[k], wanted)
-                for k, wanted in enumerate(kinds)
-            ]
-            native = [context.get_value_type(each) for each in kinds]
-            result = context.get_value_type(signature.return_type)
-            pointer = cgutils.ir.FunctionType(result, native).as_pointer()
-            return builder.call(builder.inttoptr(values[0], pointer), given)
-
-        return signature.return_type(types.intp, arguments), codegen
-
     def call(function, arguments):
         return function(*arguments)
 
-    @overload(call)
-    def choose(function, arguments):
-        return lambda function, arguments: call_at(function, arguments)
+    @type_callable(call)
+    def type_of_call(context):
+        return lambda function, arguments: signature.return_type
 
-    call.made_of = {object: (choose,)}
+    @lower_builtin(call, types.Integer, types.BaseTuple)
+    def write_call(context, builder, call, values):
+        given = [
+            context.cast(builder, builder.extract_value(values[1], k), argument, wanted)
+            for k, (argument, wanted) in enumerate(zip(call.args[1], kinds, strict=True))
+        ]
+        native = [context.get_value_type(each) for each in kinds]
+        result = context.get_value_type(signature.return_type)
+        pointer = cgutils.ir.FunctionType(result, native).as_pointer()
+        return builder.call(builder.inttoptr(values[0], pointer), given)
+
+    call.made_of = {object: (type_of_call, write_call)}
     return call

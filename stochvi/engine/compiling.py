@@ -20,7 +20,14 @@ named tuples.
 **What is optimised.** numba optimises a function, makes machine code of it, and does so again in
 each of its callers: the time that this takes rises with the depth of calls. Here a function that
 kernels call is a `LinkedKernel`, which is only linked. A kernel that Python calls is optimised as
-a whole, once.
+a whole, once. A linked kernel is compiled once for all numbers of a type, where numba compiles it
+once more for each number that stands in a call.
+
+**What compiles fast.** A function costs some 20 ms of CPU time, however short it is. Write small
+views and casts by `type_callable` and `lower_builtin`, as `engine/bits.py` does, not by `overload`.
+Write loops for `a[:] = b` and `a += b`, for which numba compiles the texts of errors (1 s).
+Functions of numbers take `forceinline=True`. `inline="always"` repeats their passes in each caller;
+it is for loops over lanes that gain from it.
 
 **How a kernel composed of parts declares what it is made of.** A generic function of `parts` holds
 its bodies by class, in its dictionary `made_of`. The digest takes the bodies for the classes of the
@@ -69,6 +76,7 @@ from numba.core.compiler import Compiler
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
+from numba.core.types import unliteral  # type: ignore[attr-defined]
 
 from stochvi.engine.ingredients import Ingredients
 from stochvi.engine.late_exceptions import disturbed, undisturbed
@@ -129,8 +137,11 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         return LinkedKernel(self)
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
-        """Compile the function for a call from another kernel."""
-        return self.linked.get_call_template(args, kws)
+        """Compile the function for a call from another kernel, once for all numbers of a type."""
+        of_types = tuple(map(unliteral, args))
+        return self.linked.get_call_template(
+            of_types, {name: unliteral(each) for name, each in kws.items()}
+        )
 
     def get_overload(self, sig: Any) -> Any:
         """The function for a call from another kernel."""

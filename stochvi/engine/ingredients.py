@@ -74,8 +74,11 @@ class Ingredients:
                 if base is not None:
                     self._tell("chosen", base.__module__, base.__qualname__)
                     chosen = generic.made_of[base]
-                    for function in chosen if isinstance(chosen, tuple) else (chosen,):
+                    running = self._running
+                    self._running = isinstance(chosen, tuple)  # these run while numba compiles
+                    for function in chosen if self._running else (chosen,):
                         self.function(function)
+                    self._running = running
 
     def add(self, value: Any) -> None:
         """Add a value that a function names."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba.core import types
-from numba.extending import intrinsic, overload
+from numba.extending import lower_builtin, type_callable
 
 from stochvi.engine.compiling import kernel
 
@@ -47,8 +47,9 @@ def columns_of(memory, first):
     return rows_of(memory)[first:].T
 
 
-def _view(context, builder, memory, argument, result, first):
-    """A view of a block of memory as an array of this type, from a row on."""
+def _view(context, builder, signature, argument, first):
+    """Emit a view of a block of memory, from a row on."""
+    memory, result = signature.args[0], signature.return_type
     source = context.make_array(memory)(context, builder, value=argument)
     view = context.make_array(result)(context, builder)
     item = context.get_abi_sizeof(context.get_data_type(memory.dtype))
@@ -70,38 +71,27 @@ def _view(context, builder, memory, argument, result, first):
     return view._getvalue()
 
 
-@intrinsic
-def _rows_of(typing, memory):
-    """The same for compiled functions."""
-    result = types.Array(memory.dtype, 2, "C")
-
-    def codegen(context, builder, signature, arguments):
-        first = context.get_constant(types.intp, 0)
-        return _view(context, builder, memory, arguments[0], result, first)
-
-    return result(memory), codegen
+@type_callable(rows_of)
+def type_of_rows(context):
+    return lambda memory: types.Array(memory.dtype, 2, "C")
 
 
-@intrinsic
-def _columns_of(typing, memory, first):
-    """The same for compiled functions."""
-    result = types.Array(memory.dtype, 2, "F")
-
-    def codegen(context, builder, signature, arguments):
-        return _view(context, builder, memory, arguments[0], result, arguments[1])
-
-    return result(memory, types.intp), codegen
+@lower_builtin(rows_of, types.Array)
+def write_rows(context, builder, signature, arguments):
+    first = context.get_constant(types.intp, 0)
+    return _view(context, builder, signature, arguments[0], first)
 
 
-@overload(rows_of)
-def _choose(memory):
-    return lambda memory: _rows_of(memory)
+@type_callable(columns_of)
+def type_of_columns(context):
+    return lambda memory, first: types.Array(memory.dtype, 2, "F")
 
 
-@overload(columns_of)
-def _choose_columns(memory, first):
-    return lambda memory, first: _columns_of(memory, first)
+@lower_builtin(columns_of, types.Array, types.Integer)
+def write_columns(context, builder, signature, arguments):
+    first = context.cast(builder, arguments[1], signature.args[1], types.intp)
+    return _view(context, builder, signature, arguments[0], first)
 
 
-rows_of.made_of = {object: (_choose,)}  # type: ignore[attr-defined]
-columns_of.made_of = {object: (_choose_columns,)}  # type: ignore[attr-defined]
+rows_of.made_of = {object: (type_of_rows, write_rows)}  # type: ignore[attr-defined]
+columns_of.made_of = {object: (type_of_columns, write_columns)}  # type: ignore[attr-defined]

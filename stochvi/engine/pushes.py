@@ -94,7 +94,7 @@ SIXTH, SIXTIETH = 1.0 / 6.0, 1.0 / 60.0
 """A division by a number takes several times as long as a product."""
 
 
-@kernel(inline="always")
+@kernel(forceinline=True)
 def next_moments(s0, s1, s2, s3, s4, s5, h, f, middle, end):
     """Moments after h s in which the force is the parabola through its values f, middle, end."""
     h2 = h * h

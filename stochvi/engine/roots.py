@@ -19,7 +19,7 @@ ROOT_ERROR = 1e-7
 is left is about the square of that."""
 
 
-@kernel(inline="always")
+@kernel(forceinline=True)
 def quintic(c0, c1, c2, c3, c4, c5, t):
     """Value and derivative at t of the polynomial with these Bernstein coefficients."""
     u = 1.0 - t
@@ -33,7 +33,7 @@ def quintic(c0, c1, c2, c3, c4, c5, t):
     return u * c0 + t * c1, 5.0 * (c1 - c0)
 
 
-@kernel(inline="always")
+@kernel(forceinline=True)
 def rises_once(c1, c2, c3, c4, c5):
     """Whether Bernstein coefficients after a first one <= 0 change sign once, to positive."""
     early = ((c1 <= 0.0) | (c2 > 0.0)) & ((c2 <= 0.0) | (c3 > 0.0))

@@ -64,7 +64,7 @@ MOST_SUB_STEPS = 100_000
 """Largest number of sub-steps of a contact in a step."""
 
 
-@kernel(inline="always")
+@kernel(forceinline=True)
 def first_length(law, y, v, longest):
     """Length of a sub-step, s, shorter near the touch of a stop whose force is not smooth there."""
     if is_smooth(law):

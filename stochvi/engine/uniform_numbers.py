@@ -22,7 +22,7 @@ LOW_BITS = 0xFFFFFFFF
 """Bits of the number of a step, which is negative in a burn-in."""
 
 
-@kernel(inline="always")
+@kernel(forceinline=True)
 def split_mix(z):
     """One output of SplitMix64 for the counter z."""
     z = (z ^ (z >> S30)) * MIX_1

@@ -514,6 +514,51 @@ def test_a_function_that_kernels_call_is_made_machine_code_of_only_for_python(
 
 
 @pytest.mark.slow
+def test_a_function_that_kernels_call_is_compiled_once_for_all_numbers_of_a_type() -> None:
+    @kernel
+    def entry(row, k):  # type: ignore[no-untyped-def]
+        return row[k]
+
+    @kernel
+    def sum_of(row):  # type: ignore[no-untyped-def]
+        return entry(row, 0) + entry(row, k=1)
+
+    assert sum_of(np.array([1.0, 2.0])) == 3.0
+    assert len(entry.linked.overloads) == 1
+
+
+TEXTS = """
+import sys
+import stochvi
+from numba.core import event
+from stochvi.scenes.datasets import shipped_scene
+
+class Modules(event.Listener):
+    def on_start(self, given):
+        print(given.data["dispatcher"].py_func.__module__)
+
+    def on_end(self, given):
+        pass
+
+event.register("numba:compile", Modules())
+stochvi.simulate(stochvi.load_scene(shipped_scene(sys.argv[1])), paths=2, budget=None)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scene", ["oscillator-lossy", "isolator-truck"])
+def test_no_texts_are_compiled_for_errors_that_kernels_cannot_have(
+    scene: str, tmp_path: Path
+) -> None:
+    """numba compiles the message about shapes that differ, with all that joins texts: a second."""
+    there = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", TEXTS, scene]
+    done = subprocess.run(command, env=there, capture_output=True, text=True, check=True)
+    modules = done.stdout.split()
+    assert any(each.startswith("stochvi.methods.monte_carlo.kernels") for each in modules)
+    assert not [each for each in modules if "unicode" in each]
+
+
 def test_a_linked_kernel_is_read_from_its_file(load: Load, tmp_path: Path) -> None:
     """A second kernel that holds it, in another process, does not compile it again."""
     program = f"""\

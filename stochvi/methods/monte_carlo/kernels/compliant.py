@@ -19,7 +19,7 @@ from stochvi.engine.one_mass import finish_step
 from stochvi.engine.sums import FOUND, ROWS_OF_CONTACT_PAIR
 from stochvi.engine.uniform_numbers import word_of_step
 from stochvi.methods.monte_carlo.kernels.flight import add_moments, add_noise, normals_of_step
-from stochvi.methods.monte_carlo.kernels.lanes import LANES, aligned_rows, row_of
+from stochvi.methods.monte_carlo.kernels.lanes import LANES, aligned_rows, row_of, words_of
 from stochvi.methods.monte_carlo.kernels.rows import (
     F1_LOWER,
     F1_UPPER,
@@ -81,7 +81,7 @@ def run_contacts(paths, kick, flow, at, counting, record, log, flag):
     recording = record.shape[0] > 0
     first, last, stride, origin, threshold = counting
     # close together: rows of `sums` would evict one another
-    work, words = aligned_rows(10), aligned_rows(2).view(np.uint64)
+    work, words = aligned_rows(10), words_of(aligned_rows(2))
     extra, spare = np.zeros((2, LANES, ROWS_OF_CONTACT_PAIR))
     found, of_block = np.zeros(FOUND), np.zeros((LANES, 2))
     scene, peaks, numbers = borrowed(at), borrowed(of_block), borrowed(found)

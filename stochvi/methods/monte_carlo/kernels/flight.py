@@ -25,7 +25,7 @@ import numpy as np
 from stochvi.engine.bounces import MOST_BOUNCES, RESTING
 from stochvi.engine.compiling import kernel
 from stochvi.engine.impact_log import log_impact, page_after, page_of
-from stochvi.methods.monte_carlo.kernels.lanes import LANES, aligned_rows, row_of
+from stochvi.methods.monte_carlo.kernels.lanes import LANES, aligned_rows, row_of, words_of
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pair, normal_pairs
 from stochvi.methods.monte_carlo.kernels.rigid_stops import is_scattered, restitution_of
 from stochvi.methods.monte_carlo.kernels.rows import (
@@ -404,7 +404,8 @@ def add_impacts(several, counted, local, record, sample, first_path, i):
     record where it has no samples.
     """
     if counted:
-        local[:, i] += several
+        for row in range(SUMS):
+            local[row, i] += several[row]
     if record.shape[0] > 0:
         record[sample, first_path + i, 2] = several[F1_UPPER] - several[F1_LOWER]
 
@@ -436,7 +437,7 @@ def run_white(paths, kick, flow, lower, upper, between, corner, counting, record
     first, last, stride, origin, threshold = counting
     scattered = is_scattered(lower) or is_scattered(upper)
     work, local = aligned_rows(14), aligned_rows(SUMS)
-    words = aligned_rows(2).view(np.uint64)
+    words = words_of(aligned_rows(2))
     several = np.zeros(SUMS)
     usual = 0.5 * flow.step
     for start in range(0, x.shape[0], LANES):

@@ -9,8 +9,11 @@ distances that the compiler knows: loops over the lanes then need no test of whe
 which takes as long as the loop over 20 lanes.
 """
 
+from functools import partial
+
 import numpy as np
 from numba.core import types
+from numba.core.imputils import impl_ret_borrowed
 from numba.extending import lower_builtin, type_callable
 
 from stochvi.engine.compiling import kernel
@@ -31,9 +34,74 @@ places of the cache."""
 def aligned_rows(rows):
     """Zeros (rows, ROW) whose rows begin at lines of the cache: a vector then never lies in two
     lines."""
-    room = np.zeros(rows * ROW + CACHE_LINE)
+    return rows_of(np.zeros(rows * ROW + CACHE_LINE))
+
+
+def rows_of(room):
+    """The rows of a room of float numbers, from its first line of the cache on."""
     skipped = (-(room.ctypes.data // 8)) % CACHE_LINE
+    rows = (room.size - CACHE_LINE) // ROW
     return room[skipped : skipped + rows * ROW].reshape((rows, ROW))
+
+
+@type_callable(rows_of)
+def type_of_rows(context):
+    def typer(room):
+        return types.Array(room.dtype, 2, "C")
+
+    return typer
+
+
+@lower_builtin(rows_of, types.Array)
+def write_rows(context, builder, signature, arguments):
+    """Emit the view, which has the owner of the room. `reshape` would compile what numba says of
+    its errors as well, which takes a second."""
+    source = context.make_array(signature.args[0])(context, builder, value=arguments[0])
+    kind = signature.return_type
+    view = context.make_array(kind)(context, builder)
+    number = partial(context.get_constant, types.intp)
+    address = builder.ptrtoint(source.data, context.get_value_type(types.intp))
+    line = number(8 * CACHE_LINE)
+    first = builder.mul(builder.sdiv(builder.add(address, number(8 * CACHE_LINE - 1)), line), line)
+    rows = builder.sdiv(builder.sub(source.nitems, number(CACHE_LINE)), number(ROW))
+    context.populate_array(
+        view, data=builder.inttoptr(first, source.data.type), shape=(rows, number(ROW)),
+        strides=(number(8 * ROW), number(8)), itemsize=number(8),
+        meminfo=source.meminfo, parent=source.parent,
+    )  # fmt: skip
+    return impl_ret_borrowed(context, builder, kind, view._getvalue())
+
+
+rows_of.made_of = {object: (type_of_rows, write_rows)}
+
+
+def words_of(memory):
+    """Rows of float numbers as rows of words of the same bits."""
+    return memory.view(np.uint64)
+
+
+@type_callable(words_of)
+def type_of_words(context):
+    def typer(memory):
+        return memory.copy(dtype=types.uint64)
+
+    return typer
+
+
+@lower_builtin(words_of, types.Array)
+def write_words(context, builder, signature, arguments):
+    """Emit the view: numba's own `view` compiles the texts of its errors as well."""
+    source = context.make_array(signature.args[0])(context, builder, value=arguments[0])
+    view = context.make_array(signature.return_type)(context, builder)
+    context.populate_array(
+        view, data=builder.bitcast(source.data, view.data.type), shape=source.shape,
+        strides=source.strides, itemsize=source.itemsize, meminfo=source.meminfo,
+        parent=source.parent,
+    )  # fmt: skip
+    return impl_ret_borrowed(context, builder, signature.return_type, view._getvalue())
+
+
+words_of.made_of = {object: (type_of_words, write_words)}
 
 
 def row_of(memory, row, lanes):

@@ -14,6 +14,7 @@ import math
 
 import numpy as np
 
+from stochvi.engine.bits import bits_of, number_of
 from stochvi.engine.compiling import kernel
 from stochvi.engine.fused import fma
 from stochvi.engine.uniform_numbers import GOLDEN, split_mix
@@ -38,12 +39,12 @@ def seed_streams(seed, first_path, state):
             state[word, i] = split_mix(z)
 
 
-@kernel(inline="always")
+@kernel(forceinline=True)
 def log_unit(u):
     """Natural logarithm of 2^-52 <= u <= 1, relative error below 1e-15."""
-    bits = np.float64(u).view(np.uint64)
+    bits = bits_of(u)
     exponent = np.int64(bits >> np.uint64(52)) - 1023
-    m = np.uint64((bits & MANTISSA) | ONE_BITS).view(np.float64)
+    m = number_of((bits & MANTISSA) | ONE_BITS)
     high = m > SQRT2
     m = m * 0.5 if high else m
     e = float(exponent + 1) if high else float(exponent)
@@ -64,7 +65,7 @@ def log_unit(u):
     return fma(e, LN2, 2.0 * t * s)
 
 
-@kernel(inline="always")
+@kernel(forceinline=True)
 def normal_pair(s0, s1):
     """Two independent standard normals from two draws: the new state, and the normals."""
     t = s0 + s1
@@ -78,10 +79,10 @@ def normal_pair(s0, s1):
     s0 = ((s0 << S49) | (s0 >> S15)) ^ s1 ^ (s1 << S21)
     s1 = (s1 << S28) | (s1 >> S36)
 
-    u = 2.0 - np.uint64((draw_1 >> S12) | ONE_BITS).view(np.float64)
+    u = 2.0 - number_of((draw_1 >> S12) | ONE_BITS)
     radius = math.sqrt(-2.0 * log_unit(u))
     # the angle is a quarter turn chosen by two bits and a remainder within +-pi/4
-    a = (np.uint64((draw_2 >> S12) | ONE_BITS).view(np.float64) - 1.5) * QUARTER_TURN
+    a = (number_of((draw_2 >> S12) | ONE_BITS) - 1.5) * QUARTER_TURN
     q = a * a
     sine = -7.6471637318198164759e-13
     sine = fma(sine, q, 1.6059043836821614599e-10)
