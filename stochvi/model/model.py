@@ -986,13 +986,14 @@ def _slowest_mode(model: Model) -> tuple[float, float] | None:
 
 
 def _at_its_gap(scene: Scene, model: Model) -> Model:
-    """The model of one mode by the displacement of the gap, or of the first point without stops.
+    """The model of one mode by the displacement of the gap, or of the first point that moves.
 
     It is one oscillator: all of its points move in proportion to that one.
     """
     if len(model.pairs) > 1:
         return model
-    name, row = next(iter(model.points.items()))
+    moving = [each for each in model.points.items() if each[1][0]]
+    name, row = next(iter(moving or model.points.items()))
     if scene.impact_pairs:
         name, row = scene.words_of(scene.impact_pairs[0]), model.pairs[0].direction
     if not row[0]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Callable
 from dataclasses import asdict
@@ -456,3 +457,14 @@ def test_other_points_of_one_mode_move_in_proportion_to_its_gap() -> None:
         for quantity in ("displacement_mean", "displacement_mean_square", "velocity_std"):
             value, wanted = (each.coordinates[name][quantity].value for each in (one, two))
             assert value == pytest.approx(wanted, rel=1e-6), (name, quantity)
+
+
+def test_points_of_one_mode_are_reported_where_the_first_stands_still() -> None:
+    keys: dict[str, Any] = {"frequency_hz": [20.0], "zeta": 0.05, "participation": [1.3]}
+    blade = Modes(**keys, shapes={"foot": [0.0], "seat": [-0.4], "tip": [1.0]})
+    noise = WhiteNoise(on="base", intensity=20.0)
+    found = linearise(Scene(structure=blade, excitations=[noise])).coordinates
+    stds = [found[name].displacement_std.value for name in ("foot", "seat", "tip")]
+    # sigma^2 = S participation^2 / (4 zeta omega^3)
+    tip = 1.3 * math.sqrt(20.0 / (4.0 * 0.05 * (40.0 * math.pi) ** 3))
+    assert stds == pytest.approx([0.0, 0.4 * tip, tip], rel=1e-9)

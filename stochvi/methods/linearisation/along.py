@@ -65,11 +65,8 @@ def rms_along(scene: Scene) -> pd.DataFrame:
 def _rms(fine: Scene) -> np.ndarray:
     """Standard deviations of the displacement at all places, m."""
     found = linearise(fine).coordinates
-    rows = {name: row for name, row in fine.structure.places.items() if name.startswith("place ")}
-    if len(found) == 1:  # without stops one mode is reported alone
-        (mode,) = found.values()
-        return np.array([abs(float(row[0])) * _std(mode) for row in rows.values()])
-    return np.array([_std(found[name]) for name in rows])
+    places = [name for name in fine.structure.places if name.startswith("place ")]
+    return np.array([_std(found[name]) for name in places])
 
 
 def _std(motion: CoordinateResponse) -> float:
