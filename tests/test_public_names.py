@@ -9,6 +9,7 @@ import sys
 import pytest
 
 import stochvi
+from stochvi.scenes.datasets import shipped_scene
 from support import CHECKOUT
 from support.accuracies import quick_cases
 from support.commands import ELASTIC, ISOLATOR
@@ -107,3 +108,10 @@ def test_a_command_imports_what_it_needs_and_nothing_else(command: str, needed: 
     words = command.split() + scene
     start = f"from stochvi.cli import main\nmain({words}, standalone_mode=False)"
     assert loaded_by(start) == needed
+
+
+@pytest.mark.slow
+def test_a_simulation_of_lossy_stops_loads_no_optimisation() -> None:
+    words = ["simulate", str(shipped_scene("oscillator-lossy")), "--rel-error", "0.05"]
+    start = f"from stochvi.cli import main\nmain({words}, standalone_mode=False)"
+    assert loaded_by(start) == {"rich", "numba"}

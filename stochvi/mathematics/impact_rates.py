@@ -8,10 +8,10 @@ from functools import cache
 from typing import NamedTuple, overload
 
 import numpy as np
-import scipy
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.beta_distribution import BetaDistribution
+from stochvi.mathematics.brent import root_between
 
 COLLAPSE_RESTITUTION = math.exp(-math.pi / math.sqrt(3.0))
 """At and below this restitution the rate of impacts under white noise is infinite (S. J. Cornell,
@@ -92,7 +92,7 @@ def corner_exponent(restitution: float) -> float:
         low, high = 2.0 + 1e-9, 2.5 - 1e-12
     if balance(low) * balance(high) > 0.0:
         return 2.0 if abs(restitution / COLLAPSE_RESTITUTION - 1.0) < 1e-3 else high
-    return float(scipy.optimize.brentq(balance, low, high))
+    return root_between(balance, low, high)
 
 
 @cache
@@ -118,7 +118,7 @@ def equivalent_restitution(law: BetaDistribution) -> float:
         low, high = max(0.0, 2.0 - law.alpha) + 1e-9, 2.0 - 1e-9
     if not balance(low) * balance(high) < 0.0:
         return typical
-    beta = float(scipy.optimize.brentq(balance, low, high))
+    beta = root_between(balance, low, high)
     sine = 2.0 * math.sin((1.0 + 2.0 * beta) * math.pi / 6.0)
     return float(sine ** (1.0 / (beta - 2.0)))
 

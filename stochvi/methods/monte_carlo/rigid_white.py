@@ -8,12 +8,12 @@ from functools import cached_property
 from typing import Any, ClassVar, Self
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from stochvi.engine.impact_log import NO_LOG, NO_RECORD, Log
 from stochvi.engine.laws.scattered_restitution import ScatteredRestitution
+from stochvi.mathematics.brent import root_between
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, gaussian_stop
 from stochvi.mathematics.truncated_normal import TruncatedNormal
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE, run_white
@@ -599,7 +599,7 @@ def expected_speed(model: Model) -> float:
     low = high - 1.0
     while excess(low) > 0.0:
         low -= 2.0
-    return math.exp(float(scipy.optimize.brentq(excess, low, high, xtol=1e-6)))
+    return math.exp(root_between(excess, low, high, 1e-6))
 
 
 def _law(model: Model, speed: float, *, about_rest: bool = False) -> TruncatedNormal:
