@@ -337,13 +337,13 @@ def test_a_limit_that_says_nothing_does_not_replace_a_chance_that_was_seen() -> 
     """Words said "over 99.9 %" of a probability that stood beside them in the picture as 1.5 %."""
     bursts = Estimate(value=0.015, standard_error=0.008)
     without_time = Estimate(value=0.0, upper_95=1.0, how="not one window")
-    assert nominal._more_telling(bursts, without_time) is bursts
-    assert nominal._more_telling(bursts, None) is bursts
+    assert nominal.more_telling(bursts, without_time) is bursts
+    assert nominal.more_telling(bursts, None) is bursts
     windows = Estimate(value=0.011, standard_error=0.002)
     small = Estimate(value=0.0, upper_95=0.02)
-    assert nominal._more_telling(bursts, windows) is windows
-    assert nominal._more_telling(bursts, small) is small
-    assert nominal._more_telling(small, without_time) is small
+    assert nominal.more_telling(bursts, windows) is windows
+    assert nominal.more_telling(bursts, small) is small
+    assert nominal.more_telling(small, without_time) is small
 
 
 def test_bursts_that_do_not_end_give_no_clearance(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from stochvi.isolators.screening import screened
-from stochvi.isolators.sizing.answer import SIDES, Sizing
+from stochvi.isolators.sizing.answer import SIDES, Sizing, spoken_percent
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.hits_at_place import Hits, PlaceTrial
 from stochvi.isolators.sizing.question import Question
@@ -454,6 +454,22 @@ class SizingJob(ABC):
             raise self.deadline.fell_short(where, "raise budget")
         return found
 
+    def shown_to_keep(self, chance: Estimate, answer: Reached) -> Reached:
+        """The smallest place that is tried, with the probability that the limit is exceeded there;
+        `NotConverged` carries it where that is not shown to be an accepted one."""
+        self.kept_with = chance
+        accepted = self.target.exceedance
+        assert accepted is not None
+        if within(chance, accepted):
+            return answer
+        raise self.deadline.fell_short(
+            f"before it was shown that {self.target.limit} is exceeded at "
+            f"{self.words(answer.place)} with a probability below {spoken_percent(accepted)}: "
+            "hardly any cluster exceeds it",
+            "raise budget",
+            answer,
+        )
+
     def hits_or_warning(self, place: float) -> PlaceTrial | None:
         """Impacts for information alone; None and a warning where they are not found."""
         if self.deadline.interrupted:
@@ -476,6 +492,20 @@ class SizingJob(ABC):
                 f"the target limits how hard an impact is, not how many there are: {impacts:.3g} "
                 "are expected in the mission; give probability for a clearance that avoids them"
             )
+
+
+def within(chance: Estimate, accepted: float) -> bool:
+    """Whether a probability, or its upper limit where it has one, is at most the accepted one."""
+    return (chance.value if chance.upper_95 is None else chance.upper_95) <= accepted
+
+
+def more_telling(known: Estimate, found: Estimate | None) -> Estimate:
+    """The better of a known probability and one found in another way. The latter may be an upper
+    limit that says less, such as 1 without time for a single window."""
+    if found is None or found.upper_95 is None:
+        return found or known
+    most = known.value + known.half_width_95() if known.upper_95 is None else known.upper_95
+    return found if found.upper_95 < most else known
 
 
 def _value(estimate: Estimate | None) -> float:

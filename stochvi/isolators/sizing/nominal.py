@@ -22,12 +22,11 @@ from stochvi.isolators.sizing.answer import (
     Sizing,
     Target,
     ThreeSigma,
-    spoken_percent,
 )
 from stochvi.isolators.sizing.chance_at_stops import are_uneven, distances_of_stops
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.exceedances import chance_in_windows
-from stochvi.isolators.sizing.job import SEARCH, Reached, SizingJob
+from stochvi.isolators.sizing.job import SEARCH, Reached, SizingJob, more_telling, within
 from stochvi.isolators.sizing.pairs import SeveralPairs
 from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.risk_curve import (
@@ -275,14 +274,14 @@ class OnePair(SizingJob):
                 [f"the {target.name} stays below {target.value:g} {target.unit} at any clearance"],
             )
         chance = chance_of(rate, self.mission)
-        if not _within(chance, target.exceedance):
-            chance = _more_telling(chance, self._by_windows(place))
-        if not _within(chance, target.exceedance):
-            chance = _more_telling(chance, self._by_splitting(place))
+        if not within(chance, target.exceedance):
+            chance = more_telling(chance, self._by_windows(place))
+        if not within(chance, target.exceedance):
+            chance = more_telling(chance, self._by_splitting(place))
         # closer stops, where impacts come without the pauses that separate one cluster from the
         # next
         too_near = 0.0
-        while _within(chance, target.exceedance) and place > self._closest:
+        while within(chance, target.exceedance) and place > self._closest:
             closer = max(SEARCH.closer * place, self._closest)
             if too_near:
                 closer = math.sqrt(place * too_near)
@@ -291,7 +290,7 @@ class OnePair(SizingJob):
             there = self._by_windows(closer)
             if there is None or self.deadline.passed():
                 break
-            if _within(there, target.exceedance):
+            if within(there, target.exceedance):
                 place, chance = closer, there
             elif there.upper_95 is None:
                 too_near = closer
@@ -301,17 +300,7 @@ class OnePair(SizingJob):
             f"a clearance below {1e3 * place:.4g} mm may do as well: it was not shown to keep the "
             "target"
         )
-        self.kept_with = chance
-        answer = Reached(place, 0.0, place)
-        if not _within(chance, target.exceedance):
-            raise self.deadline.fell_short(
-                f"before it was shown that {target.limit} is exceeded at {1e3 * place:.4g} mm with "
-                f"a probability below {spoken_percent(target.exceedance)}: "
-                "hardly any cluster exceeds it",
-                "raise budget",
-                answer,
-            )
-        return answer
+        return self.shown_to_keep(chance, Reached(place, 0.0, place))
 
     @property
     def _closest(self) -> float:
@@ -501,17 +490,3 @@ def expected_hits(simulated: pd.DataFrame, clearance: float, mission: float) -> 
     rate, high = near["hit_rate"].iloc[0], near["hit_rate_high"].iloc[0]
     error = (high - rate) / GAUSSIAN_95  # the stated bias is in the limit
     return Estimate(value=mission * rate, standard_error=mission * error, bias=None)
-
-
-def _within(chance: Estimate, accepted: float) -> bool:
-    """Whether a probability, or its upper limit where it has one, is at most the accepted one."""
-    return (chance.value if chance.upper_95 is None else chance.upper_95) <= accepted
-
-
-def _more_telling(known: Estimate, found: Estimate | None) -> Estimate:
-    """The better of a known probability and one found in another way. The latter may be an upper
-    limit that says less, such as 1 without time for a single window."""
-    if found is None or found.upper_95 is None:
-        return found or known
-    most = known.value + known.half_width_95() if known.upper_95 is None else known.upper_95
-    return found if found.upper_95 < most else known

@@ -23,7 +23,7 @@ from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import Clearance, Probability, Sizing, ThreeSigma
 from stochvi.isolators.sizing.box_overview import box_overview
 from stochvi.isolators.sizing.hits_at_place import PlaceTrial
-from stochvi.isolators.sizing.job import SEARCH, Reached, SizingJob
+from stochvi.isolators.sizing.job import SEARCH, Reached, SizingJob, more_telling, within
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve, clearances_of_curve
 from stochvi.isolators.sizing.targets import limit_of_pairs
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
@@ -203,8 +203,13 @@ class SeveralPairs(SizingJob):
             "smaller clearances may do as well: these are the smallest that are tried, and they "
             "keep the target with a margin"
         )
-        self.kept_with = self.exceeded.get(place)
-        return Reached(place, -math.inf, place)
+        answer, chance = Reached(place, -math.inf, place), self.exceeded.get(place)
+        if chance is None or self.target.exceedance is None:
+            return answer
+        if not within(chance, self.target.exceedance):
+            self.exceedance_rate(place, self.part(SEARCH.share_of_windows))
+            chance = more_telling(chance, self.exceeded[place])
+        return self.shown_to_keep(chance, answer)
 
     def hits_or_warning(self, place: float) -> PlaceTrial | None:
         """Impacts for information alone; those of many coordinates take too long for no time."""
