@@ -17,7 +17,7 @@ from typing import Any
 from numba.core import config, types
 
 from stochvi.engine.calls import call_by_address
-from stochvi.engine.characteristic import read
+from stochvi.engine.characteristic import kicked, read
 from stochvi.engine.compiled_laws import address_of
 from stochvi.engine.compiling import kernel
 from stochvi.engine.parts import generic
@@ -110,3 +110,13 @@ def draw_all(parts, states, words, first, halves, h, lanes):
                 parts.drives[j],
                 (parts.numbers, j, states, parts.memories[j], words, first, halves, h, lanes),
             )
+
+
+@kernel
+def changes_of(part, word, event, h, found):
+    """Write what a drive changes the rate by, m/s, in each interval of the time h, s; at first it
+    remembers 0. Its random numbers are those of a word, from `event` on."""
+    z = 0.0
+    for k in range(found.shape[0]):
+        z = drawn(part, kept(part, z), word_of_step(word, k), event, h)
+        found[k] = kicked(part, 0.0, 0.0, z, 0.0, 0.0, h)

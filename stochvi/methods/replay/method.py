@@ -17,6 +17,7 @@ from stochvi.mathematics.fast_peaks import FastPeaks
 from stochvi.mathematics.frequency_response import Force
 from stochvi.mathematics.spectra import Table
 from stochvi.methods.replay.answer import CoordinateReplay, Histories, PairReplay, Replay, ReplayAt
+from stochvi.methods.replay.drives import with_drives
 from stochvi.methods.replay.march import Motion, SampledExcitation, integrate, rest_of
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import nonlinear, not_compiled, rubbing
@@ -49,20 +50,20 @@ def replay(
     each segment of a record. Accelerations are linear between samples, and the mean of a record is
     taken off, as it is for its density. The motion follows in exact steps; impacts are located
     within a step as roots of its power series; contact with compliant stops is integrated.
-    Nothing is random but a restitution that scatters, of which this is one realisation: the same
-    record and `seed` give the same answer.
+    Nothing is random but a restitution that scatters, impulses and a `DriveFunction`, of which
+    this is one realisation: the same record and `seed` give the same answer.
 
     Parameters
     ----------
     scene
-        A linear structure whose excitations are records (`kind = "record"`) and constant loads.
+        A linear structure whose excitations are records (`kind = "record"`) and constant loads,
+        and beside these impulses (`Pulses` without a shape) and functions (`DriveFunction`).
     clearances
         Metres per side from the static equilibrium, at each of which the stops of the one impact
         pair are put, with their laws; by default the stops are where the scene has them. A scene
         without stops is replayed without.
     seed
-        Seed of the restitutions that scatter, a whole number from 0; without effect on other
-        scenes.
+        Seed of what is drawn, a whole number from 0; without effect where nothing is.
     threads
         Number of clearances that are replayed at a time, by default all cores.
     budget
@@ -125,7 +126,8 @@ def replay(
             )
     if missing:
         raise NotApplicable("replay", missing)
-    segments = shaking_of(records_of(scene, model), model)
+    segments = with_drives(scene, model, shaking_of(records_of(scene, model), model), seed)
+    drawn, model = bool(model.drives), changed(model, functions=())
     numbers = sum(each.forces.size for each in segments) * len(places)
     keep = numbers <= MOST_NUMBERS
     compile_time = _compiled(model, segments[0])
@@ -144,7 +146,10 @@ def replay(
     return Replay(
         clearances=found,
         duration=float(sum(each.step * len(each.base) for each in segments)),
-        assumptions=assumptions_of(scene, model, len(segments), seed),
+        assumptions=(
+            *assumptions_of(scene, model, len(segments), seed),
+            *([_of_drives(seed)] if drawn else []),
+        ),
         warnings=(
             *_without_samples(numbers, keep),
             *_without_mean(scene, model, found[-1]),
@@ -156,7 +161,7 @@ def replay(
             impacts=sum(len(each.impacts) for each in found),
             paths=len(places),
         ),
-        provenance=provenance(scene.document(), seed if model.scattered else None),
+        provenance=provenance(scene.document(), seed if model.scattered or drawn else None),
     )
 
 
@@ -170,27 +175,30 @@ def _compiled(model: Model, shaking: SampledExcitation) -> float:
 
 def unmet(scene: Scene, model: Model) -> list[str]:
     """The conditions of a replay that a scene does not meet."""
-    found = [*nonlinear(model), *rubbing(model), *not_compiled(model)]
+    drives = [part.drawn for part in model.drives]
+    rest = tuple(part for part in model.functions if part.drawn is None)
+    found = [
+        *nonlinear(changed(model, functions=rest)), *rubbing(model), *not_compiled(model),
+    ]  # fmt: skip
     records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
     if not records:
         found.append('excitation must hold a measured record (kind = "record"), got none')
     others = {
         each.kind
         for each in scene.excitations
-        if not isinstance(each, RecordedNoise | ConstantLoad)
+        if not isinstance(each, RecordedNoise | ConstantLoad) and each not in drives
     }
     found += [
-        f"excitation must be record or constant, got {kind}: random noise cannot be replayed, "
-        "and a sine belongs in the record"
+        f"excitation must be record, constant, impulses or a DriveFunction, got {kind}: random "
+        "noise cannot be replayed, and a sine or a shock belongs in the record"
         for kind in sorted(others)
     ]
     if len({each.record.sampling for each in records}) > 1:
         found.append("all records must have the same sampling rate, length and gaps")
     if len(model.coordinates) > 1:
-        rest = model.mean_gaps
         found += [
             f"impact_pair {pair.name}: the position of rest must lie between the stops"
-            for pair, place in zip(model.pairs, rest, strict=True)
+            for pair, place in zip(model.pairs, model.mean_gaps, strict=True)
             if any(stop.deflection(place) > 0.0 for stop in pair.stops)
         ]
     return found
@@ -389,6 +397,13 @@ def _without_mean(scene: Scene, model: Model, answer: ReplayAt) -> list[str]:
                 "nothing."
             )
     return found
+
+
+def _of_drives(seed: int) -> str:
+    return (
+        f"Pulses and random forces are drawn (seed {seed}): another seed is another realisation "
+        "beside the same record. An impulse lasts two of its sampling intervals."
+    )
 
 
 def assumptions_of(scene: Scene, model: Model, segments: int, seed: int) -> tuple[str, ...]:
