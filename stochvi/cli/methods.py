@@ -213,7 +213,9 @@ def average(options: Common, scene: str, variant: str) -> None:
 @click.option("--paths", type=int, help="Number of paths, instead of a relative error.")
 @click.option("--duration", type=TIME, help="Length of each path after its burn-in, with --paths.")
 @click.option("--speed-threshold", type=SPEED, help="Slowest impact that a rate counts, m/s.")
-@click.option("--slow-impacts", is_flag=True, help="Refine steps near stops, for rates at R < 0.5.")
+@click.option(
+    "--slow-impacts", is_flag=True, help="Refine steps near stops, for rates at R of 0.5 and below."
+)
 @keeping
 @click.option("--dask", metavar="ADDRESS", help="Simulate on a Dask cluster, as tcp://host:8786.")
 @click.option(

@@ -108,7 +108,11 @@ def stability(options: Common, scene: str, **asked: Any) -> None:
 @click.option("--paths", type=int, help="Number of paths, instead of a relative error.")
 @click.option("--duration", type=TIME, help="Length of each path after its burn-in, with --paths.")
 @click.option("--speed-threshold", type=SPEED, help="Slowest impact that counts, m/s.")
-@click.option("--slow-impacts", is_flag=True, help="Resolve impacts down to the threshold.")
+@click.option(
+    "--slow-impacts",
+    is_flag=True,
+    help="Resolve impacts down to the threshold, for R of 0.7 and below.",
+)
 @click.option("--first-hits", is_flag=True, help="Simulate the rate of first impacts, too.")
 @click.option("--mission", type=TIME, metavar="TIME", help="Print the impacts in this time, too.")
 @keeping

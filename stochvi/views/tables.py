@@ -30,7 +30,7 @@ QUANTITY_NAMES = {
     "displacement_mean_square": "mean square displ.",
     "velocity_std": "rms velocity",
     "velocity_mean_square": "mean square velocity",
-    "acceleration_std": "rms abs. acceleration",
+    "acceleration_std": "std. dev. abs. accel.",
     "upcrossing_rate": "up-crossings of mean",
     "collision_rate": "impacts, all stops",
     "collision_rate_lower": "impacts, lower stop",

@@ -40,7 +40,7 @@ def rms_along(scene: Scene) -> pd.DataFrame:
     --------
     >>> from stochvi.scenes import load_scene, shipped_scene
     >>> rms_along(load_scene(shipped_scene("beam"))).iloc[[50, 100]].round(5).values.tolist()
-    [[0.1, 0.00045, 0.00029], [0.2, 0.00132, 0.00083]]
+    [[0.1, 0.00045, 0.00029], [0.2, 0.00133, 0.00083]]
     """
     import pandas as pd
 
