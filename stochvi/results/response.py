@@ -87,7 +87,7 @@ class PairResponse(Quantities[Estimate | float | None]):
     impact_speed_mean
         F1 over the rate, m/s. F1 sums all impacts, the rate only those above `speed_threshold`: at
         the default threshold this exceeds the mean speed of the counted ones by less than 0.1 % at
-        R >= 0.5, and by up to 3 % at R = 0.1 where the mass rests at a stop.
+        R >= 0.5. Where the mass rests at a stop of R = 0.1 it is 3 %.
     impact_speed_rate, impact_speed_square_rate
         Sums per second of the impact speeds, F1 in m/s^2, and of their squares, F2 in m^2/s^3.
     peak_force

@@ -483,9 +483,9 @@ def _missed(model: Model) -> list[str]:
     followed = model.rigid and not (model.tables or model.drawn)
     remedy = "; --slow-impacts (slow_impacts=True) resolves them" if followed else ""
     return [
-        f"the intervals do not include the bias of the step: it misses slow impacts at stops of a "
-        f"restitution of {restitution:.3g}, up to 4 % of all at 0.5 and 18 % at 0.2 where the mass "
-        f"rests at a stop; simulate states this bias{remedy}"
+        "the intervals do not include the bias of the step: it misses slow impacts at stops of a "
+        f"restitution of {restitution:.3g}. Where the mass rests at a stop these are up to 4 % of "
+        f"all at 0.5 and 18 % at 0.2; simulate states this bias{remedy}"
     ]
 
 
