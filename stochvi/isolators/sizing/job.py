@@ -343,6 +343,7 @@ class SizingJob(ABC):
         below: Point | None = None
         slope = self.slope(place)
         closest: tuple[float, Estimate, float] | None = None
+        kept: float | None = None  # the nearest place that is shown to keep the target
         (begin, end), (near, far) = self.searched, self.ends
         for attempt in range(SEARCH.most_places):
             if attempt and self.late.passed():
@@ -360,6 +361,9 @@ class SizingJob(ABC):
                     return self.extrapolated(place, found, excess, slope)
             if abs(excess) <= SEARCH.reach and (closest is None or abs(excess) < abs(closest[2])):
                 closest = place, roughly, excess
+            most = roughly.value if roughly.upper_95 is None else roughly.upper_95
+            if most <= wanted and (kept is None or place < kept):
+                kept = place
             point = (self.coordinate(place), excess)
             above, below = (point, below) if excess > 0.0 else (above, point)
             if above and below and above[0] < below[0] and math.isfinite(below[1]):
@@ -371,10 +375,10 @@ class SizingJob(ABC):
             place = self.place_at(self._next(above, below, point))
         if closest is not None:
             return self.extrapolated(*closest, slope)
+        # a place where nothing was seen to exceed the limit may be one where nothing could be seen
         answer = None
-        if above and below:
-            ends = self.place_at(above[0]), self.place_at(below[0])
-            answer = Reached(place, min(ends), max(ends))
+        if above and kept is not None:
+            answer = Reached(kept, min(self.place_at(above[0]), kept), kept)
         sought = f"the clearance for {self.target.name} = {self.target.value:g}"
         if self.deadline.passed():
             raise self.deadline.fell_short(

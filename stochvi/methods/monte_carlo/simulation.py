@@ -479,6 +479,13 @@ class Simulation:
                 "slow impacts at these stops are not resolved: the bias of the rates is unknown, "
                 f"that of F1, F2 and the moments is stated; {remedy}"
             )
+        for name, residual in self._identities().items():
+            if residual.bias is not None and _missed(residual):
+                yield (
+                    f"the balance of {name} is missed by {abs(residual.value):.2g} of its largest "
+                    "term: do not use these numbers. A mass that rests on a rigid stop under a "
+                    "table needs a stop with a stiffness"
+                )
         for pair in pairs:
             of = f" of {pair.name}" if several else ""
             threshold = self.layout.thresholds[pair.name]
@@ -533,6 +540,16 @@ def _with_largest_bias(group: Mapping[str, Estimate]) -> dict[str, Estimate]:
     relative = [(each.bias or 0.0) / abs(each.value) for each in group.values() if each.value]
     largest = max(relative, default=0.0)
     return {name: replace(each, bias=largest * abs(each.value)) for name, each in group.items()}
+
+
+MISSED_BALANCE = 0.1
+"""Residual of a balance from which on an answer says that it is wrong, if no error explains it."""
+
+
+def _missed(residual: Estimate) -> bool:
+    """Whether a balance does not hold, far beyond its errors."""
+    explained = 4.5 * residual.standard_error + (residual.bias or 0.0)
+    return abs(residual.value) > explained + MISSED_BALANCE
 
 
 def run_until_accurate(simulation: Simulation, rel_error: float) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from types import MappingProxyType
 from typing import Any, Literal, Unpack
 
@@ -314,7 +315,8 @@ class _Question:
         )
         plan.plan.shortest().histories(self.run.seed, 0, 2, samples=2)
         check_price([plan.plan], self.run.seed, self.run.deadline)
-        error = _median_error if model.pairs else _error_of_damage
+        scatter = scatter_of_impacts(self.equipment.exponent)
+        error = partial(_median_error, scatter) if model.pairs else _error_of_damage
         return sampler, self.run.to_accuracy(
             sampler, FEWEST_PATHS, error, self.run.accuracy, MOST_UNSEEN, needed=2
         )
@@ -579,12 +581,27 @@ def _unknown(why: str) -> NotApplicable:
     return NotApplicable("damage", [f"the acceleration must be known: {why}; shake the base"])
 
 
-def _median_error(pieces: list[RecordPiece]) -> float:
-    """Median relative standard error of the damage; infinite before enough impacts were seen."""
+def scatter_of_impacts(exponent: float) -> float:
+    """Mean square of w^b over its squared mean, for impact speeds w of Rayleigh's distribution:
+    gamma(1 + b) / gamma(1 + b / 2)^2.
+
+    >>> round(scatter_of_impacts(6.0), 9)
+    20.0
+    """
+    return math.exp(math.lgamma(1.0 + exponent) - 2.0 * math.lgamma(1.0 + 0.5 * exponent))
+
+
+def _median_error(scatter: float, pieces: list[RecordPiece]) -> float:
+    """Median relative standard error of the damage; infinite before enough impacts were seen.
+
+    The damage is that of the few hardest impacts, and records in which none was hard show neither
+    it nor its scatter. The damage of n impacts has at least the error (scatter / n)^(1/2).
+    """
     hits, error = mean_and_error(np.concatenate([piece.hits for piece in pieces]))
-    if not hits or not events_suffice(hits, error, sum(len(piece.hits) for piece in pieces)):
+    paths = sum(len(piece.hits) for piece in pieces)
+    if not hits or not events_suffice(hits, error, paths):
         return math.inf
-    return _error_of_damage(pieces)
+    return max(_error_of_damage(pieces), math.sqrt(scatter / (hits * paths)))
 
 
 def _error_of_damage(pieces: list[RecordPiece]) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from stochvi import ImpactPair, Isolator, Restitution, Scene, TabulatedNoise, screen
+from stochvi import ImpactPair, Isolator, Restitution, Scene, TabulatedNoise, screen, simulate
 from stochvi.engine.impact_log import COLUMNS, Log
 from stochvi.engine.roots import first_upward_root
 from stochvi.mathematics.spectra import response_moments, squared_gain
@@ -301,3 +301,17 @@ def test_hits_agree_with_a_brute_force_on_the_same_noise(
         print(f"{profile} {sigmas:g} sigma {name} {difference:+.5f} +- {error:.5f}")
         assert abs(difference) < AIM + 4.5 * error
         assert error < resolution
+
+
+@pytest.mark.parametrize(("restitution", "wrong"), [(0.5, True), (0.8, False)])
+def test_a_balance_that_is_missed_is_told(restitution: float, wrong: bool) -> None:
+    """A mass under gravity rests on its stop at R = 0.5: the force of the stop is then missing. At
+    R = 0.8 it bounces."""
+    resting = Scene(
+        structure=Isolator(mass=1.0, frequency_hz=2.0, zeta=0.1, gravity=True),
+        impact_pairs=[ImpactPair(lower=0.0, law=Restitution(coefficient=restitution))],
+        excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")],
+    )
+    found = simulate(resting, paths=8, duration=4.0, seed=1)
+    assert any("the balance of force is missed" in each for each in found.warnings) == wrong
+    assert (abs(found.identities["force"].value) > 0.4) == wrong
