@@ -167,7 +167,7 @@ class RigidBody(AnyStructure):
     frequency_tolerance, damping_tolerance, centre_tolerance
         Relative tolerances of the natural frequencies and of the damping ratios, as 0.1 for 10 %.
         The last is how far the centre of mass may lie from its stated place along each axis, m.
-        Nothing simulated depends on them: they say how far the sensitivity of a sizing reaches.
+        `size` keeps its target within them. No simulation depends on them.
 
     Raises
     ------
