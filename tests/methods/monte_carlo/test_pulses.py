@@ -39,7 +39,6 @@ from stochvi import (
     impacts,
     linearise,
     reliability,
-    replay,
     screen,
     simulate,
     size,
@@ -478,7 +477,7 @@ def test_linearise_answers_where_white_noise_is_the_same() -> None:
 @pytest.mark.parametrize(
     "calculation",
     [
-        exact, average, screen, replay, fokker_planck, bumper_map, stability,
+        exact, average, screen, fokker_planck, bumper_map, stability,
         lambda scene: damage(scene, mission=10.0),
         lambda scene: linearise(scene, form="force"),
         lambda scene: transient(scene, [1.0, 2.0]),
