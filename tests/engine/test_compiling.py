@@ -514,7 +514,11 @@ def test_a_function_that_kernels_call_is_made_machine_code_of_only_for_python(
 
 
 @pytest.mark.slow
-def test_a_function_that_kernels_call_is_compiled_once_for_all_numbers_of_a_type() -> None:
+def test_a_function_that_kernels_call_is_compiled_once_for_all_numbers_of_a_type(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+
     @kernel
     def entry(row, k):  # type: ignore[no-untyped-def]
         return row[k]
