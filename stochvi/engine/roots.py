@@ -20,20 +20,6 @@ is left is about the square of that."""
 
 
 @kernel(forceinline=True)
-def quintic(c0, c1, c2, c3, c4, c5, t):
-    """Value and derivative at t of the polynomial with these Bernstein coefficients."""
-    u = 1.0 - t
-    # de Casteljau down to two points: their mean is the value, their distance the slope
-    c0, c1, c2, c3, c4 = (
-        u * c0 + t * c1, u * c1 + t * c2, u * c2 + t * c3, u * c3 + t * c4, u * c4 + t * c5,
-    )  # fmt: skip
-    c0, c1, c2, c3 = u * c0 + t * c1, u * c1 + t * c2, u * c2 + t * c3, u * c3 + t * c4
-    c0, c1, c2 = u * c0 + t * c1, u * c1 + t * c2, u * c2 + t * c3
-    c0, c1 = u * c0 + t * c1, u * c1 + t * c2
-    return u * c0 + t * c1, 5.0 * (c1 - c0)
-
-
-@kernel(forceinline=True)
 def rises_once(c1, c2, c3, c4, c5):
     """Whether Bernstein coefficients after a first one <= 0 change sign once, to positive."""
     early = ((c1 <= 0.0) | (c2 > 0.0)) & ((c2 <= 0.0) | (c3 > 0.0))

@@ -22,7 +22,7 @@ from stochvi.results.estimates import Estimate
 from stochvi.results.response import Response
 from stochvi.scenes.impact_laws import Restitution
 from stochvi.views.axes import axes_or_new, draw_stops, length_unit
-from stochvi.views.colours import COLOURS
+from stochvi.views.colours import BAND_ALPHA, COLOURS
 
 if TYPE_CHECKING:
     from stochvi.scenes.scene import Scene
@@ -149,6 +149,13 @@ def plot_marginals(
         ax.plot(place, normal, "--", color=COLOURS["stop"], label="normal, same rms")
         ax.set_ylim(bottom=0.0)
         ax.set_ylabel("probability density")
+    if hasattr(found, "bands"):  # an averaged density is approximate
+        low, high = found.bands(x)
+        axes[0].fill_between(
+            x / unit, low * unit, high * unit, color=COLOURS["exact"], alpha=BAND_ALPHA,
+            linewidth=0, label="where the true one lies",
+        )  # fmt: skip
+        axes[0].legend(frameon=False, loc="lower center")
     draw_stops(axes[0], scene, unit, vertical=True)
     axes[0].set_xlabel(f"displacement ({name})")
     axes[1].set_xlabel(f"velocity ({SPEED})")

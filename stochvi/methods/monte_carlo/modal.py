@@ -56,6 +56,7 @@ from stochvi.methods.monte_carlo.step_bias import (
     bias_of_smooth_motion,
     bias_of_sticking,
     lossiest,
+    refines_near_stops,
 )
 from stochvi.model.coverage import compliant, without_noise
 from stochvi.model.linear_part import fastest_rate, motions_of
@@ -108,7 +109,7 @@ MOST_CROSSED = 3
 """Largest number of modes for which the noise of each is multiplied with the motion of every other.
 With more modes each is multiplied with itself alone: the products grow with their square."""
 
-SLOW_SHARE = 1.0 / 16.0
+RESOLVING_SHARE = 1.0 / 16.0
 """Step that resolves slow impacts, as a share of the usual one. Rates at R = 0.1 and 0.3 were then
 within 1 % of their limit, and 10 and 1 % below it at the usual step."""
 
@@ -334,12 +335,12 @@ class ModalPlan(SteppedPlan):
     def resolving_slow_impacts(self) -> Self:
         """The same paths with steps that resolve slow impacts on rigid stops under white noise."""
         model = self.model
-        if not model.rigid or model.tables or model.drawn or model.sampled_modulations:
+        if not refines_near_stops(model):
             what = "tabulated noise and pulses" if model.rigid else "compliant stops"
             raise NotApplicable(
                 "slow_impacts", [f"it must be left out with {what}, where it refines no steps"]
             )
-        found = replace(self.with_step(SLOW_SHARE * self.step), slow_impacts=True)
+        found = replace(self.with_step(RESOLVING_SHARE * self.step), slow_impacts=True)
         check_number_of_steps(found.step, found.burn_in, found.duration)
         return found
 

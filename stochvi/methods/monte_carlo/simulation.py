@@ -33,6 +33,7 @@ from stochvi.methods.monte_carlo.step_bias import (
     FEW_SLOW,
     RESOLVED,
     bias_of_fast_impacts,
+    refines_near_stops,
     share_below,
 )
 from stochvi.model.balances import residuals
@@ -472,19 +473,20 @@ class Simulation:
         ):
             remedy = (
                 "--slow-impacts (slow_impacts=True) resolves them"
-                if self.model.rigid and not (self.model.tables or self.model.drawn)
+                if refines_near_stops(self.model)
                 else "compare F1 and F2 instead"
             )
             yield (
                 "slow impacts at these stops are not resolved: the bias of the rates is unknown, "
                 f"that of F1, F2 and the moments is stated; {remedy}"
             )
+        resting = self.model.tables and any(stop.rigid for stop in self.model.stops)
+        hint = "; a mass that rests on a rigid stop under a table needs a compliant one"
         for name, residual in self._identities().items():
             if residual.bias is not None and _missed(residual):
                 yield (
                     f"the balance of {name} is missed by {abs(residual.value):.2g} of its largest "
-                    "term: do not use these numbers. A mass that rests on a rigid stop under a "
-                    "table needs a stop with a stiffness"
+                    f"term: do not use these numbers{hint if resting else ''}"
                 )
         for pair in pairs:
             of = f" of {pair.name}" if several else ""

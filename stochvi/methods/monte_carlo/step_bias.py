@@ -40,6 +40,12 @@ def lossiest(model: Model) -> float:
     return min((stop.law.slow_restitution for stop in model.stops), default=1.0)
 
 
+def refines_near_stops(model: Model) -> bool:
+    """Whether steps can be refined for slow impacts: on rigid stops, without tables and pulses of a
+    shape."""
+    return model.rigid and not (model.tables or model.drawn or model.sampled_modulations)
+
+
 def bias_of_smooth_motion(difference: float) -> float:
     """Bias of a scheme of order 2, where no white noise acts or there are no stops."""
     return difference / 3.0

@@ -23,7 +23,7 @@ from stochvi.methods.monte_carlo.impact_logs import ImpactPlan, plan_impacts
 from stochvi.methods.monte_carlo.prices import check_price
 from stochvi.methods.monte_carlo.quantities import collapses
 from stochvi.methods.monte_carlo.simulate import check_threshold
-from stochvi.methods.monte_carlo.step_bias import lossiest
+from stochvi.methods.monte_carlo.step_bias import lossiest, refines_near_stops
 from stochvi.model.calculations import calculation
 from stochvi.model.model import LOWER, UPPER, Model, Pair, model_of
 from stochvi.results.deadline import Deadline, partial_result
@@ -480,8 +480,9 @@ def _missed(model: Model) -> list[str]:
     restitution = lossiest(model)
     if restitution >= RESOLVED_EXPONENT or not model.whites:
         return []
-    followed = model.rigid and not (model.tables or model.drawn)
-    remedy = "; --slow-impacts (slow_impacts=True) resolves them" if followed else ""
+    remedy = (
+        "; --slow-impacts (slow_impacts=True) resolves them" if refines_near_stops(model) else ""
+    )
     return [
         "the intervals do not include the bias of the step: it misses slow impacts at stops of a "
         f"restitution of {restitution:.3g}. Where the mass rests at a stop these are up to 4 % of "
