@@ -134,6 +134,8 @@ def first_upward_root(c0, c1, c2, c3):
     The cubic starts at or below 0. Its pieces between extrema are monotone, so each holds at
     most one root, which Newton's method finds, kept within bounds by bisection.
     """
+    if c0 == 0.0 and c1 == 0.0 and c2 > 0.0:
+        return 0.0  # from rest on the stop
     extrema = (2.0, 2.0)
     discriminant = c2 * c2 - 3.0 * c1 * c3
     if discriminant > 0.0:

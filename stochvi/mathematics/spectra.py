@@ -274,6 +274,34 @@ def response_moments(tables: Sequence[Table], omega: float, damping_rate: float)
     )
 
 
+RIGID = 2000.0
+"""An oscillator whose frequency (rad/s) is so many times the highest frequency (Hz) of the noise
+follows the noise to 1e-5."""
+
+
+def band_of_velocity(tables: Sequence[Table], omega: float, left_out: float) -> float:
+    """Frequency (Hz) above which a share `left_out` of the velocity variance of an oscillator lies.
+
+    It has half of critical damping; its frequency `omega` (rad/s) may be infinite.
+
+    Examples
+    --------
+    >>> flat = Table(frequency_hz=np.array([10.0, 500.0]), density=np.array([1.0, 1.0]))
+    >>> [round(band_of_velocity([flat], omega, 0.005)) for omega in (6.0, np.inf)]
+    [403, 499]
+    """
+    omega = min(omega, RIGID * max(float(table.frequency_hz[-1]) for table in tables))
+    nodes, parts = [], []
+    for table in tables:
+        f, weight = _quadrature(table, omega, omega)
+        nodes.append(f)
+        parts.append(f**2 * squared_gain(f, omega, omega) * table(f) * weight)
+    order = np.argsort(np.concatenate(nodes))
+    reached = np.cumsum(np.concatenate(parts)[order])
+    enough = int(np.searchsorted(reached, (1.0 - left_out) * reached[-1]))
+    return float(np.concatenate(nodes)[order][enough])
+
+
 def _quadrature(
     table: Table, omega: float, damping_rate: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

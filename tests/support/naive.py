@@ -221,8 +221,9 @@ def full_band_isolator(rng, table, omega, damping_rate, gap, restitution, paths,
     return xx, vv, speeds[0]
 
 
-def held_force(force, rate, omega, damping_rate, gap, restitution, threshold=0.0):
+def held_force(force, rate, omega, damping_rate, gap, restitution, threshold=0.0, upper_only=False):
     """One period of a periodic force, linear between samples, after a quarter of a period.
+    The stops are at -gap and gap, or at gap alone.
 
     A mass found beyond a stop is taken back to it, and forth again from there with its new
     velocity, both at constant acceleration: of second order, as is what grazes unseen. Returns
@@ -236,9 +237,10 @@ def held_force(force, rate, omega, damping_rate, gap, restitution, threshold=0.0
     for k in range(-(samples // 4), samples):
         now, following = force[:, k], force[:, (k + 1) % samples]
         x, v = step @ np.stack([x, v, now, following])
-        out = np.abs(x) > gap
+        out = x > gap if upper_only else np.abs(x) > gap
         if out.any():
-            side, f = np.sign(x[out]), following[out]
+            side = 1.0 if upper_only else np.sign(x[out])
+            f = following[out]
             over, speed = side * x[out] - gap, side * v[out]
             # backwards by t: over - speed t + push t^2 / 2 = 0
             push = side * f - damping_rate * speed - omega**2 * gap

@@ -51,6 +51,7 @@ from stochvi.methods.monte_carlo.rigid_white import (
 )
 from stochvi.methods.monte_carlo.statistic import Statistic, statistics_of
 from stochvi.methods.monte_carlo.step_bias import (
+    bias_of_lasting_contact,
     bias_of_plain_step,
     bias_of_refined_step,
     bias_of_smooth_motion,
@@ -306,9 +307,11 @@ class ModalPlan(SteppedPlan):
             return bias_of_sticking(difference)
         drawn = bool(self.model.drives) or bool(self._white_modulations)
         kicked = self.modes.kicked or drawn
+        pressed = any(scale.pressing > 0.0 for scale in self.pairs)
+        if not kicked and pressed and self.model.tables:
+            return bias_of_lasting_contact(difference)
         if not kicked or not self.model.stops:
             return bias_of_smooth_motion(difference)
-        pressed = any(scale.pressing > 0.0 for scale in self.pairs)
         if self.slow_impacts and not pressed:
             return bias_of_refined_step(name, difference, lossiest(self.model))
         return bias_of_plain_step(name, difference, lossiest(self.model), not pressed)

@@ -14,7 +14,8 @@ from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.methods.monte_carlo.compliant_white import SUMS_OF_A_STOP
 from stochvi.methods.monte_carlo.modal import SUMS_OF_PAIR, ModalPlan, basis
 from stochvi.methods.monte_carlo.tabulated import MOST_SUB_STEPS
-from stochvi.model.model import Model
+from stochvi.model.model import Model, Pair, Stop
+from stochvi.model.scales import PairScale
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
 
@@ -92,6 +93,15 @@ def plan_modal_contacts(
     return plan
 
 
+def rate_of_contact(pair: Pair, stop: Stop, scale: PairScale) -> float:
+    """Fastest rate (rad/s) of a contact with a stop at the scale of its pair; infinite on a rigid
+    one."""
+    if not isinstance(stop.law, CompliantLaw):
+        return math.inf
+    law = stop.law.per_unit_mass(pair.mass).compiled()
+    return float(rate(law, 0.0, scale.speed, scale.pressing))
+
+
 def check_stiffness(plan: ModalContactsPlan) -> None:
     """Raise NotApplicable for a stop that is too stiff to be followed while a mass stays on it.
 
@@ -103,8 +113,7 @@ def check_stiffness(plan: ModalContactsPlan) -> None:
             stays = scale.pressing > 0.0 or stop.law.restitution <= COLLAPSE_RESTITUTION
             if not (isinstance(stop.law, CompliantLaw) and stays):
                 continue
-            law = stop.law.per_unit_mass(pair.mass).compiled()
-            fastest = rate(law, 0.0, scale.speed, scale.pressing)
+            fastest = rate_of_contact(pair, stop, scale)
             needed = plan.step * math.hypot(fastest, plan.modes.fastest) / CONTACT_ANGLE
             if needed > MOST_SUB_STEPS:
                 unmet.append(

@@ -11,6 +11,7 @@ them is scaled up to hold the velocity variance beyond.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -48,7 +49,11 @@ from stochvi.methods.monte_carlo.modal import (
     _table,
     basis,
 )
-from stochvi.methods.monte_carlo.modal_contacts import ModalContactsPlan, check_stiffness
+from stochvi.methods.monte_carlo.modal_contacts import (
+    ModalContactsPlan,
+    check_stiffness,
+    rate_of_contact,
+)
 from stochvi.methods.monte_carlo.plan import Underway
 from stochvi.methods.monte_carlo.quantities import Key, gap_of
 from stochvi.methods.monte_carlo.random_levels import MOST_BLOCKS, levels_of_block
@@ -65,6 +70,7 @@ from stochvi.methods.monte_carlo.tabulated import (
     WARM_UP_RELAXATIONS,
     _even_fast_length,
     expected_of_free_motion,
+    rate_on_stops,
 )
 from stochvi.model.modal import UNSTABLE, ModalForm
 from stochvi.model.model import UPPER, Model, Pair
@@ -692,7 +698,7 @@ def plan_modal_tables(
             [f"a path of {duration:.3g} s needs more than {MOST_BLOCKS // 2} blocks of "
              f"{length:.3g} s; give a shorter duration and more paths"],
         )  # fmt: skip
-    samples = _samples(modes, length, 1.0 / _interval(planned, known))
+    samples = _samples(modes, length, 1.0 / _interval(planned, known), _on_stops(planned, known))
     plan = ModalTablesPlan(**known, samples=samples, block_length=length, blocks=blocks)
     plan = replace(
         plan,
@@ -764,9 +770,21 @@ def _block_length(modes: ModalForm, shortest: float) -> float:
     )
 
 
-def _samples(modes: ModalForm, length: float, rate: float) -> int:
+def _on_stops(model: Model, known: dict[str, Any]) -> list[float]:
+    """Frequency (rad/s) of the reduced mass of a pair on each stop onto which a load presses it;
+    infinite on a rigid one."""
+    return [
+        rate_of_contact(pair, stop, scale)
+        for pair, scale in zip(model.pairs, known["pairs"], strict=True)
+        for stop in pair.stops
+        if scale.pressing > 0.0
+    ]
+
+
+def _samples(modes: ModalForm, length: float, rate: float, on_stops: Sequence[float]) -> int:
     """Number of samples of a block: at least at `rate`, and so many that no coordinate or gap has
-    more than LARGEST_LOSS of its velocity variance above half the sampling rate."""
+    more than LARGEST_LOSS of its velocity variance above half the sampling rate. Where they can be
+    made, there are so many that the whole noise shakes a mass on a stop."""
     rows: Vector = np.vstack([modes.shapes, modes.gaps])
     cut = 0.0
     if modes.tables:
@@ -775,6 +793,9 @@ def _samples(modes: ModalForm, length: float, rate: float) -> int:
         enough = np.flatnonzero(np.all(share <= LARGEST_LOSS, axis=1))
         cut = float(frequency[enough[0]] if len(enough) else frequency[-1])
     needed = max(rate, 2.0 * cut) * length
+    if modes.tables:
+        tables, most = [table for table, _ in modes.tables], MOST_SAMPLES / modes.size / length
+        needed = max(needed, rate_on_stops(tables, on_stops, most) * length)
     if needed * modes.size > MOST_SAMPLES:
         raise NotApplicable(
             "simulate",

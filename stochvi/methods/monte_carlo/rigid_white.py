@@ -652,8 +652,13 @@ def _step(model: Model, speed: float) -> float:
 def pressing(model: Model) -> float:
     """The acceleration in m/s^2 that presses a mass onto a stop beyond which it would rest, or
     0."""
-    forces = [stop.side * (model.load - model.omega**2 * stop.position) for stop in model.stops]
-    return max([0.0, *forces])
+    return max([0.0, *pressing_onto(model)])
+
+
+def pressing_onto(model: Model) -> list[float]:
+    """Acceleration in m/s^2 with which the load presses a mass onto each stop; negative for a stop
+    that a mass at rest does not touch."""
+    return [stop.side * (model.load - model.omega**2 * stop.position) for stop in model.stops]
 
 
 def _slowest_time(model: Model, speed: float) -> float:

@@ -22,6 +22,7 @@ from stochvi import (
 from stochvi.mathematics.frequency_response import beyond, bin_amplitudes, covariance, gains
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.state_space import stationary_covariance
+from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.methods.monte_carlo import record_path
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.modal_tables import plan_modal_tables
@@ -311,3 +312,33 @@ def test_what_never_settles_is_refused() -> None:
     )
     with pytest.raises(NotApplicable, match="damping > 0 in every mode"):
         simulate(kept)
+
+
+@pytest.mark.parametrize("law", [Restitution(coefficient=0.5), SOFT], ids=["rigid", "compliant"])
+def test_a_mass_that_is_pressed_onto_its_stop_moves_as_it_does_alone(law: Law) -> None:
+    """Beside a second mass that nothing couples to it, a mass has the samples and the rates that it
+    has alone, where another kernel simulates it."""
+    pressing = -STANDARD_GRAVITY / OMEGA**2
+    pair = ImpactPair(name="stops", on="x", upper=pressing, law=law)
+    plans = []
+    for count in (1, 2):
+        structure = Matrices(
+            coordinates=["x", "y"][:count], mass=np.eye(count),
+            damping=0.2 * OMEGA * np.eye(count), stiffness=OMEGA**2 * np.eye(count),
+        )  # fmt: skip
+        scene = Scene(structure=structure, impact_pairs=[pair], excitations=[TRUCK])
+        plans.append(make_plan(model_of(scene), 0.01, 10.0))
+    alone, beside = plans
+    assert beside.step == pytest.approx(alone.step, rel=0.02)
+    assert beside.step < 0.5 * make_plan(model_of(without_pairs(scene)), None, 10.0).step
+    found = []
+    for plan in plans:
+        rows = [plan.layout.rows.index(("stops", name)) for name in ("n_upper", "f1_upper")]
+        fine, coarse = (each.averages(5, 0, 24)[rows] for each in (plan, plan.coarser()))
+        biases = [plan.step_bias("", change) for change in np.mean(fine - coarse, axis=1)]
+        found.append((fine.mean(axis=1), np.var(fine, axis=1, ddof=1) / 24, np.abs(biases)))
+    (one, scatter, bias), (other, more, too) = found
+    error = np.sqrt(scatter + more)
+    print(one, other, error, bias, too)
+    assert np.all(np.abs(one - other) < bias + too + 4.5 * error)
+    assert np.all(error < 0.02 * one)

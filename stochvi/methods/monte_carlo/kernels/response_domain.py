@@ -53,6 +53,28 @@ F1_OF_LOWER, F1_OF_UPPER = F1_LOWER - N_LOWER, F1_UPPER - N_LOWER
 """Rows of the sums of impact speeds, from the first row of the pair."""
 
 
+@kernel(inline="always")
+def impacts_end(w, v1, restitution):
+    """Whether ever slower impacts, the first at the speed w, end in the interval.
+
+    Without the stop the mass would end the interval with the velocity v1. In the time t that is
+    left the acceleration a = (v1 - w) / t presses it. The next impact comes after 2 R w / a, and
+    each later one after R of the time before.
+    """
+    return 2.0 * restitution * w < (1.0 - restitution) * (v1 - w)
+
+
+@kernel
+def impulse_of_rest(beyond, v1, sampling, span):
+    """Impulse of a stop per mass, m/s, that holds a mass at rest through `span`.
+
+    Without the stop the mass would end `beyond` it, with the velocity v1. The stop takes that
+    motion: its force is x'' + b x' + w0^2 x. The last term is that of a constant force.
+    """
+    b, omega = sampling.damping_rate, sampling.omega
+    return v1 + (b + omega * omega * span / 3.0) * beyond
+
+
 @kernel
 def interval_with_impacts(x0, v0, x1, v1, sampling, lower, upper, extremes, sums, page):
     """One sampling interval with any number of impacts on rigid stops; returns the end (x, v)."""
@@ -70,14 +92,18 @@ def interval_with_impacts(x0, v0, x1, v1, sampling, lower, upper, extremes, sums
                 position, restitution, _ = lower
         if s > 1.0:
             return x1, v1
-        if w <= RESTING * scale or bounces == MOST_BOUNCES:
-            return position, 0.0
         row = N_UPPER if side > 0.0 else N_LOWER
+        span *= 1.0 - s
+        extremes[FASTEST] = max(extremes[FASTEST], w)
+        dies_out = w < threshold and impacts_end(w, side * v1, restitution)
+        if dies_out or w <= RESTING * scale or bounces == MOST_BOUNCES:
+            impulse = side * impulse_of_rest(x1 - position, v1, sampling, span)
+            sums[row + 1] += max(impulse, 0.0) / (1.0 + restitution)
+            sums[row + 2] += w * w / (1.0 - restitution * restitution) if dies_out else 0.0
+            return position, 0.0
         sums[row] += 1.0 if w >= threshold else 0.0
         sums[row + 1] += w
         sums[row + 2] += w * w
-        extremes[FASTEST] = max(extremes[FASTEST], w)
-        span *= 1.0 - s
         if page.open and w >= threshold:
             log_impact(page, 0, whole - span, side * w)
         shape, slope = decay(span, damping_rate, omega)
