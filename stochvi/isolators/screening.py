@@ -235,7 +235,7 @@ class Screening(Result):
             [
                 {
                     "pair": name,
-                    f"gap ({LENGTH} rms)": LENGTH(gap.displacement_std),
+                    f"gap rms ({LENGTH})": LENGTH(gap.displacement_std),
                     f"3 sigma ({LENGTH})": LENGTH(gap.three_sigma),
                     f"impacts on it per {HOURLY.time}": HOURLY(gap.three_sigma_rate),
                     f"its stops ({LENGTH})": " and ".join(

@@ -318,10 +318,10 @@ def _warnings(model: Model, law: EnergyLaw) -> list[str]:
         if stop.energy == 0.0 and abs(factor - 1.0) > MISLEADING:
             found.append(
                 f"the mass rests on the {name} stop, which takes "
-                f"{100.0 * (1.0 - stop.mean_square):.0f} % of its energy in every cycle, while "
-                "averaging takes this part to be small. A stated error holds; where none is "
-                f"stated, displacement_std is off by up to a factor of {factor:.2g}, which it is "
-                "if only a load holds the mass there; use fokker-planck or linearise"
+                f"{100.0 * (1.0 - stop.mean_square):.0f} % of its energy in every cycle; averaging "
+                "assumes a small loss. A stated error holds. Where none is stated, "
+                f"displacement_std may be wrong by a factor of up to {factor:.2g}; use "
+                "fokker-planck or linearise"
             )
     return found
 

@@ -39,6 +39,7 @@ from stochvi.scenes.excitations.base import Density, StrengthNoise
 from stochvi.scenes.excitations.pulses import Pulses
 from stochvi.scenes.impact_laws import (
     Elastic,
+    ForceTable,
     Law,
     Restitution,
     SpeedRestitution,
@@ -1025,6 +1026,8 @@ class Scene(Checked):
             found.append("a stop whose force is a function only pushes: negative values count as 0")
         laws = [law for pair in self.impact_pairs for _, law in pair.stops()]
         sources = [law.source for law in laws if isinstance(law, Elastic | Viscoelastic)]
+        tables = [law.in_words() for law in laws if isinstance(law, ForceTable)]
+        sources += [f"{table}; beyond it the last slope goes on" for table in tables]
         found += [f"stops: {source}" for source in dict.fromkeys(filter(None, sources))]
         if any(isinstance(law, Restitution) and law.scatter is not None for law in laws):
             found.append(

@@ -3,8 +3,8 @@
 A trial is a stretch of the stationary response without stops, which is Gaussian, and the motion
 that the stops turn it into. There are two kinds of trials. Where first impacts are rare, a crossing
 of a stop is put into a trial (`AfterCrossings`). If that is a first impact, it is followed for as
-long as its cluster lasts. Where impacts hardly pause, a trial is a piece of the whole motion
-(`Windows`). The score of a trial is its largest impact speed or acceleration, whose
+long as its cluster lasts. Where clusters follow without a pause, a trial is a piece of the whole
+motion (`Windows`). The score of a trial is its largest impact speed or acceleration, whose
 exceedance `trial_splitting` finds. The whole record moves, and not the speed of the first impact
 alone: where a limit is exceeded by later impacts of a cluster, these are found as well. For several
 pairs some moves also draw anew which stop is crossed.
@@ -414,7 +414,7 @@ def rare_hits(
     began = time.process_time()
     rare = mission > bursts.window and bursts.rare()
     ask = Question(limit, mission, confidence, run)
-    # where impacts hardly pause, or clusters hardly end, trials are pieces of the whole motion
+    # where clusters follow without a pause, or hardly end, trials are pieces of the whole motion
     found = (ask.answer(bursts) if rare else None) or ask.answer(windows)
     assert found is not None
     return replace(found, seconds=time.process_time() - began)

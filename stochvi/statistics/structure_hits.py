@@ -1,10 +1,10 @@
 """Impacts of several pairs of a structure in a mission: their number, and how hard the hardest is.
 
 Where first impacts are rare, clusters are followed from first impacts on (`bursts`). Fast first
-impacts are drawn more often where a limit asks for them. Where impacts hardly pause, pieces of the
-whole motion are simulated (`Windows`). Two shares then give the probability that a limit is
-exceeded in a mission: of windows in which it is exceeded, and of windows in whose second half it is
-exceeded for the first time.
+impacts are drawn more often where a limit asks for them. Where clusters follow without a pause,
+pieces of the whole motion are simulated (`Windows`). Two shares then give the probability that a
+limit is exceeded in a mission: of windows in which it is exceeded, and of windows in whose second
+half it is exceeded for the first time.
 """
 
 from __future__ import annotations

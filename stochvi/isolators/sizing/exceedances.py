@@ -1,7 +1,8 @@
 """Probabilities that the hardest impact of a mission exceeds a limit, over limits and clearances.
 
 Where first impacts are rare, clusters are simulated from first impacts on, and fast first impacts
-are drawn more often and weighted; where impacts hardly pause, windows of the whole motion are.
+are drawn more often and weighted. Where clusters follow without a pause, windows of the whole
+motion are simulated.
 """
 
 from __future__ import annotations

@@ -15,7 +15,7 @@ that last step:
 * "force": the force of spring and stops together is Gaussian, and x follows from it through
   the inverse characteristic (B 8.79-8.87, 13.24-13.33).
 * "clumps": the closure corrected by the distribution of a slowly varying energy, where light
-damping lets impacts come in clumps. Between two stops it is the closure with the impacts of a box
+damping lets impacts come in clusters. Between two stops it is the closure with the impacts of a box
 (variant "box").
 
 `linearise_many` is the closure for arrays; `atlas` holds the errors that `linearise` states.

@@ -1,8 +1,8 @@
-"""The closure corrected for impacts that come in clumps.
+"""The closure corrected for impacts that come in clusters.
 
 A lightly damped mass keeps its energy for some 1 / zeta cycles: once it reaches stops that are far
 away it hits them again and again, at speeds that no Gaussian velocity has. The closure does not
-describe such clumps; the distribution of the slowly varying energy (`energy_law`, with finite
+describe such clusters; the distribution of the slowly varying energy (`energy_law`, with finite
 jumps) describes nothing but them. This form takes the weighted mean of both,
 
     E = (1 - w) E_closure + w E_energy,      w = gap / (gap + CLUMPING zeta),

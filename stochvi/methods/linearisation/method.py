@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from stochvi.methods.linearisation.candidate import ROOT_TWO_PI, Candidate
-from stochvi.methods.linearisation.clump_correction import clumped
+from stochvi.methods.linearisation.clump_correction import UNSEEN, clumped, energy_weight
 from stochvi.methods.linearisation.forms import form_of
 from stochvi.methods.linearisation.functions import linearised_functions
 from stochvi.methods.linearisation.outputs import answer_of
@@ -221,10 +221,6 @@ _HOW = {
 }
 
 _RAYLEIGH = "impact speeds are Rayleigh distributed, mean square 2 E v^2"
-_CLUMPS = (
-    "impacts come in clumps, as under a slowly varying energy, with the weight "
-    "gap / (gap + 50 zeta), gap in deviations without stops"
-)
 _ASSUMPTIONS = {
     ("closure", "consistent"): (
         "x has the density C exp(lambda x - kappa x^2 / 2) between the stops; v is Gaussian and "
@@ -240,7 +236,6 @@ _ASSUMPTIONS = {
         "x has the density C exp(lambda x - kappa x^2 / 2) between the stops; v is Gaussian and "
         "independent of x; impact speeds are Rayleigh distributed at a single stop; between two, "
         "as far as impacts take the energy, they are those of a free mass in a box",
-        _CLUMPS,
     ),
     ("motion", "consistent"): (
         "x has a normal distribution truncated at the stops; its mean and deviation before the cut "
@@ -285,11 +280,25 @@ _WITHIN = {
 def _assumptions(form: str, variant: str, model: Model) -> tuple[str, ...]:
     soft = [stop.law for stop in model.stops if not stop.rigid]
     found = _ASSUMPTIONS[form, variant]
+    if form == "clumps":
+        found = (*found, _of_clusters(energy_weight(model)))
     if soft:
         found = (*found, _WITHIN[form])
     if any(not law.conservative for law in soft):
         found = (*found, "a contact of a viscoelastic stop loses what that of a free mass does")
     return found
+
+
+def _of_clusters(weight: float) -> str:
+    if weight < UNSEEN:
+        return (
+            "impacts in clusters are left out, as nothing measures the gap by the motion without "
+            "stops: the answer is that of the closure"
+        )
+    return (
+        f"impacts come in clusters, as under a slowly varying energy, with the weight {weight:.2g} "
+        "(gap / (gap + 50 zeta), gap in deviations without stops)"
+    )
 
 
 def _check_words(form: str, variant: str) -> None:

@@ -118,8 +118,8 @@ def harder_hits_of_pairs(
     why = {
         "bursts": "clusters: records hold a first impact of any pair, a fast one more often; the "
         "motion after it is simulated with all stops",
-        "windows": "windows: impacts hardly pause here; windows of the whole motion are simulated "
-        "with all stops",
+        "windows": "windows: clusters follow without a pause here; windows of the whole motion are "
+        "simulated with all stops",
     }[found.way]
     chance = Chance(
         event=limit.event,
@@ -238,8 +238,8 @@ def exceedance(scene: Scene, limit: Limit, mission: float, jobs: Jobs) -> Chance
         way, why = (
             "windows",
             (
-                "windows: impacts hardly pause here; the whole motion is simulated, and a "
-                "splitting finds those pieces of it that exceed the limit"
+                "windows: clusters follow without a pause here; the whole motion is simulated, and "
+                "a splitting finds those pieces of it that exceed the limit"
             ),
         )
     return _from_splitting(found, limit.event, limit.value, way, why, jobs)

@@ -259,7 +259,7 @@ def hard_hits_section(review: Review) -> Section:
         lead=f"The probability that any impact of the mission ({mission}) has "
         f"{with_article(what)} above a limit, with the law of the stops; 95 % intervals below. "
         "Clusters of impacts were simulated with fast first impacts drawn more often and "
-        "weighted; where impacts hardly pause, the whole motion.",
+        "weighted; where clusters follow without a pause, the whole motion.",
         grids=[
             Grid(
                 caption=f"Probability in {mission} that the largest {what} exceeds a limit",
