@@ -240,7 +240,7 @@ def bursts(
 
     def error_of(parts: list[Part]) -> float:
         estimate = wanted(_join(clusters, parts))
-        if _far(estimate, far_from):
+        if is_far(estimate, far_from):
             return 0.0
         if estimate.value == 0.0:
             return 0.0 if sampler.paths(parts) >= LOOK * FEWEST_PATHS else math.inf
@@ -270,7 +270,7 @@ class BurstSampler(TrialSampler):
         return self.clusters.part(self.widening, first_path)
 
 
-def _far(estimate: Estimate, place: float | None) -> bool:
+def is_far(estimate: Estimate, place: float | None) -> bool:
     """Whether an estimate lies beyond doubt more than a factor FAR from a place."""
     if place is None or not estimate.value:
         return place is not None and (estimate.upper_95 or math.inf) < place / FAR

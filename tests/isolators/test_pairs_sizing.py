@@ -417,11 +417,14 @@ def test_a_limit_far_above_every_impact_is_kept_by_the_smallest_clearances_that_
     for name, c in found.clearances.items():
         told = summary_of_sizing(found).quantities[name]["clearance"]
         assert told is not None and told.upper_95 == c.value
-    # some windows cannot show that one mission in a million exceeds it
+    # some windows cannot show that one mission in a million exceeds it: farther stops can
     rare = asked | {"exceedance": 1e-6, "budget": 10.0}
-    with pytest.raises(NotConverged, match="before it was shown") as raised:
+    with pytest.raises(NotConverged, match="hardly an impact beyond the limit was seen") as raised:
         sized(uncoupled(*pairs_of_it), rel_error=0.5, **rare)
-    assert "no clearance was shown to keep the target" in raised.value.partial.verdict()
+    farther = raised.value.partial
+    assert farther.shown_to_keep
+    for name, c in farther.clearances.items():
+        assert c.value > found.clearances[name].value
 
 
 @pytest.mark.slow

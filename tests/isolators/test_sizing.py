@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, NoReturn
 
@@ -29,7 +30,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.isolators.moved_stops import at_clearances
-from stochvi.isolators.sizing import nominal
+from stochvi.isolators.sizing import job, nominal
 from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.isolators.sizing.exceedances import chance_in_windows
 from stochvi.isolators.sizing.method import Sizing, size
@@ -280,38 +281,36 @@ def test_a_mount_below_its_table_is_called_pumped() -> None:
     assert found.three_sigma.hits.value > 20.0 * found.three_sigma.first_hits.value
 
 
+def too_short(*scene: object, **asked: Any) -> NoReturn:
+    raise NotConverged("the budget ended", None)
+
+
 def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_judged(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Counted clusters show no probability below 1 %: there are more first impacts than
     clusters."""
     seen = Estimate(value=0.0, upper_95=2e-5, how="none of 8")
-    chances = SimpleNamespace(chances={"impact_speed": SimpleNamespace(estimate=seen)})
-    monkeypatch.setattr(nominal, "reliability", lambda scene, **asked: chances)
+    monkeypatch.setattr(job, "rare_hits", lambda *scene, **asked: SimpleNamespace(chance=seen))
     monkeypatch.setattr(nominal, "chance_in_windows", lambda scene, *asked, **how: None)
     found = size(truck(HALF), impact_speed=5.0, rel_error=0.2)
     assert found.clearance.lower == 0.0
     assert found.clearance.upper == found.clearance.value < 4.0 * found.sigma
     assert any("may do as well" in warning for warning in found.warnings)
-    assert found.kept_with == seen
+    assert found.kept_with is not None and found.kept_with.upper_95 == pytest.approx(2e-5)
     verdict = found.verdict()
     assert verdict.startswith(f"clearance: {found.made} from the static equilibrium is enough")
     assert "any impact speed of 1 h exceeds 5 m/s is below 1 %" in verdict
     assert "95 % limit of the probability: 0.002 %" in found.calculated()
     assert json.loads(json.dumps(found.to_dict(), allow_nan=False))["kept_with"]["value"] == 0.0
 
-    def too_short(scene: Scene, **asked: Any) -> None:
-        raise NotConverged("the budget ended", None)
-
-    monkeypatch.setattr(nominal, "reliability", too_short)
-    with pytest.raises(
-        NotConverged, match=r"ended before it was shown that .* with a probability below 1 %"
-    ) as short:
-        size(truck(HALF), impact_speed=5.0, rel_error=0.2)
-    assert short.value.partial.clearance == found.clearance
-    partial = short.value.partial
-    assert partial.verdict().startswith("no clearance was shown to keep the target: ")
-    assert "is not known well enough" in partial.verdict() and partial.stops_to_copy() == ""
+    monkeypatch.setattr(job, "rare_hits", too_short)
+    farther = size(truck(HALF), impact_speed=5.0, rel_error=0.2)
+    assert farther.shown_to_keep and farther.clearance.value > found.clearance.value
+    assert farther.clearance.lower == 0.0
+    unknown = replace(found, kept_with=Estimate(value=0.0, upper_95=0.1))
+    assert unknown.verdict().startswith("no clearance was shown to keep the target: ")
+    assert "is not known well enough" in unknown.verdict() and unknown.stops_to_copy() == ""
 
 
 @pytest.mark.verify
@@ -376,6 +375,7 @@ def test_a_chance_that_is_not_known_gives_no_clearance(monkeypatch: pytest.Monke
         return bursts(scene, rel_error=max(rel_error, 0.1), budget=None, **asked)
 
     monkeypatch.setattr(nominal, "bursts", ended)
+    monkeypatch.setattr(job, "rare_hits", too_short)
     with pytest.raises(NotConverged, match=r"error of .* beyond the limit at 7.* 0.01 was asked"):
         size(
             truck(HALF), impact_speed=0.3, mission=40.0, exceedance=0.1, rel_error=0.01,

@@ -34,7 +34,7 @@ from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.impact_laws import Law, SpeedRestitution
-from stochvi.statistics.bursts import Bursts, _far, bursts, chance_of
+from stochvi.statistics.bursts import Bursts, bursts, chance_of, is_far
 from stochvi.statistics.cluster_paths import ClusterPaths, widened
 from stochvi.testing import assert_agrees
 from support.accuracies import rel_errors
@@ -160,10 +160,10 @@ def test_what_is_far_from_the_wanted_value_takes_few_bursts() -> None:
 
 def test_a_single_burst_beyond_a_limit_is_no_reason_to_stop() -> None:
     """Its rate may be wrong by a factor of ten, though four standard errors are less than that."""
-    assert not _far(Estimate(value=0.1, standard_error=0.1), 1.0)
-    assert not _far(Estimate(value=10.0, standard_error=10.0), 1.0)
-    assert _far(Estimate(value=0.1, standard_error=0.01), 1.0)
-    assert _far(Estimate(value=10.0, standard_error=1.0), 1.0)
+    assert not is_far(Estimate(value=0.1, standard_error=0.1), 1.0)
+    assert not is_far(Estimate(value=10.0, standard_error=10.0), 1.0)
+    assert is_far(Estimate(value=0.1, standard_error=0.01), 1.0)
+    assert is_far(Estimate(value=10.0, standard_error=1.0), 1.0)
 
 
 def test_chance_of_a_sharp_hit_against_whole_missions() -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -26,9 +26,10 @@ from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Estimate, provenance
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.bursts import FAR
+from stochvi.statistics.bursts import FAR, chance_of, is_far
 from stochvi.statistics.crossing_ages import MISSED, CrossingAges, largest_error
 from stochvi.statistics.impact_counts import ImpactCounts
+from stochvi.statistics.rare_hits import rare_hits
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -65,6 +66,8 @@ class SearchSettings:
     rough_error, share_of_limit
         Relative error, and share of the remaining time, of the probability that a limit is exceeded
         where no cluster exceeds it.
+    share_of_counting
+        Share of the time of the last place for counted clusters; splitting has the rest.
     share_of_windows
         Share of the remaining time for windows of the whole motion at one clearance.
     share_of_tolerances
@@ -112,6 +115,7 @@ class SearchSettings:
     near_enough: float = 0.95
     rough_error: float = 0.5
     share_of_limit: float = 0.4
+    share_of_counting: float = 0.3
     share_of_windows: float = 0.7
     share_of_tolerances: float = 0.4
     rough_factor: float = 3.0
@@ -157,6 +161,7 @@ class SizingJob(ABC):
     unfinished: dict[float, str] = field(default_factory=dict)
     exceeded: dict[float, Estimate] = field(default_factory=dict)
     kept_with: Estimate | None = None
+    outputs: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         self.target, self.mission, self.run = self.asked.target, self.asked.mission, self.asked.run
@@ -341,9 +346,11 @@ class SizingJob(ABC):
         place = self.first_guess(wanted)
         above: Point | None = None
         below: Point | None = None
+        unknown: Point | None = None  # hardly anything was seen, and it is not shown to keep
         slope = self.slope(place)
         closest: tuple[float, Estimate, float] | None = None
         kept: float | None = None  # the nearest place that is shown to keep the target
+        looked_near = False
         (begin, end), (near, far) = self.searched, self.ends
         for attempt in range(SEARCH.most_places):
             if attempt and self.late.passed():
@@ -352,43 +359,63 @@ class SizingJob(ABC):
             self.stage(done, done + 0.05, self.words(place))
             rough = attempt < SEARCH.rough_looks
             roughest = min(SEARCH.rough_factor * self.rel_error, SEARCH.roughest)
-            roughly = self.rate(place, roughest if rough else self.rel_error)
-            excess, tolerance = _excess(roughly, wanted)
+            asked = roughest if rough else self.rel_error
+            found = self.rate(place, asked, unknown is not None)
+            nearest = place <= near + SEARCH.close * abs(near)
+            hidden = most_of(found) > wanted and not found.value
+            if hidden and rough and unknown is None and (above or nearest):
+                found = self.rate(place, asked, unseen=True)
+            excess, tolerance = _excess(found, wanted)
             if abs(excess) <= (max(tolerance, SEARCH.close) if rough else SEARCH.reach):
-                found = self.rate(place, self.rel_error) if rough else roughly
+                found = self.rate(place, self.rel_error) if rough else found
                 excess, _ = _excess(found, wanted)
                 if abs(excess) <= SEARCH.reach:
                     return self.extrapolated(place, found, excess, slope)
             if abs(excess) <= SEARCH.reach and (closest is None or abs(excess) < abs(closest[2])):
-                closest = place, roughly, excess
-            most = roughly.value if roughly.upper_95 is None else roughly.upper_95
-            if most <= wanted and (kept is None or place < kept):
+                closest = place, found, excess
+            shown = most_of(found) <= wanted
+            if excess < 0.0 and nearest and (shown or kept is None):
+                return self.already_kept(place, found)
+            if shown and (kept is None or place < kept):
                 kept = place
             point = (self.coordinate(place), excess)
-            above, below = (point, below) if excess > 0.0 else (above, point)
+            if excess > 0.0:
+                above = point
+            elif shown:
+                below = point
+            else:
+                unknown = point[0], math.log(most_of(found) / wanted)
+                looked_near = looked_near or nearest
             if above and below and above[0] < below[0] and math.isfinite(below[1]):
                 slope = (below[1] - above[1]) / (below[0] - above[0])
-            if excess < 0.0 and place <= near + SEARCH.close * abs(near):
-                return self.already_kept(place, roughly)
             if excess > 0.0 and place >= far:
                 raise self.never_kept(excess)
-            place = self.place_at(self._next(above, below, point))
+            # an unknown place may exceed the limit: the answer lies beyond, if none does before it
+            edge = above
+            if unknown and (unknown[0] > above[0] if above else looked_near):
+                edge = unknown if below is None or unknown[0] < below[0] else above
+            if kept is not None and edge and edge is unknown:
+                edge_place = self.place_at(edge[0])
+                if SEARCH.near_enough * kept <= edge_place < kept:
+                    return self.enough(kept, above)
+            place = self.place_at(self._next(edge, below, point))
         if closest is not None:
             return self.extrapolated(*closest, slope)
-        # a place where nothing was seen to exceed the limit may be one where nothing could be seen
-        answer = None
-        if above and kept is not None:
-            answer = Reached(kept, min(self.place_at(above[0]), kept), kept)
+        answer = self.enough(kept, above) if kept is not None and (above or unknown) else None
         sought = f"the clearance for {self.target.name} = {self.target.value:g}"
+        between = ""
+        if unknown:
+            seen = self.words(self.place_at(unknown[0]))
+            between = f": hardly an impact beyond the limit was seen at {seen}"
         if self.deadline.passed():
             raise self.deadline.fell_short(
-                f"before {sought} was found (places tried: {attempt})",
+                f"before {sought} was found (places tried: {attempt}){between}",
                 "raise budget or rel_error",
                 answer,
             )
         raise NotConverged(
-            f"{sought} was not found in {SEARCH.most_places} places: the rate jumps between "
-            "them; lower rel_error or raise budget",
+            f"{sought} was not found in {SEARCH.most_places} places"
+            f"{between or ': the rate jumps between them'}; lower rel_error or raise budget",
             answer,
         )
 
@@ -401,6 +428,8 @@ class SizingJob(ABC):
             share = above[1] / (above[1] - below[1])
             # not too near an end, which would move the other one too slowly
             return above[0] + min(max(share, 0.1), 0.9) * (below[0] - above[0])
+        if above:
+            last = above[0], max(above[1], SEARCH.reach)
         most = SEARCH.steepest
         step = -max(min(last[1], most), -most) / self.slope(self.place_at(last[0]))
         near, far = map(self.coordinate, self.ends)
@@ -446,17 +475,59 @@ class SizingJob(ABC):
         self.short(reached)
         return answer
 
-    def rate(self, place: float, rel_error: float) -> Estimate:
-        """The rate that decides at a place: of impacts or, for a limit, of what exceeds it, 1/s."""
+    def rate(self, place: float, rel_error: float, unseen: bool = False) -> Estimate:
+        """The rate that decides at a place: of impacts or, for a limit, of what exceeds it, 1/s;
+        by splitting as well where counting has seen hardly anything before (`unseen`)."""
         rough = rel_error > self.rel_error
         divisor = SEARCH.divisor_on_the_way if rough else SEARCH.divisor_of_last
         if self.target.exceedance is not None:
-            return self.exceedance_rate(place, self.part(1.0 / divisor, rel_error))
+            run = self.part(1.0 / divisor, rel_error)
+            counted = rough and not unseen
+            return self.exceedance_rate(place, run) if counted else self._accurate_rate(place, run)
         found = self.hits.at(place, self.part(rel_error=rel_error)).counts.rate
         if TOO_FEW in found.how:
             where = f"when impacts at {self.words(place)} had been seen {TOO_FEW}"
             raise self.deadline.fell_short(where, "raise budget")
         return found
+
+    def _accurate_rate(self, place: float, run: Run) -> Estimate:
+        """Rate of exceedances, by counting and, where it sees too few, by splitting."""
+        first = run.part(deadline=run.deadline.share(SEARCH.share_of_counting))
+        counted = self.exceedance_rate(place, first)
+        known = bool(counted.value) and _relative(counted) <= MISSED * run.accuracy
+        if known or is_far(counted, self.accepted_rate) or run.deadline.passed():
+            return counted
+        chance = self.by_splitting(place, run)
+        split = None if chance is None else rate_of(chance, self.mission)
+        if split is None or (counted.value and _relative(split) > _relative(counted)):
+            return counted
+        self.unfinished.pop(place, None)
+        found = more_telling(counted, split)
+        self.exceeded[place] = chance_of(found, self.mission)
+        return found
+
+    def by_splitting(self, place: float, run: Run | None = None) -> Estimate | None:
+        """The probability that the limit is exceeded at a place, by the splitting of
+        `reliability`, roughly by default; None where that does not apply."""
+        run = run or self.part(SEARCH.share_of_limit, SEARCH.rough_error)
+        try:
+            return rare_hits(
+                self.scene_at(place), self.target.name, self.target.value, mission=self.mission,
+                outputs=self.outputs, **run.options(rel_error=run.accuracy),
+            ).chance  # fmt: skip
+        except (NotApplicable, NotConverged, Interrupted):
+            return None
+
+    def enough(self, kept: float, above: Point | None) -> Reached:
+        """The nearest place that is shown to keep the target, where too few impacts beyond the
+        limit are seen at nearer ones; the interval begins where the limit is seen to be
+        exceeded."""
+        self.kept_with = self.exceeded.get(kept)
+        self.warnings.append(
+            f"less than {self.words(kept)} may do as well: too few impacts beyond the limit were "
+            "seen there"
+        )
+        return Reached(kept, min(self.place_at(above[0]), kept) if above else -math.inf, kept)
 
     def shown_to_keep(self, chance: Estimate, answer: Reached) -> Reached:
         """The smallest place that is tried, with the probability that the limit is exceeded there;
@@ -500,7 +571,12 @@ class SizingJob(ABC):
 
 def within(chance: Estimate, accepted: float) -> bool:
     """Whether a probability, or its upper limit where it has one, is at most the accepted one."""
-    return (chance.value if chance.upper_95 is None else chance.upper_95) <= accepted
+    return most_of(chance) <= accepted
+
+
+def most_of(found: Estimate) -> float:
+    """A value, or its upper limit where that alone is known."""
+    return found.value if found.upper_95 is None else found.upper_95
 
 
 def more_telling(known: Estimate, found: Estimate | None) -> Estimate:
@@ -515,6 +591,20 @@ def more_telling(known: Estimate, found: Estimate | None) -> Estimate:
 def _value(estimate: Estimate | None) -> float:
     """A number, NaN where it is not known, or an upper limit alone."""
     return math.nan if estimate is None or estimate.upper_95 is not None else estimate.value
+
+
+def rate_of(chance: Estimate, mission: float) -> Estimate:
+    """Rate of events of which any happens in a mission with a probability, 1/s."""
+    left = max(1.0 - chance.value, 1e-12)
+    most = chance.upper_95
+    upper = None if most is None else -math.log(max(1.0 - most, 1e-12)) / mission
+    rate = -math.log(left) / mission
+    return replace(chance * (1.0 / left / mission), value=rate, upper_95=upper)
+
+
+def _relative(found: Estimate) -> float:
+    """Relative standard error; infinite where nothing was seen."""
+    return found.standard_error / found.value if found.value else math.inf
 
 
 def _excess(found: Estimate, wanted: float) -> Point:

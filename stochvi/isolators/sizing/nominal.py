@@ -49,7 +49,6 @@ from stochvi.statistics.bursts import UNFINISHED, bursts, chance_of
 from stochvi.statistics.cluster_paths import WINDOWS
 from stochvi.statistics.first_crossings import one_gap
 from stochvi.statistics.pair_crossings import PairMotion, own_distances
-from stochvi.statistics.reliability import reliability
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -277,7 +276,7 @@ class OnePair(SizingJob):
         if not within(chance, target.exceedance):
             chance = more_telling(chance, self._by_windows(place))
         if not within(chance, target.exceedance):
-            chance = more_telling(chance, self._by_splitting(place))
+            chance = more_telling(chance, self.by_splitting(place))
         # closer stops, where impacts come without the pauses that separate one cluster from the
         # next
         too_near = 0.0
@@ -318,24 +317,6 @@ class OnePair(SizingJob):
         if found is not None:
             self.exceeded[place] = found
         return found
-
-    def _by_splitting(self, place: float) -> Estimate | None:
-        """The probability that the limit is exceeded at a clearance where counted clusters show
-        nothing, by the splitting of `reliability`; None where that finds no better limit."""
-        limits = {self.target.name: self.target.value}
-        try:
-            found = reliability(
-                at_clearances(self.scene, place), mission=self.mission,
-                impact_speed=limits.get("impact_speed"),
-                peak_acceleration=limits.get("peak_acceleration"),
-                **self.part(SEARCH.share_of_limit).options(rel_error=SEARCH.rough_error),
-            )  # fmt: skip
-        except NotApplicable:
-            return None
-        except (NotConverged, Interrupted) as reason:
-            found = reason.partial
-        chance = found.chances.get(self.target.name) if found else None
-        return None if chance is None else chance.estimate
 
     def first_guess(self, wanted: float) -> float:
         """The first clearance to try: where Rice's rate is the wanted one or, for a limit, a little

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -23,7 +23,7 @@ from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import Clearance, Probability, Sizing, ThreeSigma
 from stochvi.isolators.sizing.box_overview import box_overview
 from stochvi.isolators.sizing.hits_at_place import PlaceTrial
-from stochvi.isolators.sizing.job import SEARCH, Reached, SizingJob, more_telling, within
+from stochvi.isolators.sizing.job import SEARCH, Reached, SizingJob, more_telling, rate_of, within
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve, clearances_of_curve
 from stochvi.isolators.sizing.targets import limit_of_pairs
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
@@ -98,6 +98,7 @@ class SeveralPairs(SizingJob):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.limit = limit_of_pairs(self.scene, self.target, self.asked.at)
+        self.outputs = self.limit.outputs or None if self.limit else None
         self.pair, self.model = self.asked.pair, model_of(self.scene)
         self.warnings += same_gaps(self.model)
         self.names = [each.name for each in self.model.pairs]
@@ -194,8 +195,7 @@ class SeveralPairs(SizingJob):
             self.accepted_rate,
         ).chance  # fmt: skip
         self.exceeded[place] = chance
-        left = max(1.0 - chance.value, 1e-12)
-        return replace(chance * (1.0 / left / self.mission), value=-math.log(left) / self.mission)
+        return rate_of(chance, self.mission)
 
     def already_kept(self, place: float, rate: Estimate) -> Reached:
         """The smallest clearances that are tried."""
@@ -209,6 +209,8 @@ class SeveralPairs(SizingJob):
         if not within(chance, self.target.exceedance):
             self.exceedance_rate(place, self.part(SEARCH.share_of_windows))
             chance = more_telling(chance, self.exceeded[place])
+        if not within(chance, self.target.exceedance):
+            chance = more_telling(chance, self.by_splitting(place))
         return self.shown_to_keep(chance, answer)
 
     def hits_or_warning(self, place: float) -> PlaceTrial | None:
