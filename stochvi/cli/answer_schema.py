@@ -131,7 +131,9 @@ CHANGES = {
         renamed=WARNINGS_ALONE | dict.fromkeys(("checks", "seeds")),
     ),
     "Chance": Change({"crude_seconds": float | None}),
-    "BumperMap": Change(METHOD | {"feasible": np.ndarray, "best": MapPoint | None}),
+    "BumperMap": Change(
+        METHOD | {"feasible": np.ndarray, "exceeded": np.ndarray, "best": MapPoint | None}
+    ),
     "Damage": Change(
         METHOD | SPECTRA | LISTS | lists_with_errors("equivalent_density")
         | {"damage_ratio": LIST_OR_NONE, "without_stops": EITHER},

@@ -87,13 +87,20 @@ def print_bumper_map(console: Console, found: BumperMap) -> None:
             for panel in shown:
                 cells.append(_one(found, panel, row, column))
             if found.limits:
-                cells.append("kept" if found.feasible[row, column] else "exceeded")
+                cells.append(_verdict(found, row, column))
             table.add_row(*cells)
     print_table(console, table)
     print_assumptions(console, found.assumptions)
     print_line(console, f"cost: {found.cost.wall_time:.3g} s on {found.cost.threads} threads")
     for warning in found.warnings:
         console.print(f"note: {warning}", style="yellow", highlight=False)
+
+
+def _verdict(found: BumperMap, row: int, column: int) -> str:
+    """Whether a point keeps the limits, as far as its errors tell."""
+    if found.feasible[row, column]:
+        return "kept"
+    return "exceeded" if found.exceeded[row, column] else "not shown"
 
 
 def _risk(found: BumperMap) -> str:
@@ -159,7 +166,8 @@ def _stiffness_label(found: BumperMap) -> str:
 
 
 def _draw_panel(found: BumperMap, panel: Panel, ax: Axes) -> None:
-    """One quantity in colours, with lines of equal values; what no limit allows is hatched."""
+    """One quantity in colours, with lines of equal values; what exceeds a limit is hatched,
+    and dotted where that is not known."""
     values = panel.quantity(getattr(found, panel.name).value.T)
     x, y = LENGTH(found.clearance), _stiffness(found)
     known = np.ma.masked_invalid(np.where(values > 0.0, values, np.nan))
@@ -174,7 +182,9 @@ def _draw_panel(found: BumperMap, panel: Panel, ax: Axes) -> None:
         ax.clabel(lines, fmt="%g", fontsize=7)
         if found.limits:
             outside = (~found.feasible.T).astype(float)
-            ax.contourf(x, y, outside, levels=[0.5, 1.5], colors="none", hatches=["////"])
+            beyond = np.where(found.exceeded.T, outside, 0.0)
+            for area, hatch in ((beyond, "////"), (outside - beyond, "..")):
+                ax.contourf(x, y, area, levels=[0.5, 1.5], colors="none", hatches=[hatch])
             ax.contour(x, y, outside, levels=[0.5], colors="black", linewidths=1.4)
     if (best := found.best) is not None:
         ax.plot(

@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 from io import StringIO
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from rich.console import Console
@@ -34,7 +35,7 @@ from stochvi.results.intervals import binomial_interval
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import load_scene
 from stochvi.statistics.damage import SpectrumValues
-from stochvi.views.bumper_map import print_bumper_map
+from stochvi.views.bumper_map import draw_bumper_map, print_bumper_map
 
 TRUCK = TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz")
 MOUNT = Isolator(frequency_hz=12.0, zeta=0.1, mass=2.5)
@@ -193,6 +194,30 @@ def test_the_best_point_has_the_least_rattle_space_within_the_limits() -> None:
     assert found.relative_error == pytest.approx(0.1)
     document = json.loads(json.dumps(found.to_dict(), allow_nan=False))
     assert document["best"]["clearance"] == 2e-3
+
+
+def test_a_limit_is_kept_where_that_is_shown_alone() -> None:
+    """Peaks have a standard error of a tenth: 56 may exceed 60, and 64 keep it."""
+    found = made([[40.0, 56.0], [64.0, 90.0]], [[3e-3, 1e-3], [1e-3, 1e-3]], peak_acceleration=60.0)
+    assert found.feasible.tolist() == [[True, False], [False, False]]
+    assert found.exceeded.tolist() == [[False, False], [False, True]]
+    assert found.best is not None and found.best[:2] == (1e-3, 1.0)
+    assert "1 of 4 designs keep all limits" in found.summary()
+    assert "(2 not known well enough)" in found.summary()
+    console = Console(file=StringIO(), width=200)
+    print_bumper_map(console, found)
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert [shown.count(word) for word in (" kept", "not shown", " exceeded\n")] == [1, 2, 1]
+    assert found.to_frame()["exceeded"].sum() == 1
+    # the control: without errors every point is known
+    sure = replace(found.peak_acceleration, standard_error=np.zeros((2, 2)))
+    known = replace(found, peak_acceleration=sure)
+    assert np.array_equal(known.feasible, ~known.exceeded) and known.feasible.sum() == 2
+    # a peak that is not known keeps nothing, and exceeds nothing
+    lost = replace(found.peak_acceleration, value=np.full((2, 2), np.nan))
+    lost_map = replace(found, peak_acceleration=lost)
+    assert not lost_map.feasible.any() and not lost_map.exceeded.any()
+    plt.close(draw_bumper_map(found).get_figure())
 
 
 def test_what_makes_no_map_is_refused() -> None:

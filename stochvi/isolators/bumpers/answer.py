@@ -98,15 +98,27 @@ class BumperMap(Result):
 
     @property
     def feasible(self) -> NDArray[np.bool_]:
-        """(clearances, stiffnesses): whether all limits are kept."""
+        """(clearances, stiffnesses): whether all limits are shown to be kept: their quantities lie
+        below them with their 95 % intervals."""
         found = np.ones(self.peak_acceleration.value.shape, bool)
         for name, most in self.limits.items():
-            found &= getattr(self, name).value <= most
+            values = getattr(self, name)
+            found &= values.value + values.half_width_95() <= most
+        return found
+
+    @property
+    def exceeded(self) -> NDArray[np.bool_]:
+        """(clearances, stiffnesses): whether any limit is shown to be exceeded. Points that neither
+        keep all limits nor exceed one are not known well enough."""
+        found = np.zeros(self.peak_acceleration.value.shape, bool)
+        for name, most in self.limits.items():
+            values = getattr(self, name)
+            found |= values.value - values.half_width_95() > most
         return found
 
     @property
     def best(self) -> MapPoint | None:
-        """The point with the least travel among those that keep all limits; None where
+        """The point with the least travel among those shown to keep all limits; None where
         there is none, or no limit was given."""
         if not self.limits or not self.feasible.any():
             return None
@@ -143,11 +155,13 @@ class BumperMap(Result):
                 name: values.value.ravel(), f"{name}_standard_error": values.standard_error.ravel(),
                 f"{name}_bias": values.bias.ravel(),
             }  # fmt: skip
-        return pd.DataFrame(columns | {"feasible": self.feasible.ravel()})
+        judged = {"feasible": self.feasible.ravel(), "exceeded": self.exceeded.ravel()}
+        return pd.DataFrame(columns | judged)
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()
-        return {"method": "size:map", "feasible": self.feasible, "best": self.best, **found}
+        judged = {"feasible": self.feasible, "exceeded": self.exceeded, "best": self.best}
+        return {"method": "size:map", **judged, **found}
 
     def stop_in_words(self, column: int) -> str:
         """The stiffness of a column, in words."""
@@ -162,13 +176,14 @@ class BumperMap(Result):
         chance = f"but for {spoken_percent(self.exceedance)} of missions of {mission}"
         if not self.limits:
             return f"{points} designs of stops; limits would mark those that keep them"
-        best = self.best
+        best, unknown = self.best, int(np.count_nonzero(~(self.feasible | self.exceeded)))
+        more = f" ({unknown} not known well enough)" if unknown else ""
         if best is None:
-            return f"none of {points} designs of stops keeps all limits {chance}"
+            return f"none of {points} designs of stops is shown to keep all limits {chance}{more}"
         at = best.row, best.column
         return (
-            f"{np.count_nonzero(self.feasible)} of {points} designs keep all limits {chance}; the "
-            f"least travel is {LENGTH.text(self.rattle_space.value[at], '.3g')}, at a "
+            f"{np.count_nonzero(self.feasible)} of {points} designs keep all limits {chance}"
+            f"{more}; the least travel is {LENGTH.text(self.rattle_space.value[at], '.3g')}, at a "
             f"clearance of {LENGTH.text(best.clearance, '.3g')} with "
             f"{self.stop_in_words(best.column)}: "
             f"{ACCELERATION.text(self.peak_acceleration.value[at], '.3g')}"

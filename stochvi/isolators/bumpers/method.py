@@ -190,15 +190,15 @@ def _map(
     for column, each in enumerate(scenes):
         model = model_of(at_clearances(each, float(places[0])))
         value, error, bias = (part[:, column] for part in speed)
-        hit = _contacts(model, places, np.array([value, value + error, value + bias]))
-        touched = value > 0.0
+        met = np.array([value, value + error, value + bias])
+        hit = _contacts(model, places, met)
         alone = np.tile(np.minimum(calm, places), (3, 1))
         for into, found, otherwise in (
             (peak, hit.peak_acceleration, model.omega**2 * alone),
             (force, mass * hit.peak_force, 0.0 * alone),
             (rattle, places + hit.deflection, alone),
         ):
-            found = np.where(touched | np.isnan(value), found, otherwise)
+            found = np.where((met > 0.0) | np.isnan(met), found, otherwise)
             into[:, :, column] = found[0], found[1] - found[0], found[2] - found[0]
     energy = 0.5 * mass * np.array([[each.mean_square_speed() for each in row] for row in rows])
     hourly = HOUR * np.array([[each.per_second() for each in row] for row in rows])

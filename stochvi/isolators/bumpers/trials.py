@@ -196,7 +196,8 @@ class Trials:
         bias = abs(at(everything, square=False) - value)
         if self.first_rate is not None:
             relative = self.first_rate.standard_error / self.first_rate.value
-            error = math.hypot(error, value - at(everything, wanted * (1.0 + relative)))
+            factor = 1.0 + relative if value else 1.0 / (1.0 + relative)
+            error = math.hypot(error, value - at(everything, wanted * factor))
             bias += value - at(everything, wanted * (1.0 + self.overlap))
         return value, error, bias
 

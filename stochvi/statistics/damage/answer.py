@@ -13,6 +13,7 @@ from stochvi.mathematics.shown_units import ACCELERATION
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.base import Result
 from stochvi.results.estimates import TOO_FEW, Estimate, format_with_error
+from stochvi.results.intervals import GAUSSIAN_95, reach
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -32,9 +33,11 @@ class SpectrumValues:
     bias: Vector
 
     def half_width_95(self) -> Vector:
-        """Half the width of the 95 % intervals, as that of an `Estimate`."""
-        found = np.array([each.half_width_95() for each in self.estimates()])
-        return found.reshape(self.value.shape)
+        """Half the width of the 95 % intervals, as that of an `Estimate`; NaN where the value is
+        not known."""
+        rows = zip(self.standard_error.flat, self.bias.flat, strict=True)
+        found = np.array([reach(GAUSSIAN_95, [error], [bias]) for error, bias in rows])
+        return np.where(np.isnan(self.value), np.nan, found.reshape(self.value.shape))
 
     def estimates(self) -> list[Estimate]:
         """The values one by one."""
