@@ -54,6 +54,7 @@ exception.
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import pickle
@@ -72,7 +73,7 @@ from typing import Any
 import numba
 from numba.core import codegen, config, event, sigutils, typing
 from numba.core.caching import CompileResultCacheImpl, NullCache
-from numba.core.compiler import Compiler
+from numba.core.compiler import Compiler, Flags
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.registry import CPUDispatcher
 from numba.core.serialize import dumps
@@ -90,6 +91,7 @@ USED = {
     codegen.JITCodeLibrary: ("add_linking_library", "_get_module_for_linking"),
     CPUDispatcher: ("add_overload", "compile", "get_call_template", "get_overload"),
     Compiler: ("compile_extra",),
+    Flags: ("copy", "values"),
     CompileResultCacheImpl: ("check_cachable", "locator", "rebuild", "reduce"),
 }
 """Parts of numba that kernels use beside those that it documents."""
@@ -112,6 +114,10 @@ BETWEEN_ATTEMPTS = 0.02
 KEPT = 8
 """Number of files that are kept of a kernel for one signature: those of the last versions of its
 parts, so that nobody compiles again who goes to and fro between two of them."""
+
+NEW_OBJECTS, NO_FULL_COLLECTION = 100_000, 1_000_000
+"""Number of new objects after which cycles are looked for among them while a kernel is compiled,
+and a number of such collections after which no compilation is still running."""
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]
@@ -161,7 +167,7 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
             if arguments in self.overloads or not self._can_compile:
                 return super().compile(sig)
             file = self._cache.find(sig, arguments)
-            with in_turn(file), self._named_by(file):
+            with in_turn(file), self._named_by(file), seldom_collected():
                 return super().compile(sig)
 
     def enable_caching(self) -> None:
@@ -189,6 +195,48 @@ class Kernel(CPUDispatcher):  # type: ignore[misc]
         if "<locals>" in self.__qualname__ or self.__module__ == "__main__":
             return super().__reduce__()
         return _kernel_of, (self.__module__, self.__qualname__)
+
+
+@contextmanager
+def seldom_collected() -> Iterator[None]:
+    """Let Python seldom look for cycles of objects meanwhile.
+
+    numba makes millions of objects that live until a kernel is compiled. To look through all of
+    them again and again takes an eighth of the time.
+    """
+    usual = gc.get_threshold()
+    gc.set_threshold(usual[0] and max(usual[0], NEW_OBJECTS), usual[1], NO_FULL_COLLECTION)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*usual)
+
+
+class SettledFlags(Flags):  # type: ignore[misc]
+    """Options of a compilation, to be compared with others.
+
+    numba does so in each call of a function that it finds by `overload`, and asks for all of them
+    by their names each time: a twelfth of the time. What it compares is a copy that nothing changes
+    any more.
+    """
+
+    __slots__ = ("_found",)
+
+    def __init__(self, given: Flags) -> None:
+        super().__init__(given)
+        self._found = super().values()
+
+    def values(self) -> Any:
+        """Return the value of each option by its name."""
+        return self._found
+
+
+class ComparedFlags(Flags):  # type: ignore[misc]
+    """Options of a compilation whose copies are settled."""
+
+    def copy(self) -> SettledFlags:
+        """Return a copy that is not changed."""
+        return SettledFlags(self)
 
 
 class LinkedCode(codegen.JITCodeLibrary):  # type: ignore[misc]
@@ -230,6 +278,7 @@ class LinkingCompiler(Compiler):  # type: ignore[misc]
     def compile_extra(self, func: Any) -> Any:
         """Compile a function."""
         state = self.state
+        state.flags = ComparedFlags(state.flags)
         state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = True
         state.library = LinkedCode(state.targetctx.codegen(), func.__qualname__)
         return super().compile_extra(func)

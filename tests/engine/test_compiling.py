@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from numba.core import caching, config, dispatcher, event
 from numba.core.bytecode import FunctionIdentity
+from numba.core.compiler import Flags
 
 import stochvi.engine as engine
 import stochvi.methods.monte_carlo.kernels as monte_carlo_kernels
@@ -595,6 +596,58 @@ with event.install_listener("numba:compile", Listener()):
         for name in ("total", "rest", "rest")
     ]  # fmt: skip
     assert said == [["total", "root", "5.0"], ["rest", "1.0"], ["1.0"]]
+
+
+def test_no_full_collection_of_objects_runs_while_a_kernel_is_compiled(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Python would look through all objects of numba again and again."""
+    seen: list[tuple[int, int, int]] = []
+    translate = FunctionIdentity.from_function
+
+    def noting(function: Any) -> Any:
+        seen.append(gc.get_threshold())
+        return translate(function)
+
+    usual = gc.get_threshold()
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(FunctionIdentity, "from_function", noting)
+    kernel(lambda x: x + 1.0)(1.0)
+    assert seen and all(first >= 100_000 and last >= 1_000_000 for first, _, last in seen)
+    assert gc.get_threshold() == usual
+    gc.set_threshold(0)  # someone who wants no collection has none
+    try:
+        kernel(lambda x: x + 2.0)(1.0)
+        assert seen[-1][0] == gc.get_threshold()[0] == 0
+    finally:
+        gc.set_threshold(*usual)
+
+
+def test_options_of_a_compilation_are_read_once(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """numba compares them in each call of a function that it finds by `overload`."""
+    monkeypatch.setattr(config, "CACHE_DIR", str(tmp_path))
+    read: list[Flags] = []
+    values = Flags.values
+
+    def noting(flags: Flags) -> Any:
+        read.append(flags)
+        return values(flags)
+
+    monkeypatch.setattr(Flags, "values", noting)
+
+    @kernel
+    def inner(x, y):
+        return max(x, y) + max(y, x) + min(x, y)
+
+    kernel(lambda x, y: inner(x, y))(1.0, 2.0)
+    settled = [flags for flags in read if isinstance(flags, compiling.SettledFlags)]
+    assert settled and len(settled) == len(set(map(id, settled)))
+    asked = compiling.ComparedFlags(Flags())
+    assert asked.copy() == Flags() and hash(asked.copy()) == hash(Flags())
+    asked.forceinline = True
+    assert asked.copy() != Flags()
 
 
 def test_a_kernel_travels_by_its_name() -> None:
