@@ -116,8 +116,8 @@ KEPT = 8
 parts, so that nobody compiles again who goes to and fro between two of them."""
 
 NEW_OBJECTS, NO_FULL_COLLECTION = 100_000, 1_000_000
-"""Number of new objects after which cycles are looked for among them while a kernel is compiled,
-and a number of such collections after which no compilation is still running."""
+"""Thresholds of Python's search for cycles of objects while a kernel is compiled: it looks among so
+many new objects, and at all objects never."""
 
 
 class Kernel(CPUDispatcher):  # type: ignore[misc]

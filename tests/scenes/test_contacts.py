@@ -19,6 +19,7 @@ from stochvi.scenes.impact_laws import (
     PowerLaw,
     Viscoelastic,
 )
+from stochvi.scenes.impact_laws.base import ContactMotion
 from stochvi.scenes.scene import load_scene, scene_from
 
 TABLE = ForceTable(deflection=[0.02, 0.05, 0.06], force=[1.0, 1.0, 9.0])
@@ -170,6 +171,25 @@ def test_slow_impacts_are_not_those_of_the_usual_speed(law: PowerLaw | ForceFunc
     """By the balance of energy above, 1 - R = 2 a w / 3 of slow impacts; R is .07 at 1 m/s."""
     assert law.restitution < 0.1
     assert 1.0 - law.slow_restitution == pytest.approx(2.0 / 3.0 * 14.0 * 1e-3, rel=0.02)
+
+
+@pytest.mark.parametrize("hashed", [True, False])
+def test_an_impact_is_integrated_once(hashed: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An answer asks for the restitution of its stops a thousand times."""
+    asked: list[float] = []
+    contact = PowerLaw.contact
+
+    def noting(law: PowerLaw, speed: float, mass: float) -> ContactMotion:
+        asked.append(law.coefficient)
+        return contact(law, speed, mass)
+
+    monkeypatch.setattr(PowerLaw, "contact", noting)
+    if not hashed:
+        monkeypatch.setattr(PowerLaw, "__hash__", None)
+    soft, stiff = (PowerLaw(coefficient=k, loss=3.7e5) for k in (1.7e6, 2.3e6))
+    found = [law.restitution for law in (soft, stiff, soft.model_copy(), soft)]
+    assert found[0] == found[2] == found[3] != found[1]
+    assert asked == ([1.7e6, 2.3e6] if hashed else [1.7e6, 2.3e6, 1.7e6, 1.7e6])
 
 
 def test_a_viscoelastic_ball_loses_with_the_fifth_root_of_the_speed() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Callable
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -265,17 +266,10 @@ class CompliantLaw(ImpactLaw):
 
         It is integrated from the first touch to where the mass leaves, unless a law knows it.
         """
-        found = self.contact(speed, mass)
-        times = np.linspace(0.0, found.duration, 2001)
-        y, v = found.states(times)
-        forces = self.force_at(y, v, mass)
-        return ContactSolution(
-            contact_time=found.duration,
-            time_to_peak=float(times[int(np.argmax(forces))]),
-            restitution=max(-float(v[-1]) / speed, 0.0) if found.left else 0.0,
-            peak_deflection=float(y.max()),
-            peak_force=float(forces.max()),
-        )
+        try:
+            return _impact(self, speed, mass)
+        except TypeError:  # a law whose numbers have no hash
+            return _impact.__wrapped__(self, speed, mass)
 
     def contact(
         self, speed: float, mass: float, pressing: float = 0.0, longest: float = math.inf
@@ -320,6 +314,22 @@ class CompliantLaw(ImpactLaw):
     def starts_as_root(self) -> bool:
         """Whether the slope of the force near 0 grows as the square root of the deflection."""
         return False
+
+
+@lru_cache(maxsize=256)
+def _impact(law: CompliantLaw, speed: float, mass: float) -> ContactSolution:
+    """`CompliantLaw.impact`; an answer asks for the same impacts a thousand times."""
+    found = law.contact(speed, mass)
+    times = np.linspace(0.0, found.duration, 2001)
+    y, v = found.states(times)
+    forces = law.force_at(y, v, mass)
+    return ContactSolution(
+        contact_time=found.duration,
+        time_to_peak=float(times[int(np.argmax(forces))]),
+        restitution=max(-float(v[-1]) / speed, 0.0) if found.left else 0.0,
+        peak_deflection=float(y.max()),
+        peak_force=float(forces.max()),
+    )
 
 
 def inside(deflection: ArrayLike) -> Vector:
