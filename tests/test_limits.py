@@ -34,6 +34,11 @@ SCENES = {
         excitation=[PROFILE, {"kind": "pulses", "rate": 0.02, "shape": "half-sine",
                               "duration": "20 ms", "amplitude": 50.0}]
     ),
+    "parts pressed together": document(
+        excitation=[PROFILE],
+        impact_pair=[{"upper": -1e-3, "law": {"kind": "viscoelastic", "stiffness": 1e5,
+                                              "damping_ratio": 0.2}}],
+    ),
     "sines beside noise": document(
         excitation=[PROFILE, {"kind": "sine", "amplitude": 3.0, "frequency_hz": 17.0}]
     ),

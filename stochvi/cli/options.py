@@ -320,7 +320,7 @@ OPTIONS = {
     ),
     "formats": click.option(
         "--formats", type=Formats(), default="", metavar="LIST",
-        help="With --out, also as: mat, uff (tables), pdf (a report).",
+        help="With --out, also as: mat, uff (tables), pdf (the report, if any).",
     ),
     "units": click.option(
         "--units", type=Units(), default="", metavar="LIST",

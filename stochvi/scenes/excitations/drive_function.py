@@ -24,10 +24,10 @@ class DriveFunction(DrawnExcitation):
     """A random force of one's own, whose next value is any function of the last one.
 
     The force is `amplitude` times a value z. `simulate` compiles the function and asks it for the
-    next z before each half step. With a uniform random number it describes any Markov process of
-    one state: a switch that changes at random, an Ornstein-Uhlenbeck process, a phase that drifts.
-    It is for Python only. Answers, provenance and documents name the function, with a digest of its
-    instructions and of the values that it uses.
+    next z before each half step. It describes a Markov process of one state that one uniform random
+    number drives: a switch that changes at random, or shots that decay. It is for Python only.
+    Answers, provenance and documents name the function, with a digest of its instructions and of
+    the values that it uses.
 
     Parameters
     ----------

@@ -51,7 +51,8 @@ def first_hit(
                 "first crossings",
                 [
                     "the static equilibrium must lie between the stops or barriers, got one that "
-                    f"is {max(-below, -above):.4g} m beyond; move them, or leave out way"
+                    f"is {max(-below, -above):.4g} m beyond; move them; for a mass that is pressed "
+                    "onto a stop, impacts counts the returns"
                 ],
             )
         return None
