@@ -57,7 +57,7 @@ def print_impacts(console: Console, found: ImpactStatistics, mission: float | No
     print_frame(
         console,
         found.to_table(),
-        "impacts, with 95 % intervals of the rates, by their statistical errors alone",
+        "impacts, with 95 % intervals of the rates",
     )
     console.print(found.summary(), highlight=False)
     if mission is not None:

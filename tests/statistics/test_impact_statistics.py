@@ -610,6 +610,26 @@ def test_words_need_a_difference_that_matters(elastic) -> None:
     assert "more regular" in words(0.9) and "in clusters" in words(1.1)
 
 
+@pytest.mark.parametrize("restitution", [0.7, 0.5])
+def test_intervals_include_the_bias_of_the_step(restitution: float) -> None:
+    """Against the Fokker-Planck equation, where the mass rests at a stop."""
+    resting = scene(restitution, lower=0.0, upper=None)
+    found = impacts(resting, rel_error=0.004, seed=1).pairs["stops"]
+    known = fokker_planck(resting, speed_threshold=found.speed_threshold).impact_pairs["stops"]
+    true = known["collision_rate"].value
+    square = known["impact_speed_square_rate"].value / true
+    usual = found.rates["both"]
+    assert usual.lower < true < usual.upper
+    assert found.rates["lower"].estimate == usual.estimate
+    assert_agrees(found.speed_rms, math.sqrt(square))
+    assert_agrees(found.energy, 0.5 * (1.0 - restitution**2) * square)
+    # the control: the statistical error alone is too small
+    assert usual.estimate.value + 1.96 * usual.estimate.standard_error < true
+    assert usual.estimate.bias is not None and usual.estimate.bias < 0.1 * true
+    elastic = impacts(scene(1.0, lower=0.0, upper=None), paths=64, duration=20.0)
+    assert elastic.pairs["stops"].rates["both"].estimate.bias == 0.0
+
+
 def test_an_answer_says_where_its_step_misses_slow_impacts() -> None:
     """Where the mass rests at a stop of R = 0.3 the interval does not hold the rate of the
     Fokker-Planck equation; the note says so. With resolved impacts, and at R = 0.9, none is made,
@@ -625,5 +645,7 @@ def test_an_answer_says_where_its_step_misses_slow_impacts() -> None:
     found = resolved.pairs["stops"].rates["both"].estimate
     assert abs(found.value / true.value - 1.0) < 0.02 + 4.5 * found.standard_error / found.value
     assert not any("misses slow impacts" in each for each in resolved.warnings)
+    both = impacts(scene(0.1), rel_error=0.01, seed=1, slow_impacts=True)
+    assert any("bias of the step, which is not known" in each for each in both.warnings)
     light = impacts(scene(0.9, lower=0.0, upper=None), paths=64, duration=10.0)
     assert not any("misses slow impacts" in each for each in light.warnings)

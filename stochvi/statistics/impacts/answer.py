@@ -62,7 +62,8 @@ class PairStatistics:
     speeds, intervals
         Densities of impact speeds (s/m) and of times between impacts on either stop (1/s).
     speed_rms
-        Root mean square impact speed, m/s.
+        Root mean square impact speed, m/s. Its bias, and that of energies and rates, is that of the
+        step, from some paths at twice the step; None where that does not tell it.
     exponents
         Exponents by side, or under "both" where both stops have the same restitution.
     energy, striking_energy
@@ -125,7 +126,17 @@ class ImpactStatistics(Result):
         """A tidy table of all numbers: one row per pair and quantity."""
         import pandas as pd
 
-        columns = ["of", "quantity", "value", "standard_error", "lower", "upper", "by", "unit"]
+        columns = [
+            "of",
+            "quantity",
+            "value",
+            "standard_error",
+            "bias",
+            "lower",
+            "upper",
+            "by",
+            "unit",
+        ]
         rows = [row for name, pair in self.pairs.items() for row in _rows(name, pair)]
         return pd.DataFrame(rows).reindex(columns=columns)
 
@@ -209,7 +220,9 @@ def _rows(name: str, pair: PairStatistics) -> list[dict[str, Any]]:
 
     def add(quantity: str, unit: str, estimate: Estimate | None, **more: Any) -> None:
         if estimate is not None:
-            found = {"value": estimate.value, "standard_error": estimate.standard_error}
+            found: dict[str, Any] = {
+                name: getattr(estimate, name) for name in ("value", "standard_error", "bias")
+            }
             rows.append({"of": name, "quantity": quantity, "unit": unit, **found, **more})
 
     for side, each in pair.rates.items():

@@ -13,10 +13,12 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog
 from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import (
+    GAUSSIAN_95,
     jackknife_error,
     logarithmic_interval,
     poisson_interval,
     ratio_and_error,
+    reach,
     upper_limit_unseen,
 )
 
@@ -103,6 +105,11 @@ class Tally:
             windows=total(one, window, WINDOWS),
         )
 
+    def rows(self, first: int, paths: int) -> Tally:
+        """The tally of some of the paths."""
+        names = [each.name for each in fields(Tally)]
+        return Tally(**{name: getattr(self, name)[first : first + paths] for name in names})
+
 
 def merged(tallies: list[Tally]) -> Tally:
     """The tally of all paths together, in the order of the tallies."""
@@ -112,7 +119,7 @@ def merged(tallies: list[Tally]) -> Tally:
 
 @dataclass(frozen=True, kw_only=True)
 class Rate:
-    """Impacts per second, and their 95 % interval.
+    """Impacts per second, and their 95 % interval, widened by the bias of the step if it is known.
 
     Parameters
     ----------
@@ -134,14 +141,18 @@ class Rate:
     interval: str
 
 
-def rate(counts: Vector, duration: float, poisson: bool, how: str, cluster: float = 1.0) -> Rate:
+def rate(
+    counts: Vector, duration: float, poisson: bool, how: str, cluster: float = 1.0,
+    bias: float | None = None, bias_error: float = 0.0,
+) -> Rate:  # fmt: skip
     """The rate from counts of impacts in independent paths of `duration` seconds; where none was
-    seen, with as many impacts in a `cluster` as there may be."""
+    seen, with as many impacts in a `cluster` as there may be. A bias that is known widens the
+    interval."""
     value, error = ratio_and_error(counts, np.full(len(counts), duration))
-    seen = Estimate(value=value, standard_error=error, bias=None, how=how)
+    seen = Estimate(value=value, standard_error=error, bias=bias, bias_error=bias_error, how=how)
     if value == 0.0:
         most = cluster * upper_limit_unseen(duration * len(counts))
-        found, low, high = replace(seen, upper_95=most), 0.0, most
+        found, low, high = replace(seen, bias=None, bias_error=0.0, upper_95=most), 0.0, most
     elif poisson:
         found = seen
         low, high = poisson_interval(round(counts.sum()), duration * len(counts))
@@ -149,6 +160,9 @@ def rate(counts: Vector, duration: float, poisson: bool, how: str, cluster: floa
         found = of_events(seen, len(counts))
         low, high = logarithmic_interval(value, error, len(counts) - 1)
         low, high = (low, high) if found.upper_95 is None else (0.0, found.upper_95)
+    if found.upper_95 is None:
+        low = max(value - reach(1.0, [value - low, GAUSSIAN_95 * bias_error], [bias or 0.0]), 0.0)
+        high = value + reach(1.0, [high - value, GAUSSIAN_95 * bias_error], [bias or 0.0])
     exact = poisson or value == 0.0
     return Rate(estimate=found, lower=low, upper=high, interval="Poisson" if exact else "paths")
 
