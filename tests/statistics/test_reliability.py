@@ -1,7 +1,9 @@
 """reliability: the way that a pilot chooses, what it answers, and what it refuses."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -21,19 +23,21 @@ from stochvi import (
     exact,
     reliability,
 )
-from stochvi.results.deadline import NEVER
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import logarithmic_interval
 from stochvi.sampling.options import DEFAULTS
 from stochvi.sampling.run import Run as SampledRun
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.statistics.bursts import bursts
+from stochvi.statistics.reliability import conditioning
 from stochvi.statistics.reliability.choice import Jobs
 from stochvi.testing import assert_agrees
 from stochvi.views.files import to_json
 from stochvi.views.statistics_tables import chance_in_words
 from support.commands import Run, one_document
 from support.known import DOCUMENT, P_AT_3, RARE, TEN_PERIODS, oscillator, to_toml
+from support.runs import run_of
 
 FREE, BOX, FAR = oscillator(), oscillator(-1.0, 1.0), oscillator(-4.5, 4.5)
 PRELOADED = oscillator(None, -0.5)
@@ -339,3 +343,28 @@ def test_the_interval_of_expected_impacts_holds_their_bias() -> None:
     wide = jobs.interval(replace(known, bias=19.0), 100)
     assert wide == pytest.approx((low - 19.0, high + 19.0))
     assert jobs.interval(replace(known, bias=40.0), 100)[0] == 0.0
+
+
+def test_the_time_that_expected_impacts_leave_is_for_the_limits(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """They are found first, in an equal share; the last limit has all that is left."""
+    now, asked = [0.0], list[tuple[str, float]]()
+    monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))
+
+    def taking(name: str, seconds: float) -> Callable[..., Any]:
+        def calculate(*arguments: Any, **_: Any) -> Any:
+            asked.append((name, arguments[-1].deadline.left))
+            now[0] += seconds
+            return SimpleNamespace(event=name)
+
+        return calculate
+
+    monkeypatch.setattr(conditioning, "first_hit", taking("hit", 0.0))
+    monkeypatch.setattr(conditioning, "_hits", taking("impacts", 3.0))
+    monkeypatch.setattr(conditioning, "exceedance", taking("limit", 10.0))
+    limits = {"impact_speed": 1.0, "peak_acceleration": 9.0}
+    with run_of(rel_error=0.1, seed=1) as run:
+        jobs = Jobs(run=run, confidence=0.95, deadline=Deadline.after(60.0))
+        conditioning.by_conditioning(BOX, (-1.0, 1.0), limits, 10.0, jobs)
+    assert asked[1:] == [("impacts", 20.0), ("limit", 28.5), ("limit", 47.0)]

@@ -189,6 +189,11 @@ class Jobs:
         """The run of another calculation for the same answer, in the time that is left."""
         return self.run.part(deadline=self.deadline.sooner(KEPT))
 
+    def sharing(self, others: int) -> Jobs:
+        """The settings of a calculation that leaves to so many `others` as much time as it has. The
+        cheap ones come first: what they leave is for the others."""
+        return replace(self, deadline=self.deadline.sooner(others / (others + 1.0)))
+
     @property
     def sampling(self) -> dict[str, Any]:
         """The options of that calculation, with the accuracy that is asked for."""

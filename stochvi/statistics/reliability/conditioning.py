@@ -209,17 +209,18 @@ def by_conditioning(
             )
         return chances, None, {}
     missing: dict[str, str] = {}
+    hits = None
+    try:
+        hits = _hits(scene, mission, jobs.sharing(len(limits)))
+    except (NotConverged, Interrupted) as error:
+        missing["expected_hits"] = str(error)
     for done, (name, limit) in enumerate(limits.items()):
-        left = len(limits) - done  # the expected impacts are one of them
-        some = replace(jobs, deadline=jobs.deadline.sooner(left / (left + 1.0)))
+        some = jobs.sharing(len(limits) - done - 1)
         try:
             chances[name] = exceedance(scene, Limit(name, limit), mission, some)
         except (NotConverged, Interrupted) as error:
             missing[name] = str(error)
-    try:
-        return chances, _hits(scene, mission, jobs), missing
-    except (NotConverged, Interrupted) as error:
-        return chances, None, missing | {"expected_hits": str(error)}
+    return chances, hits, missing
 
 
 def exceedance(scene: Scene, limit: Limit, mission: float, jobs: Jobs) -> Chance:

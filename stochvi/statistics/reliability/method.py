@@ -338,9 +338,21 @@ def _of_pairs(
     if pair is not None:
         kept = tuple(each for each in scene.impact_pairs if each.name == pair)
         stopped = scene.model_copy(update={"impact_pairs": kept})
+    try:
+        if model_of(scene).drawn:
+            sentence = (
+                "impacts after the first one are not followed beside shocks; impacts counts all"
+            )
+            raise NotApplicable("expected impacts", [sentence])
+        if chance.estimate.value > 0.0:
+            hits, risks = hits_of_pairs(stopped, mission, overlap, risks, jobs.sharing(len(limits)))
+            missing |= _inaccurate({"expected_hits": hits.estimate}, jobs)
+    except NotApplicable as reason:
+        unknown.append(f"expected impacts are not calculated: {'; '.join(reason.conditions)}")
+    except (NotConverged, Interrupted) as error:
+        missing["expected_hits"] = str(error)
     for number, limit in enumerate(limits):
-        left = len(limits) - number
-        some = replace(jobs, deadline=jobs.deadline.sooner(left / (left + 1.0)))
+        some = jobs.sharing(len(limits) - number - 1)
         try:
             harder, by_output = harder_hits_of_pairs(stopped, limit, mission, overlap, some)
         except (NotConverged, Interrupted) as error:
@@ -349,19 +361,6 @@ def _of_pairs(
         chances[limit.event] = harder
         outputs |= by_output
         missing |= _inaccurate({limit.event: harder.estimate}, jobs)
-    try:
-        if model_of(scene).drawn:
-            sentence = (
-                "impacts after the first one are not followed beside shocks; impacts counts all"
-            )
-            raise NotApplicable("expected impacts", [sentence])
-        if chance.estimate.value > 0.0:
-            hits, risks = hits_of_pairs(stopped, mission, overlap, risks, jobs)
-            missing |= _inaccurate({"expected_hits": hits.estimate}, jobs)
-    except NotApplicable as reason:
-        unknown.append(f"expected impacts are not calculated: {'; '.join(reason.conditions)}")
-    except (NotConverged, Interrupted) as error:
-        missing["expected_hits"] = str(error)
     found = Reliability(
         mission=mission,
         start="stationary",
@@ -452,9 +451,19 @@ def _sampled(
     if "peak_acceleration" in limits:
         sharpest = limits["peak_acceleration"]
         plans["peak_acceleration"] = acceleration_plan(model, mission, start, sharpest)
+    hits = None
+    if model.stops:
+        # impacts of a stationary motion are proportional to its duration: a duration in which it
+        # forgets its start suffices; it costs less than a long mission and shows more impacts than
+        # a short one
+        part = settling_time(model) if start == "stationary" else mission
+        counted = impact_plan(model, part, start)
+        try:
+            hits = jobs.sharing(len(plans)).hits(counted, missions, mission / part)
+        except (NotConverged, Interrupted) as error:
+            missing["expected_hits"] = str(error)
     for done, (event, plan) in enumerate(plans.items()):
-        left = len(plans) - done - (0 if model.stops else 1)  # with the expected impacts, if any
-        some = replace(jobs, deadline=jobs.deadline.sooner(left / (left + 1.0)))
+        some = jobs.sharing(len(plans) - done - 1)
         try:
             chances[event] = some.chance(plan, event, limits.get(event), missions)
         except (NotConverged, Interrupted) as error:
@@ -465,17 +474,6 @@ def _sampled(
                 missing[event] = str(error)
             else:
                 chances[event] = guided
-    if not model.stops:
-        return chances, None, missing
-    # impacts of a stationary motion are proportional to its duration: a duration in which it
-    # forgets its start suffices; it costs less than a long mission and shows more impacts than a
-    # short one
-    part = settling_time(model) if start == "stationary" else mission
-    hits = None
-    try:
-        hits = jobs.hits(impact_plan(model, part, start), missions, mission / part)
-    except (NotConverged, Interrupted) as error:
-        missing["expected_hits"] = str(error)
     return chances, hits, missing
 
 
@@ -662,7 +660,7 @@ def _inaccurate(found: Mapping[str, Estimate], jobs: Jobs) -> dict[str, str]:
     elif jobs.deadline.passed():
         ended = f" when the budget of {budget:g} s ended"
     else:
-        ended = f" within its share of the budget of {budget:g} s"
+        ended = f" when its share of the budget of {budget:g} s ended"
     for name, estimate in found.items():
         if estimate.upper_95 is not None:
             seen = TOO_FEW if TOO_FEW in estimate.how else "not once"
