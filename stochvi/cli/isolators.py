@@ -269,15 +269,14 @@ def size(
         if answer.production is not None:
             options.draw("production", answer.production.plot)
         from stochvi.isolators.sizing.review import ReviewSettings, review
-        from stochvi.views.report import write_pairs_report, write_report
+        from stochvi.views.report import write_report
 
-        origin = options.origin(scene, answer.provenance)
-        if answer.several:
-            write_pairs_report(answer, options.out, origin, table)
-        else:
+        reviewed = None
+        if not answer.several:
             settings = ReviewSettings(budget=deadline.rest or BUDGET)
             reviewed = review(answer, table, settings, threads=options.threads)
-            write_report(reviewed, options.out, origin)
+        origin = options.origin(scene, answer.provenance)
+        write_report(answer, options.out, origin, review=reviewed, sensitivity=table)
 
     shown(found, show, asked)
     for record in judged:

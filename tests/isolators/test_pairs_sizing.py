@@ -27,7 +27,7 @@ from stochvi import (
     size,
 )
 from stochvi.isolators.moved_stops import at_clearances
-from stochvi.isolators.sizing import hits_at_place, pairs
+from stochvi.isolators.sizing import hits_at_place, shared_risk
 from stochvi.isolators.sizing import sensitivity as sensitivity_module
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.changes import Change, Tolerances, changed_stops
@@ -49,7 +49,7 @@ from stochvi.sweeps.ranges import summary_of_sizing
 from stochvi.testing import assert_agrees
 from stochvi.views.pairs import pairs_in_words, plot_pairs_risk
 from stochvi.views.report.environment import excitations_section
-from stochvi.views.report.pairs import pairs_page
+from stochvi.views.report.sizing import sizing_page
 from support.commands import Run, one_document
 from support.pairs import LAW, pair, uncoupled
 from support.runs import run_of
@@ -69,9 +69,9 @@ def sized(scene: Scene, *, whole: bool = False, **changed: object) -> Sizing:
     """An answer; without the impacts at its clearances and without tolerances, which are most of
     its time, unless it is asked for as a whole."""
     hits = hits_at_place.count_impacts if whole else no_hits
-    table = pairs.tolerance_table if whole else no_tolerances
+    table = shared_risk.tolerance_table if whole else no_tolerances
     with mock.patch.object(hits_at_place, "count_impacts", hits), mock.patch.object(
-        pairs, "tolerance_table", table
+        shared_risk, "tolerance_table", table
     ):  # fmt: skip
         found = size(scene, **(QUICK | changed))  # type: ignore[arg-type]
     assert isinstance(found, Sizing)
@@ -392,6 +392,25 @@ def test_a_rate_of_hits_is_kept() -> None:
     assert found.probability.value < 1.0 - math.exp(-rate * MISSION)
 
 
+@pytest.mark.slow
+def test_places_that_were_tried_are_told_as_those_of_one_pair_are() -> None:
+    scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0))
+    asked = {"probability": None, "impact_speed": 1.5, "exceedance": 0.2, "rel_error": 0.3}
+    found = sized(scene, whole=True, mission=200.0, **asked)
+    hits, limits = found.simulated, found.exceeding
+    assert limits is not None and found.expected_hits is not None
+    at_answer = hits.iloc[(hits["x"] - found.clearances["x"].value).abs().argmin()]
+    assert at_answer["x"] == pytest.approx(found.clearances["x"].value)
+    assert at_answer["hit_rate"] * 200.0 == pytest.approx(found.expected_hits.value)
+    assert at_answer["clearance_in_sigma"] == pytest.approx(found.pairs["clearance_in_sigma"].min())
+    assert limits["x"].is_monotonic_increasing and limits["z"].is_monotonic_increasing
+    near = limits.iloc[(limits["x"] - found.clearances["x"].value).abs().argmin()]
+    assert near["probability_low"] < 0.2 < near["probability_high"]
+    page = sizing_page(found, origin_of(found.provenance))
+    (told,) = [each for each in page.sections if each.title == "Verification"]
+    assert "clusters" in told.lead and "Records" in told.facts[-1].name
+
+
 @pytest.mark.verify
 def test_a_speed_is_kept() -> None:
     scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 4.0))
@@ -516,10 +535,10 @@ def test_a_chance_next_to_one_has_an_interval(hazard: float) -> None:
     """Of 1000 paths: next to 1 the relative error of a hazard grows like 1 / (1 - P), beyond what a
     double holds."""
     hazards = hazard * np.array([0.5, 1.0, 2.0])
-    values = np.minimum(-np.expm1(-hazards), pairs.KNOWN)
+    values = np.minimum(-np.expm1(-hazards), shared_risk.KNOWN)
     errors = np.sqrt(values * (1.0 - values) / 1000.0) + 1e-4
     estimates = [Estimate(value=v, standard_error=e) for v, e in zip(values, errors, strict=True)]
-    total = pairs.TotalRisk.of(np.array([0.1, 0.2, 0.4]), estimates)
+    total = shared_risk.TotalRisk.of(np.array([0.1, 0.2, 0.4]), estimates)
     found = total.at(0.2)
     assert found.value == pytest.approx(values[1], rel=1e-6)
     assert 0.0 <= found.lower < found.value <= found.upper <= 1.0
@@ -585,10 +604,10 @@ def test_one_clearance_for_all_is_said_to_be_common(both: Sizing) -> None:
     stated = both.tolerances.iloc[:1]
     common = replace(both, clearances={"x": x, "z": x}, common=("x", "z"), tolerances=stated)
     assert "for all 2 pairs in common, per side" in common.verdict()
-    page = pairs_page(common, origin_of(common.provenance))
+    page = sizing_page(common, origin_of(common.provenance))
     lead = page.sections[0].lead
     assert lead == "x, z have one clearance in common, so that their risks differ."
     assert "Environment" in [section.title for section in page.sections]
     assert "in common" not in both.verdict()
-    equal = pairs_page(both, origin_of(both.provenance)).sections[0].lead
+    equal = sizing_page(both, origin_of(both.provenance)).sections[0].lead
     assert equal.startswith("Pairs share the risk equally: each alone")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from types import SimpleNamespace
 
 import pytest
@@ -16,14 +17,30 @@ from stochvi.statistics.bursts import chance_of
 WANTED = 1.0
 
 
+class Places:
+    """Places for which nothing is calculated."""
+
+    ends, searched, outputs = (0.1, 10.0), (0.0, 1.0), None
+    steep = -1.0
+    steepness = staticmethod(lambda place: 1.0)
+    coordinate = place_at = staticmethod(lambda place: place)
+    first_guess = staticmethod(lambda wanted: 3.0)
+    words = staticmethod(lambda place: f"{place:g}")
+    exceedance_rate: Callable[[float, Run], Estimate]
+
+    def slope(self, place: float) -> float:
+        return self.steep
+
+    def already_kept(self, place: float, rate: Estimate) -> Reached:
+        raise AssertionError("the nearest place is far away")
+
+
 class Job(SizingJob):
     """A search over a rate that is 20 at places up to `seen`, unknown up to 2 and small beyond."""
 
-    ends = (0.1, 10.0)
-    exceedance_rate = keeping = check_free_motion = answer = scene_at = first_rate = None  # type: ignore[assignment]
-
     def __init__(self, unknown: float, seen: float = 1.0) -> None:
         self.unknown, self.seen = unknown, seen
+        self.method = self.places = Places()  # type: ignore[assignment]
         self.target = SimpleNamespace(exceedance=0.01, name="peak_acceleration", value=WANTED)
         self.exceeded, self.unfinished, self.warnings = {}, {}, []  # type: ignore[assignment]
         self.rel_error, self.tried = 0.1, list[float]()
@@ -31,15 +48,6 @@ class Job(SizingJob):
 
     def stage(self, low: float, high: float, words: str) -> None:
         pass
-
-    def words(self, place: float) -> str:
-        return f"{place:g}"
-
-    def first_guess(self, wanted: float) -> float:
-        return 3.0
-
-    def already_kept(self, place: float, rate: Estimate) -> Reached:
-        raise AssertionError("the nearest place is far away")
 
     def rate(self, place: float, rel_error: float, unseen: bool = False) -> Estimate:
         self.tried.append(place)
@@ -68,7 +76,7 @@ def test_a_place_where_nothing_could_be_seen_is_not_one_that_keeps_the_target() 
 def test_where_the_nearest_place_is_unknown_a_farther_one_that_keeps_the_target_is_found() -> None:
     job = Job(unknown=30.0, seen=0.0)
     found = job.search(WANTED)
-    assert min(job.tried) == job.ends[0]
+    assert min(job.tried) == job.method.ends[0]
     assert 2.0 < found.place == min(place for place in job.tried if place > 2.0)
     assert found.place < 2.0 / SEARCH.near_enough
     assert found.lower == -math.inf
@@ -84,18 +92,14 @@ class ByBoth(Job):
     def __init__(self) -> None:
         super().__init__(unknown=30.0)
         self.target.exceedance = -math.expm1(-WANTED * self.mission)
-
-    def slope(self, place: float) -> float:
-        return -4.0
+        self.places.steep = -4.0
+        self.places.exceedance_rate = lambda place, run: Job.rate(self, place, run.accuracy)
 
     def part(self, share: float = 1.0, rel_error: float | None = None) -> Run:
         never = SimpleNamespace(passed=lambda: False, share=lambda share: None)
         run = SimpleNamespace(accuracy=rel_error or self.rel_error, deadline=never)
         run.part = lambda deadline: run
         return run  # type: ignore[return-value]
-
-    def exceedance_rate(self, place: float, run: Run) -> Estimate:
-        return Job.rate(self, place, run.accuracy)
 
     def by_splitting(self, place: float, run: Run | None = None) -> Estimate | None:
         rate = 20.0 * math.exp(-4.0 * (place - 1.0))

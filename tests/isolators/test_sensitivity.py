@@ -21,7 +21,7 @@ from stochvi import (
 from stochvi.isolators.sizing import sensitivity as method
 from stochvi.isolators.sizing.answer import Sizing, Target
 from stochvi.isolators.sizing.method import size
-from stochvi.isolators.sizing.nominal import risk_curve
+from stochvi.isolators.sizing.one_curve import risk_curve
 from stochvi.isolators.sizing.risk_curve import RiskCurve
 from stochvi.isolators.sizing.sensitivity import (
     KURTOSIS,

@@ -30,7 +30,7 @@ from stochvi import (
     simulate,
 )
 from stochvi.isolators.moved_stops import at_clearances
-from stochvi.isolators.sizing import job, nominal
+from stochvi.isolators.sizing import job, one_curve
 from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.isolators.sizing.exceedances import chance_in_windows
 from stochvi.isolators.sizing.method import Sizing, size
@@ -292,7 +292,7 @@ def test_a_limit_that_no_hit_reaches_is_kept_by_the_nearest_stops_that_can_be_ju
     clusters."""
     seen = Estimate(value=0.0, upper_95=2e-5, how="none of 8")
     monkeypatch.setattr(job, "rare_hits", lambda *scene, **asked: SimpleNamespace(chance=seen))
-    monkeypatch.setattr(nominal, "chance_in_windows", lambda scene, *asked, **how: None)
+    monkeypatch.setattr(one_curve, "chance_in_windows", lambda scene, *asked, **how: None)
     found = size(truck(HALF), impact_speed=5.0, rel_error=0.2)
     assert found.clearance.lower == 0.0
     assert found.clearance.upper == found.clearance.value < 4.0 * found.sigma
@@ -324,7 +324,7 @@ def test_a_limit_far_above_every_hit_is_shown_to_be_kept() -> None:
 def test_the_chance_that_is_kept_already_is_told_where_it_was_seen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(nominal, "chance_in_windows", lambda scene, *asked, **how: None)
+    monkeypatch.setattr(one_curve, "chance_in_windows", lambda scene, *asked, **how: None)
     found = size(truck(HALF), impact_speed=0.5, exceedance=0.5, mission=60.0, rel_error=0.2)
     assert found.kept_with is not None and found.kept_with.upper_95 is None
     assert 0.0 < found.kept_with.value < 0.5
@@ -336,13 +336,13 @@ def test_a_limit_that_says_nothing_does_not_replace_a_chance_that_was_seen() -> 
     """Words said "over 99.9 %" of a probability that stood beside them in the picture as 1.5 %."""
     bursts = Estimate(value=0.015, standard_error=0.008)
     without_time = Estimate(value=0.0, upper_95=1.0, how="not one window")
-    assert nominal.more_telling(bursts, without_time) is bursts
-    assert nominal.more_telling(bursts, None) is bursts
+    assert job.more_telling(bursts, without_time) is bursts
+    assert job.more_telling(bursts, None) is bursts
     windows = Estimate(value=0.011, standard_error=0.002)
     small = Estimate(value=0.0, upper_95=0.02)
-    assert nominal.more_telling(bursts, windows) is windows
-    assert nominal.more_telling(bursts, small) is small
-    assert nominal.more_telling(small, without_time) is small
+    assert job.more_telling(bursts, windows) is windows
+    assert job.more_telling(bursts, small) is small
+    assert job.more_telling(small, without_time) is small
 
 
 def test_bursts_that_do_not_end_give_no_clearance(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -374,7 +374,7 @@ def test_a_chance_that_is_not_known_gives_no_clearance(monkeypatch: pytest.Monke
         now[0] += 1.0
         return bursts(scene, rel_error=max(rel_error, 0.1), budget=None, **asked)
 
-    monkeypatch.setattr(nominal, "bursts", ended)
+    monkeypatch.setattr(one_curve, "bursts", ended)
     monkeypatch.setattr(job, "rare_hits", too_short)
     with pytest.raises(NotConverged, match=r"error of .* beyond the limit at 7.* 0.01 was asked"):
         size(

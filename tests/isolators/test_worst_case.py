@@ -15,7 +15,7 @@ from stochvi.isolators.sizing import exceedances as hard
 from stochvi.isolators.sizing import sensitivity
 from stochvi.isolators.sizing.answer import RoundedClearance, Sizing, Target
 from stochvi.isolators.sizing.changes import WORST, Tolerances
-from stochvi.isolators.sizing.nominal import risk_curve
+from stochvi.isolators.sizing.one_curve import risk_curve
 from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.review import Balance
 from stochvi.isolators.sizing.worst_case import worst_case

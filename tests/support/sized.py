@@ -11,7 +11,6 @@ from stochvi import ImpactPair, Isolator, Scene, TabulatedNoise, screen, simulat
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import Clearance, Sizing, Target, ThreeSigma
 from stochvi.isolators.sizing.chance_at_stops import distances_of_stops
-from stochvi.isolators.sizing.nominal import expected_hits
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.impact_laws import Law, Viscoelastic
@@ -102,7 +101,7 @@ def sizing_of(scene: Scene, mission: float = 3600.0, paths: int = 256) -> Sizing
             impact_speed_mean=None,
         ),
         required=required,
-        expected_hits=expected_hits(pd.DataFrame(simulated), needed[1], mission),
+        expected_hits=rate * mission if scene.impact_pairs else None,
         simulated=pd.DataFrame(simulated),
         evidence=evidence,
         screening=linear,

@@ -42,7 +42,7 @@ from stochvi.scenes.excitations import Excitation
 from stochvi.scenes.scene import Scene
 from stochvi.views.report.environment import environment_section, gap_section, mount_section
 from stochvi.views.report.pages import Fact, Grid, Page, Section, shown
-from stochvi.views.report.sizing import clearance_page, write_report
+from stochvi.views.report.sizing import sizing_page, write_report
 from stochvi.views.sizing import plot_input, plot_risk
 from stochvi.views.words import TINY, chance_of_stops
 from support.sized import TRUCK, scene_between_stops, sizing_of
@@ -118,7 +118,7 @@ def reviewed(sizing: Sizing) -> Review:
 @pytest.fixture(scope="module")
 def folder(reviewed: Review, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("report") / "new"
-    assert write_report(reviewed, folder) == folder / "report.html"
+    assert write_report(reviewed.sizing, folder, review=reviewed) == folder / "report.html"
     return folder
 
 
@@ -132,7 +132,7 @@ def review_of(
 
 
 def page_of(found: Review) -> Page:
-    return clearance_page(found, origin_of(found.sizing.provenance))
+    return sizing_page(found.sizing, origin_of(found.sizing.provenance), found)
 
 
 @pytest.fixture(scope="module")
@@ -300,7 +300,7 @@ def test_peaks_on_the_page_are_those_of_its_table(folder: Path, html: str) -> No
 @pytest.mark.usefixtures("blank_pictures", "short_review")
 def test_a_rigid_stop_has_no_table_of_peak_accelerations(folder: Path, tmp_path: Path) -> None:
     sizing = sizing_of(scene_between_stops(Restitution(coefficient=0.5)), paths=64)
-    write_report(review(sizing), tmp_path)
+    write_report(sizing, tmp_path, review=review(sizing))
     missing = {path.name for path in folder.iterdir()} - {path.name for path in tmp_path.iterdir()}
     # nor are there tolerances, within which the other scene was sized
     assert missing == {"peaks.csv", "tolerances.csv"}
@@ -311,7 +311,7 @@ def test_a_rigid_stop_has_no_table_of_peak_accelerations(folder: Path, tmp_path:
 @pytest.mark.usefixtures("blank_pictures")
 def test_what_the_scene_lacks_is_left_out(tmp_path: Path) -> None:
     bare = review_of(noise=WhiteNoise(density=1e-3, unit="g2/Hz"))
-    reader = read(write_report(bare, tmp_path).read_text("utf-8"))
+    reader = read(write_report(bare.sizing, tmp_path, review=bare).read_text("utf-8"))
     assert "with-stops" not in reader.identifiers
     assert "White noise on base" in reader.text
     assert not (tmp_path / "evidence.csv").exists()

@@ -381,8 +381,8 @@ OF_SEVERAL = (
     "pair", "common", "probability", "expected_hits", "pairs", "as_given", "tolerances", "box",
     "worst_at",
 )  # fmt: skip
-"""Keys of the JSON document of a sizing by the curve of risk of one gap, and by the risk of several
-gaps together."""
+"""Keys of the JSON document of a sizing that are by the curve of risk of one gap alone, and by the
+risk of several gaps together alone."""
 
 
 def no_rows() -> pd.DataFrame:
@@ -451,16 +451,17 @@ class Sizing(ClearanceAnswer):
     fell_short
         Those of the warnings that name an accuracy for which the budget did not suffice.
     simulated
-        For one mass, a row per clearance simulated with the stop law: `clearance` (m),
-        `clearance_in_sigma`, `hit_rate`, `hit_rate_low`, `hit_rate_high` (1/s),
-        `impact_speed_mean` (m/s).
+        A row per place simulated with the stop laws: `clearance` (m; of a structure the clearance
+        of each sized pair under its name), `clearance_in_sigma` (of the nearest stop), `hit_rate`,
+        `hit_rate_low`, `hit_rate_high` (1/s, of all stops), `hits_per_first_hit`,
+        `impact_speed_mean` (m/s; NaN for several pairs), and `by` which simulation.
     evidence
-        For one mass, responses simulated with the stop law, by "three_sigma" and "recommended".
+        Responses simulated with the stop laws, by "three_sigma" (of one mass) and "recommended".
     kept_with
         Probability that the limit of the target is exceeded in the mission. Given where the
         clearances are the smallest that can be judged and keep the target with a margin; else None.
     exceeding
-        For one mass and a target with a limit, a row per clearance that was tried: `clearance` (m),
+        For a target with a limit, a row per place that was tried: its clearances as in `simulated`,
         and the `probability` that any impact of the mission exceeds the limit, with
         `probability_low` and `probability_high` (95 %; NaN, 0 and the upper limit where hardly any
         impact did).
@@ -685,7 +686,8 @@ class Sizing(ClearanceAnswer):
         three, hits = self.three_sigma, self.expected_hits
         place = f"3 sigma = {LENGTH.text(three.clearance)}"
         mission = spoken_mission(self.mission)
-        there = [] if hits is None else [f"{hits.value:.3g} impacts expected there in {mission}"]
+        expected = f"{self.expected_in_words()} impacts expected there in {mission}"
+        there = [] if hits is None else [expected]
         if self.target.name == "probability":
             chance = spoken_percent(three.probability.value)
             rule = [f"{place} is hit with a probability of {chance} in {mission}"]

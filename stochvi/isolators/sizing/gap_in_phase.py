@@ -11,7 +11,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from stochvi.isolators.sizing.answer import Clearance, Target
-from stochvi.isolators.sizing.nominal import curve_of_gap
+from stochvi.isolators.sizing.one_curve import curve_of_gap
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.random_level import RandomLevel

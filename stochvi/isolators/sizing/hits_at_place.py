@@ -28,9 +28,8 @@ class PlaceTrial:
 
     @property
     def speed(self) -> Estimate | None:
-        """Mean impact speed of the only pair, m/s."""
-        (found,) = self.counts.speeds.values()
-        return found
+        """Mean impact speed of the only pair, m/s; None where there are several."""
+        return None if len(self.counts.speeds) > 1 else next(iter(self.counts.speeds.values()))
 
 
 @dataclass(kw_only=True)

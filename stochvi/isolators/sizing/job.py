@@ -1,4 +1,4 @@
-"""One sizing as it goes on, whatever the number of its pairs: the search by impacts, and its run.
+"""One sizing as it goes on, of any number of pairs: the search by impacts, and the answer.
 
 A place is one number that says where the stops of all sized pairs go; farther stops have a larger
 one. One pair has its clearance as its place. Several pairs share the risk equally: their place is
@@ -10,18 +10,26 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stochvi.isolators.screening import screened
-from stochvi.isolators.sizing.answer import SIDES, Sizing, spoken_percent
+from stochvi.isolators.sizing.answer import (
+    SIDES,
+    Clearance,
+    Sizing,
+    ThreeSigma,
+    spoken_percent,
+)
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.isolators.sizing.hits_at_place import Hits, PlaceTrial
 from stochvi.isolators.sizing.question import Question
 from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.model.cautions import scene_notes
+from stochvi.model.model import model_of
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Estimate, provenance
 from stochvi.sampling.run import Run
@@ -140,6 +148,13 @@ ACCEPTED = 0.01
 """Default probability that a limit of speed or acceleration is exceeded in the mission."""
 
 
+SIMULATED = (
+    "clearance_in_sigma", "hit_rate", "hit_rate_low", "hit_rate_high", "hits_per_first_hit",
+    "impact_speed_mean", "by",
+)  # fmt: skip
+"""Columns of `Sizing.simulated` beside the clearances."""
+
+
 @dataclass(frozen=True)
 class Reached:
     """A place, and the 95 % interval of the calculation."""
@@ -149,44 +164,52 @@ class Reached:
     upper: float
 
 
-@dataclass(kw_only=True)
-class SizingJob(ABC):
-    """One sizing: its question, and the findings on the way."""
+class SizingMethod(ABC):
+    """How the risk of the gaps of one sizing is known, which the model decides: by the curve of one
+    gap (`OneCurve`), or shared between the gaps of a structure (`SharedRisk`)."""
 
-    scene: Scene
-    asked: Question
-    allowed: Tolerances
-    warnings: list[str] = field(default_factory=list)
-    fell_short: list[str] = field(default_factory=list)
-    unfinished: dict[float, str] = field(default_factory=dict)
-    exceeded: dict[float, Estimate] = field(default_factory=dict)
-    kept_with: Estimate | None = None
+    paths: int
+    """Number of independent paths of the first crossings."""
+    names: Sequence[str]
+    sigma: Vector
+    """Names of all pairs, and the rms of their gaps without stops, m."""
+    three_sigma_place: float | None = None
+    """The place of the rule of three sigma, where it is one."""
+    late_hits: bool = True
+    """Whether impacts are simulated for information where the budget has ended."""
+    searched: tuple[float, float] = (0.1, 0.65)
+    """Fraction done at the beginning of the search, and at its end."""
     outputs: tuple[str, ...] | None = None
+    """Names of the outputs whose accelerations are limited; None for all."""
 
-    def __post_init__(self) -> None:
-        self.target, self.mission, self.run = self.asked.target, self.asked.mission, self.asked.run
-        self.deadline, self.rel_error = self.run.deadline, self.run.accuracy
-        # an answer is mostly near when the time of a search ends
-        self.late = self.deadline.sooner_by(-SEARCH.grace * self.deadline.left)
-        self.hits = Hits(scene_at=self.scene_at, first_rate=self.first_rate, words=self.words)
-
-    # What one pair and several have each in their way ---------------------------------------
-
-    @abstractmethod
-    def keeping(self, probability: float) -> Reached:
-        """The place that keeps a probability of any impact."""
-
-    @abstractmethod
-    def check_free_motion(self, exceedance: float) -> None:
-        """Raise `NotApplicable` if springs and dampers alone exceed the limit of the target."""
-
-    @abstractmethod
-    def answer(self, found: Reached) -> Sizing:
-        """The answer at a place."""
+    # Where the stops are at a place ---------------------------------------------------------
 
     @abstractmethod
     def scene_at(self, place: float) -> Scene:
         """The scene with its stops at a place."""
+
+    @abstractmethod
+    def stops(self, place: float) -> Matrix:
+        """(2, pairs): distances of the stops from the mean gaps at a place, m; infinite for
+        none."""
+
+    @abstractmethod
+    def columns(self, place: float) -> Mapping[str, float]:
+        """The clearances at a place (m), by the names that they have in tables of places."""
+
+    @abstractmethod
+    def words(self, place: float) -> str:
+        """Where the stops are at a place, in words."""
+
+    @abstractmethod
+    def clearances(self, found: Reached) -> Mapping[str, Clearance]:
+        """The clearances of the sized pairs, with their intervals."""
+
+    # The risk there -------------------------------------------------------------------------
+
+    @abstractmethod
+    def keeping(self, probability: float) -> Reached:
+        """The place that keeps a probability of any impact."""
 
     @abstractmethod
     def first_rate(self, place: float) -> tuple[float, float]:
@@ -194,12 +217,20 @@ class SizingJob(ABC):
         followed, s."""
 
     @abstractmethod
-    def words(self, place: float) -> str:
-        """Where the stops are at a place, in words."""
+    def rice_rate(self, place: float) -> float:
+        """Rice's rate of crossings of all stops at a place, 1/s."""
 
     @abstractmethod
-    def first_guess(self, wanted: float) -> float:
-        """The first place to try for a rate."""
+    def alone(self, place: float) -> Vector:
+        """Probability that each pair is hit at a place, if it alone had stops."""
+
+    @abstractmethod
+    def shares(self, place: float) -> Vector:
+        """Share of the first impacts at a place that falls to each pair."""
+
+    @abstractmethod
+    def check_free_motion(self, exceedance: float) -> None:
+        """Raise `NotApplicable` if springs and dampers alone exceed the limit of the target."""
 
     @abstractmethod
     def exceedance_rate(self, place: float, run: Run) -> Estimate:
@@ -208,6 +239,21 @@ class SizingJob(ABC):
     @abstractmethod
     def already_kept(self, place: float, rate: Estimate) -> Reached:
         """The answer where even the nearest place keeps the target."""
+
+    # How places are searched ----------------------------------------------------------------
+
+    @abstractmethod
+    def first_guess(self, wanted: float) -> float:
+        """The first place to try for a rate."""
+
+    @property
+    @abstractmethod
+    def ends(self) -> tuple[float, float]:
+        """The nearest place that is tried, and the farthest."""
+
+    def within_ends(self, place: float) -> float:
+        """The place itself, or the nearest one whose risk is known."""
+        return place
 
     def coordinate(self, place: float) -> float:
         """A coordinate of a place, in which the logarithm of a rate is nearly straight."""
@@ -225,23 +271,58 @@ class SizingJob(ABC):
         """Slope of the coordinate over the place."""
         return 1.0
 
-    @property
+    # What the answer tells ------------------------------------------------------------------
+
     @abstractmethod
-    def ends(self) -> tuple[float, float]:
-        """The nearest place that is tried, and the farthest."""
+    def three_sigma(self) -> ThreeSigma:
+        """Risk and impacts by the rule of three sigma."""
 
-    searched: ClassVar[tuple[float, float]] = (0.1, 0.65)
-    """Fraction done at the beginning of the search, and at its end."""
+    @abstractmethod
+    def curve_table(self) -> pd.DataFrame:
+        """The table that `Sizing.curve` describes."""
 
-    # What they have in common ---------------------------------------------------------------
+    @abstractmethod
+    def required(self) -> pd.DataFrame:
+        """The table that `Sizing.required` describes."""
+
+    @abstractmethod
+    def own_fields(self, place: float) -> Mapping[str, Any]:
+        """The fields of the answer that the other method has not, and `method`."""
+
+
+@dataclass(kw_only=True)
+class SizingJob:
+    """One sizing: its question, and the findings on the way.
+
+    `by` makes the method from the job, whose run and warnings it uses.
+    """
+
+    scene: Scene
+    asked: Question
+    allowed: Tolerances
+    by: Callable[[SizingJob], SizingMethod]
+    warnings: list[str] = field(default_factory=list)
+    fell_short: list[str] = field(default_factory=list)
+    unfinished: dict[float, str] = field(default_factory=dict)
+    exceeded: dict[float, Estimate] = field(default_factory=dict)
+    kept_with: Estimate | None = None
+
+    def __post_init__(self) -> None:
+        self.target, self.mission, self.run = self.asked.target, self.asked.mission, self.asked.run
+        self.deadline, self.rel_error = self.run.deadline, self.run.accuracy
+        self.impacts = bool(self.scene.impact_pairs) and self.asked.impacts
+        # an answer is mostly near when the time of a search ends
+        self.late = self.deadline.sooner_by(-SEARCH.grace * self.deadline.left)
+        self.method = by = self.by(self)
+        self.hits = Hits(scene_at=by.scene_at, first_rate=by.first_rate, words=by.words)
 
     def reach(self) -> Reached:
         """Find the place that keeps the target."""
         if self.target.name == "probability":
-            return self.keeping(self.target.value)
+            return self.method.keeping(self.target.value)
         if self.target.exceedance is None:
             return self.search(self.target.value)
-        self.check_free_motion(self.target.exceedance)
+        self.method.check_free_motion(self.target.exceedance)
         return self.search(self.accepted_rate)
 
     @property
@@ -268,41 +349,110 @@ class SizingJob(ABC):
             raise NotConverged(str(short), found)
         return found
 
-    def stated(self, paths: int) -> dict[str, Any]:
-        """The fields that every answer has."""
-        linear = screened(self.scene)
-        return {
-            "scene": self.scene, "target": self.target, "mission": self.mission,
-            "screening": linear, "record": linear.record, "allowed": self.allowed,
-            "kept_with": self.kept_with,
-            "fell_short": tuple(dict.fromkeys(self.fell_short)),
-            "warnings": tuple(dict.fromkeys(self.warnings)), "cost": self.run.cost(paths=paths),
-            "provenance": provenance(self.scene.document(), self.run.seed),
-        }  # fmt: skip
+    def answer(self, found: Reached) -> Sizing:
+        """The answer at a place, with the other numbers that belong to it."""
+        method, place = self.method, self.method.within_ends(found.place)
+        three, marked = method.three_sigma(), {"recommended": place}
+        if method.three_sigma_place is not None:
+            marked = {"three_sigma": method.three_sigma_place, **marked}
+        trial = None
+        if self.impacts:
+            self.stage(0.9, 1.0, f"impacts at {method.words(place)}")
+            trial = self.hits_or_warning(place)
+        self.warn(trial, marked)
+        counts, linear = None if trial is None else trial.counts, screened(self.scene)
+        own = method.own_fields(place)
+        return Sizing(
+            scene=self.scene, target=self.target, mission=self.mission, screening=linear,
+            record=linear.record, allowed=self.allowed, kept_with=self.kept_with,
+            clearances=method.clearances(found),
+            pairs=self._pairs_table(place, counts),
+            curve=method.curve_table(),
+            three_sigma=three,
+            required=method.required(),
+            expected_hits=None if counts is None else counts.rate * self.mission,
+            simulated=self._simulated(),
+            evidence={
+                name: response
+                for name, at in marked.items()
+                if at in self.hits.tried and (response := self.hits.tried[at].counts.response)
+            },
+            exceeding=None if self.target.exceedance is None else self._exceeding(),
+            fell_short=tuple(dict.fromkeys(self.fell_short)),
+            warnings=tuple(dict.fromkeys(self.warnings)),
+            cost=self.run.cost(paths=method.paths),
+            provenance=provenance(self.scene.document(), self.run.seed),
+            **own,
+        )  # fmt: skip
 
-    def pairs_table(
-        self, names: Sequence[str], sigma: Vector, stops: Matrix, alone: Sequence[float] | Vector,
-        shares: Sequence[float] | Vector, counts: ImpactCounts | None,
-    ) -> pd.DataFrame:  # fmt: skip
-        """The table that `Sizing.pairs` describes, for stops at (2, pairs) distances from the mean
-        gaps, m, infinite for none."""
+    def _pairs_table(self, place: float, counts: ImpactCounts | None) -> pd.DataFrame:
+        """The table that `Sizing.pairs` describes."""
         import pandas as pd
 
+        method = self.method
         rates = {} if counts is None else counts.rates
         speeds = {} if counts is None else counts.speeds
+        stops = method.stops(place)
         known = np.where(np.isfinite(stops), stops, math.nan)
         return pd.DataFrame(
             {
-                "pair": names,
-                "sigma": sigma,
+                "pair": method.names,
+                "sigma": method.sigma,
                 **dict(zip(SIDES, known, strict=True)),
-                "clearance_in_sigma": stops.min(axis=0) / np.where(sigma, sigma, math.nan),
-                "probability_alone": alone,
-                "share_of_first_hits": shares,
-                "expected_hits": [_value(rates.get(name)) * self.mission for name in names],
-                "impact_speed_mean": [_value(speeds.get(name)) for name in names],
+                "clearance_in_sigma": self._in_sigma(stops),
+                "probability_alone": method.alone(place),
+                "share_of_first_hits": method.shares(place),
+                "expected_hits": [_value(rates.get(name)) * self.mission for name in method.names],
+                "impact_speed_mean": [_value(speeds.get(name)) for name in method.names],
             }
         )
+
+    def _in_sigma(self, stops: Matrix) -> Vector:
+        """(pairs,): distances of the nearer stops, over the rms of the gaps; NaN of one at rest."""
+        sigma = self.method.sigma
+        return np.asarray(stops.min(axis=0) / np.where(sigma, sigma, math.nan))
+
+    def _simulated(self) -> pd.DataFrame:
+        """The table that `Sizing.simulated` describes."""
+        import pandas as pd
+
+        rows: list[dict[str, float | str | None]] = []
+        for place, tried in sorted(self.hits.tried.items()):
+            rate, speed = tried.counts.rate, tried.speed
+            half = rate.half_width_95()
+            unseen = rate.upper_95 is not None
+            rows.append(
+                {
+                    **self.method.columns(place),
+                    "clearance_in_sigma": float(
+                        np.nanmin(self._in_sigma(self.method.stops(place)))
+                    ),
+                    "hit_rate": rate.value,
+                    "hit_rate_low": max(rate.value - half, 0.0),
+                    "hit_rate_high": rate.upper_95 if unseen else rate.value + half,
+                    "hits_per_first_hit": tried.hits_per_burst,
+                    "impact_speed_mean": math.nan if speed is None else speed.value,
+                    "by": tried.counts.way,
+                }
+            )
+        return pd.DataFrame(rows, columns=None if rows else [*self.method.columns(1.0), *SIMULATED])
+
+    def _exceeding(self) -> pd.DataFrame:
+        """The table that `Sizing.exceeding` describes."""
+        import pandas as pd
+
+        rows = []
+        for place, chance in sorted(self.exceeded.items()):
+            half = 0.0 if chance.upper_95 else chance.half_width_95()
+            rows.append(
+                {
+                    **self.method.columns(place),
+                    "probability": math.nan if chance.upper_95 else chance.value,
+                    "probability_low": max(chance.value - half, 0.0),
+                    "probability_high": chance.upper_95 or min(chance.value + half, 1.0),
+                }
+            )
+        return pd.DataFrame(rows)
 
     def short(self, warning: str) -> None:
         """Add a warning of an accuracy for which the budget did not suffice."""
@@ -343,20 +493,20 @@ class SizingJob(ABC):
         between them. Where few clusters decide, the rate jumps from one place to the next: after
         some rough looks each is accurate, and the answer is extrapolated from farther away.
         """
-        place = self.first_guess(wanted)
+        place = self.method.first_guess(wanted)
         above: Point | None = None
         below: Point | None = None
         unknown: Point | None = None  # hardly anything was seen, and it is not shown to keep
-        slope = self.slope(place)
+        slope = self.method.slope(place)
         closest: tuple[float, Estimate, float] | None = None
         kept: float | None = None  # the nearest place that is shown to keep the target
         looked_near = False
-        (begin, end), (near, far) = self.searched, self.ends
+        (begin, end), (near, far) = self.method.searched, self.method.ends
         for attempt in range(SEARCH.most_places):
             if attempt and self.late.passed():
                 break
             done = min(begin + 0.05 * attempt, end)
-            self.stage(done, done + 0.05, self.words(place))
+            self.stage(done, done + 0.05, self.method.words(place))
             rough = attempt < SEARCH.rough_looks
             roughest = min(SEARCH.rough_factor * self.rel_error, SEARCH.roughest)
             asked = roughest if rough else self.rel_error
@@ -375,10 +525,10 @@ class SizingJob(ABC):
                 closest = place, found, excess
             shown = most_of(found) <= wanted
             if excess < 0.0 and nearest and (shown or kept is None):
-                return self.already_kept(place, found)
+                return self.method.already_kept(place, found)
             if shown and (kept is None or place < kept):
                 kept = place
-            point = (self.coordinate(place), excess)
+            point = (self.method.coordinate(place), excess)
             if excess > 0.0:
                 above = point
             elif shown:
@@ -395,17 +545,17 @@ class SizingJob(ABC):
             if unknown and (unknown[0] > above[0] if above else looked_near):
                 edge = unknown if below is None or unknown[0] < below[0] else above
             if kept is not None and edge and edge is unknown:
-                edge_place = self.place_at(edge[0])
+                edge_place = self.method.place_at(edge[0])
                 if SEARCH.near_enough * kept <= edge_place < kept:
                     return self.enough(kept, above)
-            place = self.place_at(self._next(edge, below, point))
+            place = self.method.place_at(self._next(edge, below, point))
         if closest is not None:
             return self.extrapolated(*closest, slope)
         answer = self.enough(kept, above) if kept is not None and (above or unknown) else None
         sought = f"the clearance for {self.target.name} = {self.target.value:g}"
         between = ""
         if unknown:
-            seen = self.words(self.place_at(unknown[0]))
+            seen = self.method.words(self.method.place_at(unknown[0]))
             between = f": hardly an impact beyond the limit was seen at {seen}"
         if self.deadline.passed():
             raise self.deadline.fell_short(
@@ -431,8 +581,8 @@ class SizingJob(ABC):
         if above:
             last = above[0], max(above[1], SEARCH.reach)
         most = SEARCH.steepest
-        step = -max(min(last[1], most), -most) / self.slope(self.place_at(last[0]))
-        near, far = map(self.coordinate, self.ends)
+        step = -max(min(last[1], most), -most) / self.method.slope(self.method.place_at(last[0]))
+        near, far = map(self.method.coordinate, self.method.ends)
         return min(max(last[0] + step, near), far)
 
     def never_kept(self, excess: float) -> NotApplicable:
@@ -451,7 +601,7 @@ class SizingJob(ABC):
         interval. A rate of exceedances may rest on so few clusters that its standard error is too
         small as well: then no interval can be given, and `NotConverged` carries the place.
         """
-        steep = self.steepness(place) * slope
+        steep = self.method.steepness(place) * slope
         half = found.half_width_95() / found.value / abs(steep)
         value = place - excess / steep
         answer = Reached(value, value - half, value + half)
@@ -466,7 +616,7 @@ class SizingJob(ABC):
         beyond = "" if self.target.exceedance is None else " beyond the limit"
         reached = (
             f"the budget ended at a relative error of {error:.3g} of the rate of impacts{beyond} "
-            f"at {self.words(place)}"
+            f"at {self.method.words(place)}"
         )
         if self.target.exceedance is not None:
             raise NotConverged(
@@ -483,17 +633,18 @@ class SizingJob(ABC):
         if self.target.exceedance is not None:
             run = self.part(1.0 / divisor, rel_error)
             counted = rough and not unseen
-            return self.exceedance_rate(place, run) if counted else self._accurate_rate(place, run)
+            rate = self.method.exceedance_rate if counted else self._accurate_rate
+            return rate(place, run)
         found = self.hits.at(place, self.part(rel_error=rel_error)).counts.rate
         if TOO_FEW in found.how:
-            where = f"when impacts at {self.words(place)} had been seen {TOO_FEW}"
+            where = f"when impacts at {self.method.words(place)} had been seen {TOO_FEW}"
             raise self.deadline.fell_short(where, "raise budget")
         return found
 
     def _accurate_rate(self, place: float, run: Run) -> Estimate:
         """Rate of exceedances, by counting and, where it sees too few, by splitting."""
         first = run.part(deadline=run.deadline.share(SEARCH.share_of_counting))
-        counted = self.exceedance_rate(place, first)
+        counted = self.method.exceedance_rate(place, first)
         known = bool(counted.value) and _relative(counted) <= MISSED * run.accuracy
         if known or is_far(counted, self.accepted_rate) or run.deadline.passed():
             return counted
@@ -512,8 +663,9 @@ class SizingJob(ABC):
         run = run or self.part(SEARCH.share_of_limit, SEARCH.rough_error)
         try:
             return rare_hits(
-                self.scene_at(place), self.target.name, self.target.value, mission=self.mission,
-                outputs=self.outputs, **run.options(rel_error=run.accuracy),
+                self.method.scene_at(place), self.target.name, self.target.value,
+                mission=self.mission, outputs=self.method.outputs,
+                **run.options(rel_error=run.accuracy),
             ).chance  # fmt: skip
         except (NotApplicable, NotConverged, Interrupted):
             return None
@@ -524,10 +676,12 @@ class SizingJob(ABC):
         exceeded."""
         self.kept_with = self.exceeded.get(kept)
         self.warnings.append(
-            f"less than {self.words(kept)} may do as well: too few impacts beyond the limit were "
-            "seen there"
+            f"less than {self.method.words(kept)} may do as well: too few impacts beyond the limit "
+            "were seen there"
         )
-        return Reached(kept, min(self.place_at(above[0]), kept) if above else -math.inf, kept)
+        return Reached(
+            kept, min(self.method.place_at(above[0]), kept) if above else -math.inf, kept
+        )
 
     def shown_to_keep(self, chance: Estimate, answer: Reached) -> Reached:
         """The smallest place that is tried, with the probability that the limit is exceeded there;
@@ -539,34 +693,57 @@ class SizingJob(ABC):
             return answer
         raise self.deadline.fell_short(
             f"before it was shown that {self.target.limit} is exceeded at "
-            f"{self.words(answer.place)} with a probability below {spoken_percent(accepted)}: "
-            "hardly any cluster exceeds it",
+            f"{self.method.words(answer.place)} with a probability below "
+            f"{spoken_percent(accepted)}: hardly any cluster exceeds it",
             "raise budget",
             answer,
         )
 
     def hits_or_warning(self, place: float) -> PlaceTrial | None:
         """Impacts for information alone; None and a warning where they are not found."""
+        where = self.method.words(place)
         if self.deadline.interrupted:
-            self.warnings.append(f"the impacts at {self.words(place)} were not simulated")
+            self.warnings.append(f"the impacts at {where} were not simulated")
+            return None
+        if self.deadline.passed() and not self.method.late_hits:
+            self.short(f"the impacts at {where} are not known: the budget ended")
             return None
         try:
             return self.hits.at(place, self.part())
         except (NotApplicable, NotConverged, Interrupted) as reason:
             known = isinstance(reason, NotApplicable)
             (self.warnings.append if known else self.short)(
-                f"the impacts at {self.words(place)} are not known: {reason}"
+                f"the impacts at {where} are not known: {reason}"
             )
             return None
 
-    def warn_of_impacts(self, trial: PlaceTrial | None) -> None:
-        """Warn where a target that limits how hard impacts are lets them happen."""
+    def warn(self, trial: PlaceTrial | None, marked: Mapping[str, float]) -> None:
+        """Add the warnings that concern the scene and the impacts at the marked places."""
+        model = model_of(self.method.scene_at(marked["recommended"]))
+        self.warnings += scene_notes(model)
+        if not self.scene.impact_pairs:
+            self.warnings.append(
+                "the scene has no stops, so the impacts and their speeds are not known"
+            )
         impacts = 0.0 if trial is None else trial.counts.rate.value * self.mission
         if self.target.exceedance is not None and impacts > SEARCH.many:
             self.warnings.append(
                 f"the target limits how hard an impact is, not how many there are: {impacts:.3g} "
                 "are expected in the mission; give probability for a clearance that avoids them"
             )
+        for place in marked.values():
+            tried = self.hits.tried.get(place)
+            if tried and tried.unknown:
+                self.short(tried.unknown)
+            if not tried or not tried.hits_per_burst:
+                continue
+            over_rice = tried.counts.rate.value / self.method.rice_rate(place)
+            if tried.hits_per_burst > SEARCH.pumped and over_rice > SEARCH.more_than_rice:
+                self.warnings.append(
+                    f"stops pump this mount: at {self.method.words(place)} a first impact leads to "
+                    f"{tried.hits_per_burst:.3g} impacts on average, {over_rice:.3g} times what "
+                    "Rice's rate says; the probability of any impact is right all the same"
+                )
 
 
 def within(chance: Estimate, accepted: float) -> bool:

@@ -21,8 +21,8 @@ from stochvi.isolators.record_verdict import record_verdict
 from stochvi.isolators.sizing.answer import Clearance, Target
 from stochvi.isolators.sizing.gap_in_phase import Joint
 from stochvi.isolators.sizing.missions_answer import MissionSizing, as_stated
-from stochvi.isolators.sizing.pairs import SHARE_OF_CURVES
 from stochvi.isolators.sizing.pairs_in_phase import EqualRisk, PhaseOfPairs, any_pair
+from stochvi.isolators.sizing.shared_risk import SHARE_OF_CURVES
 from stochvi.mathematics.arrays import Vector
 from stochvi.model.cautions import scene_notes
 from stochvi.model.model import model_of

@@ -17,9 +17,10 @@ from scipy.interpolate import PchipInterpolator
 from stochvi.isolators.sizing.answer import Target
 from stochvi.isolators.sizing.gap_in_phase import GapInPhase, Joint, KnownRisk, lag_of_hazard
 from stochvi.isolators.sizing.missions_answer import as_stated
-from stochvi.isolators.sizing.nominal import SIDES, has_one_gap
-from stochvi.isolators.sizing.pairs import RISK_STEP, TotalRisk
+from stochvi.isolators.sizing.nominal import has_one_gap
+from stochvi.isolators.sizing.one_curve import SIDES
 from stochvi.isolators.sizing.risk_curve import KNOWN
+from stochvi.isolators.sizing.shared_risk import RISK_STEP, TotalRisk
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.model.coverage import modulated
 from stochvi.model.model import Model, model_of

@@ -14,7 +14,8 @@ from scipy.special import gammaln, roots_genlaguerre
 from stochvi.isolators.sizing.answer import Sizing
 from stochvi.isolators.sizing.chance_at_stops import are_uneven, mean_gaps
 from stochvi.isolators.sizing.changes import Tolerances, changed_stops, ends_of
-from stochvi.isolators.sizing.nominal import nominal_sizing, risk_curve
+from stochvi.isolators.sizing.nominal import nominal_sizing
+from stochvi.isolators.sizing.one_curve import risk_curve
 from stochvi.isolators.sizing.question import Question
 from stochvi.isolators.sizing.risk_curve import RiskCurve, chance_of_stops
 from stochvi.mathematics.arrays import Vector

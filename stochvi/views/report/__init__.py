@@ -3,13 +3,11 @@
 from stochvi.views.report.absorber import write_absorber_report
 from stochvi.views.report.clearances import write_clearance_report
 from stochvi.views.report.missions import write_reliability_report, write_replay_report
-from stochvi.views.report.pairs import write_pairs_report
 from stochvi.views.report.sizing import write_report
 
 __all__ = [
     "write_absorber_report",
     "write_clearance_report",
-    "write_pairs_report",
     "write_reliability_report",
     "write_replay_report",
     "write_report",

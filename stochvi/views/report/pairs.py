@@ -1,21 +1,15 @@
-"""The page of a sizing of several pairs: clearance by clearance, and the risk of any impact."""
+"""Sections of a clearance report on several pairs: clearance by clearance, and the box."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import MOST_NAMED, spoken_mission, spoken_percent
 from stochvi.mathematics.shown_units import LENGTH
-from stochvi.results.base import plain
-from stochvi.results.column_units import named_with_units
-from stochvi.results.origin import Origin, origin_of
 from stochvi.views.box import modes_in_rows, one_axis_in_rows, plot_box
-from stochvi.views.files import try_picture, write_table
 from stochvi.views.pairs import (
     TOLERANCES,
     coordinates_in_rows,
-    draw_pairs_risk,
     interval_in_words,
     pairs_in_words,
     places_heading,
@@ -26,125 +20,63 @@ from stochvi.views.pairs import (
     tolerances_in_rows,
     worst_places,
 )
-from stochvi.views.report.changes import production_section, sensitivity_section
-from stochvi.views.report.environment import excitations_section
-from stochvi.views.report.pages import Fact, Grid, Page, Section, shown, write_page
+from stochvi.views.report.pages import Fact, Grid, Section, capital, shown
 from stochvi.views.report.records import record_cards
 from stochvi.views.schematic import draw_gaps
-from stochvi.views.words import NO_TOLERANCES
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from stochvi.isolators.screening import Screening
     from stochvi.isolators.sizing.answer import Sizing
 
 
-def write_pairs_report(
-    sizing: Sizing,
-    folder: str | Path,
-    origin: Origin | None = None,
-    sensitivity: pd.DataFrame | None = None,
-) -> Path:
-    """Write `report.html`, `size.json`, the tables and `risk.png`; returns the path of the page."""
-    folder = Path(folder)
-    page = pairs_page(sizing, origin or origin_of(sizing.provenance), sensitivity)
-    added = {} if sensitivity is None else {"sensitivity": plain(sensitivity)}
-    path = write_page(page, sizing.to_dict() | added, "size", folder)
-    tables = {
-        "risk": sizing.curve,
-        "pairs": sizing.pairs,
-        "required": sizing.required,
-        "tolerances": sizing.tolerances,
-        "sensitivity": sensitivity,
-    }
-    for name, table in tables.items():
-        if table is not None:
-            lengths = dict.fromkeys([*sizing.clearances, "lower", "upper"], "m")
-            write_table(named_with_units(table), folder / f"{name}.csv", lengths)
-    try_picture(lambda: draw_pairs_risk(sizing, sizing.scene.title), folder / "risk.png")
-    return path
-
-
-def pairs_page(sizing: Sizing, origin: Origin, sensitivity: pd.DataFrame | None = None) -> Page:
-    """The page of a sizing of several pairs."""
-    mission, own = spoken_mission(sizing.mission), record_cards(sizing.record)
-    gaussian, heading = _clearance_cards(sizing), places_heading(sizing)
+def pairs_cards(sizing: Sizing) -> list[Fact]:
+    """The clearances to make, and the risk with them and at 3 sigma of every gap."""
+    mission, own, gaussian = (
+        spoken_mission(sizing.mission), record_cards(sizing.record), _clearance_cards(sizing),
+    )  # fmt: skip
     three, any_hit = sizing.three_sigma.probability.value, sizing.probability
     assert any_hit is not None
-    return Page(
-        title=sizing.scene.title or "Clearances of several pairs",
-        subtitle=f"Probability that any of {len(sizing.pairs)} pairs is hit in {mission}",
-        verdict=f"{sizing.verdict()[0].upper()}{sizing.verdict()[1:]}.",
-        statements=[f"{sizing.calculated()[0].upper()}{sizing.calculated()[1:]}."],
-        alarm=sizing.doubtful is not None,
-        cards=[
-            *(own + gaussian if sizing.doubtful else gaussian + own),
-            Fact(
-                "Probability of any impact",
-                spoken_percent(any_hit.value),
-                f"{interval_in_words(any_hit)}, 95 %; as calculated",
-            ),
-            *(
-                [Fact("Expected impacts", sizing.expected_in_words(), f"in {mission}")]
-                if sizing.expected_hits is not None
-                else []
-            ),
-            Fact("At 3 sigma of every gap", spoken_percent(three), mission),
-        ],
-        warnings=list(sizing.warnings),
-        sections=[
-            Section(
-                title="Pair by pair",
-                lead=_shared(sizing),
-                grids=[
-                    Grid.of(f"{heading[0].upper()}{heading[1:]}", places_in_rows(sizing)),
-                    Grid.of("Clearances and risk as calculated", pairs_in_words(sizing)),
-                ],
-                pictures=[
-                    shown(
-                        lambda: draw_gaps(sizing.scene.impact_pairs, sizing.rests),
-                        "Stops as they stand in the scene file, and clearances from the static "
-                        "equilibrium.",
-                    ),
-                    shown(
-                        lambda: plot_pairs_clearances(sizing),
-                        "Clearances and the rule of three sigma.",
-                    ),
-                    shown(
-                        lambda: plot_pairs_risk(sizing),
-                        "Probability of any impact as all clearances change.",
-                    ),
-                ],
-            ),
-            excitations_section(sizing.scene),
-            *_box_sections(sizing),
-            Section(
-                title="Other risks",
-                lead="The clearance of each pair for other probabilities of any impact, as "
-                "calculated.",
-                grids=[Grid.of("Clearances", required_in_rows(sizing))],
-            ),
-            _screening(sizing.screening),
-            _tolerances(sizing),
-            production_section(sizing.production),
-            sensitivity_section(sensitivity),
-            Section(
-                title="Limits",
-                lead="Assumptions of this report.",
-                notes=[
-                    f"{text[0].upper()}{text[1:].rstrip('.')}."
-                    for text in (
-                        *sizing.scene.assumptions(),
-                        f"the probability comes from {sizing.method}",
-                        "clearances are measured from the static equilibrium",
-                        *([] if len(sizing.tolerances) > 1 else [NO_TOLERANCES]),
-                    )
-                ],
+    return [
+        *(own + gaussian if sizing.doubtful else gaussian + own),
+        Fact(
+            "Probability of any impact",
+            spoken_percent(any_hit.value),
+            f"{interval_in_words(any_hit)}, 95 %; as calculated",
+        ),
+        *(
+            [Fact("Expected impacts", sizing.expected_in_words(), f"in {mission}")]
+            if sizing.expected_hits is not None
+            else []
+        ),
+        Fact("At 3 sigma of every gap", spoken_percent(three), mission),
+    ]
+
+
+def pairs_section(sizing: Sizing) -> Section:
+    """Where the stops of each pair go, its risk, and the clearances for other risks."""
+    return Section(
+        title="Pair by pair",
+        lead=_shared(sizing),
+        grids=[
+            Grid.of(capital(places_heading(sizing)), places_in_rows(sizing)),
+            Grid.of("Clearances and risk as calculated", pairs_in_words(sizing)),
+            Grid.of(
+                "Clearances for other probabilities of any impact, as calculated",
+                required_in_rows(sizing),
             ),
         ],
-        origin=origin,
-        footer=[f"calculated in {sizing.cost.wall_time:.3g} s on {sizing.cost.threads} threads"],
+        pictures=[
+            shown(
+                lambda: draw_gaps(sizing.scene.impact_pairs, sizing.rests),
+                "Stops as they stand in the scene file, and clearances from the static "
+                "equilibrium.",
+            ),
+            shown(lambda: plot_pairs_clearances(sizing), "Clearances and the rule of three sigma."),
+            shown(
+                lambda: plot_pairs_risk(sizing),
+                "Probability of any impact as all clearances change.",
+            ),
+        ],
     )
 
 
@@ -160,7 +92,7 @@ def _shared(sizing: Sizing) -> str:
     return common + rest
 
 
-def _screening(linear: Screening) -> Section:
+def gaps_screening_section(linear: Screening) -> Section:
     """The motion without stops, of coordinates, points and gaps."""
     return Section(
         title="Linear screening",
@@ -173,7 +105,7 @@ def _screening(linear: Screening) -> Section:
     )
 
 
-def _tolerances(sizing: Sizing) -> Section:
+def pairs_tolerances_section(sizing: Sizing) -> Section:
     """What changes within the tolerances ask for; empty without tolerances."""
     if len(sizing.tolerances) < 2:
         return Section(title="Tolerances")
@@ -206,7 +138,7 @@ def _clearance_cards(sizing: Sizing) -> list[Fact]:
     return cards
 
 
-def _box_sections(sizing: Sizing) -> list[Section]:
+def box_sections(sizing: Sizing) -> list[Section]:
     """The section on a rigid box: its picture, its modes, and the rule of three sigma by axis."""
     if sizing.box is None:
         return []

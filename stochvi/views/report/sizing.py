@@ -1,8 +1,10 @@
-"""The report of a sizing: a page for a design review, with files of its tables and numbers."""
+"""The report of a sizing of one mass or of several pairs: a page for a design review, with files of
+its tables and numbers."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,18 +12,32 @@ from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.isolators.sizing.chance_at_stops import two_sided
 from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.mathematics.shown_units import ACCELERATION, LENGTH, RATE, SPEED
+from stochvi.results.base import plain
 from stochvi.results.column_units import named_with_units
 from stochvi.results.origin import Origin, origin_of
 from stochvi.results.response import Response
 from stochvi.views.axes import PAGE, axes_or_new
 from stochvi.views.files import try_picture, write_table
+from stochvi.views.pairs import draw_pairs_risk
 from stochvi.views.report.changes import (
     production_section,
     sensitivity_section,
     worst_case_section,
 )
-from stochvi.views.report.environment import environment_section, gap_section, mount_section
+from stochvi.views.report.environment import (
+    environment_section,
+    excitations_section,
+    gap_section,
+    mount_section,
+)
 from stochvi.views.report.pages import Fact, Grid, Page, Section, sentence, shown, write_page
+from stochvi.views.report.pairs import (
+    box_sections,
+    gaps_screening_section,
+    pairs_cards,
+    pairs_section,
+    pairs_tolerances_section,
+)
 from stochvi.views.report.records import record_cards
 from stochvi.views.report.stops import (
     exceeding_in_words,
@@ -54,13 +70,20 @@ if TYPE_CHECKING:
 
     from stochvi.isolators.screening import Screening
     from stochvi.isolators.sizing.answer import Sizing
-    from stochvi.isolators.sizing.review import LinearMotion, Review
+    from stochvi.isolators.sizing.review import Balance, LinearMotion, Review
 
 NOTABLE_MILES_ERROR = 0.01
 """Relative error of Miles' equation from which on the report states it."""
 
 
-def write_report(review: Review, folder: str | Path, origin: Origin | None = None) -> Path:
+def write_report(
+    sizing: Sizing,
+    folder: str | Path,
+    origin: Origin | None = None,
+    *,
+    review: Review | None = None,
+    sensitivity: pd.DataFrame | None = None,
+) -> Path:
     """Write `report.html`, and its numbers and tables as files; returns the path of the page.
 
     The page needs no other file: pictures and style are embedded, and nothing is fetched.
@@ -69,31 +92,41 @@ def write_report(review: Review, folder: str | Path, origin: Origin | None = Non
 
     Parameters
     ----------
-    review
-        The answer of `review`.
+    sizing
+        The answer of `size`.
     folder
         Folder for the files; it is made if it is missing.
     origin
         When, how and from what the page was made; by default a call from Python.
+    review
+        The answer of `review`, for one mass.
+    sensitivity
+        The answer of `sensitivity`; the sections on it are left out without one.
     """
-    folder, sizing = Path(folder), review.sizing
+    folder = Path(folder)
     # this picture comes first, since those of the page may be left out for want of time
-    try_picture(lambda: draw_sizing(sizing, sizing.scene.title), folder / "risk.png")
-    page = clearance_page(review, origin or origin_of(sizing.provenance))
-    path = write_page(page, review.to_dict(), "size", folder)
+    draw = draw_pairs_risk if sizing.several else draw_sizing
+    try_picture(lambda: draw(sizing, sizing.scene.title), folder / "risk.png")
+    page = sizing_page(sizing, origin or origin_of(sizing.provenance), review, sensitivity)
+    document = sizing.to_dict() if review is None else review.to_dict()
+    added = {} if sensitivity is None else {"sensitivity": plain(sensitivity)}
+    path = write_page(page, document | added, "size", folder)
+    several = sizing.several
     tables = {
         "risk": sizing.curve,
+        "pairs": sizing.pairs if several else None,
         "required": sizing.required,
-        "hits": sizing.simulated,
-        "tolerances": sizing.worst_case,
-        "sensitivity": review.sensitivity,
-        "exceedances": review.exceedances,
-        "peaks": review.peaks,
+        "hits": sizing.simulated if len(sizing.simulated) or not several else None,
+        "tolerances": sizing.tolerances if several else sizing.worst_case,
+        "sensitivity": sensitivity,
+        "exceedances": None if review is None else review.exceedances,
+        "peaks": None if review is None else review.peaks,
         "evidence": _evidence_table(sizing),
     }
+    lengths = dict.fromkeys([*sizing.clearances, "lower", "upper"], "m") if several else {}
     for name, table in tables.items():
         if table is not None:
-            write_table(named_with_units(table), folder / f"{name}.csv")
+            write_table(named_with_units(table), folder / f"{name}.csv", lengths)
     return path
 
 
@@ -105,39 +138,58 @@ def _evidence_table(sizing: Sizing) -> pd.DataFrame | None:
     return pd.concat(frames) if frames else None
 
 
-def clearance_page(review: Review, origin: Origin) -> Page:
-    """The page of a sizing."""
-    sizing = review.sizing
-    return Page(
-        title=sizing.scene.title or "Clearance of an isolator",
-        subtitle=f"Clearance of an isolated mass between its stops, for a mission of "
-        f"{spoken_mission(sizing.mission)}",
-        verdict=sentence(sizing.verdict()),
-        statements=_statements(review),
-        alarm=sizing.doubtful is not None,
-        cards=_cards(review),
-        warnings=[*_failed_balances(review), *_new_warnings(review)],
-        sections=[
-            _risk(review),
-            worst_case_section(review),
-            production_section(review.sizing.production),
-            stops_section(review),
-            hard_hits_section(review),
-            peaks_section(review),
-            _screening(review),
-            environment_section(review),
-            mount_section(review),
+def sizing_page(
+    sizing: Sizing,
+    origin: Origin,
+    review: Review | None = None,
+    sensitivity: pd.DataFrame | None = None,
+) -> Page:
+    """The page of a sizing; that of one mass needs its review."""
+    number, mission = len(sizing.pairs), spoken_mission(sizing.mission)
+    what = f"Clearances of {number} pairs" if sizing.several else "Clearance of an isolated mass"
+    if review is None:
+        statements: list[str] = []
+        cards, warnings = pairs_cards(sizing), list(sizing.warnings)
+        first = [pairs_section(sizing), pairs_tolerances_section(sizing)]
+        linear = [
+            gaps_screening_section(sizing.screening), excitations_section(sizing.scene),
+            *box_sections(sizing),
+        ]  # fmt: skip
+        last = [_verification(sizing), _limits(sizing, OF_PAIRS, sizing.scene.assumptions())]
+    else:
+        statements, cards = _statements(review), _cards(review)
+        warnings = [*_failed_balances(review), *_new_warnings(review)]
+        first = [
+            _risk(review), worst_case_section(review), stops_section(review),
+            hard_hits_section(review), peaks_section(review),
+        ]  # fmt: skip
+        linear = [
+            _screening(review), environment_section(review), mount_section(review),
             gap_section(review),
-            sensitivity_section(review.sensitivity),
-            _verification(review),
-            _limits(review),
+        ]  # fmt: skip
+        last = [
+            _verification(sizing, review.balances),
+            _limits(sizing, OF_ONE_MOUNT, review.assumptions),
+        ]
+    return Page(
+        title=sizing.scene.title or what,
+        subtitle=f"{what} between {'their' if sizing.several else 'its'} stops, for a mission of "
+        f"{mission}",
+        verdict=sentence(sizing.verdict()),
+        statements=[*statements, f"{sentence(sizing.calculated())}{_rounded(sizing)}"],
+        alarm=sizing.doubtful is not None,
+        cards=cards,
+        warnings=warnings,
+        sections=[
+            *first, production_section(sizing.production), *linear,
+            sensitivity_section(sensitivity), *last,
         ],
         origin=origin,
         footer=[
             "The folder of this page holds tables in SI units (CSV), with the units in the names "
             "of their columns; size.json holds all numbers of the page.",
         ],
-    )
+    )  # fmt: skip
 
 
 # Verdict ----------------------------------------------------------------------------------
@@ -146,22 +198,16 @@ def clearance_page(review: Review, origin: Origin) -> Page:
 def _statements(review: Review) -> list[str]:
     """Sentences on the verdict: the line to copy, what the number rests on, expected impacts, and
     risks at the calculated clearance and at 3 sigma."""
-    sizing = review.sizing
-    rounded = ""
-    if sizing.made is not None:
-        rounded = f" The clearance to make is rounded up to {sizing.made.step_in_words}."
-    return [
-        *filter(
-            None,
-            [
-                *(sentence(line) for line in places_of_stops(sizing).splitlines()),
-                _hits_statement(review),
-                _risk_statement(review),
-                _worst_statement(review),
-            ],
-        ),
-        f"{sentence(sizing.calculated())}{rounded}",
-    ]
+    lines = [sentence(line) for line in places_of_stops(review.sizing).splitlines()]
+    more = [_hits_statement(review), _risk_statement(review), _worst_statement(review)]
+    return [line for line in [*lines, *more] if line]
+
+
+def _rounded(sizing: Sizing) -> str:
+    """How the clearance to make is rounded, in a sentence; empty where it was not found."""
+    if sizing.made is None or sizing.several:
+        return ""
+    return f" The clearance to make is rounded up to {sizing.made.step_in_words}."
 
 
 def _hits_statement(review: Review) -> str:
@@ -437,8 +483,7 @@ def _risk(review: Review) -> Section:
 # Verification, limits --------------------------------------------------------
 
 
-def _verification(review: Review) -> Section:
-    sizing = review.sizing
+def _verification(sizing: Sizing, balances: Sequence[Balance] = ()) -> Section:
     facts, names = [], names_of_places(sizing)
     for name, answer in sizing.evidence.items():
         cost = answer.cost
@@ -450,7 +495,7 @@ def _verification(review: Review) -> Section:
                 f"{cost.wall_time:.3g} s; {_how(answer)}",
             )
         )
-    for balance in review.balances:
+    for balance in balances:
         residual = balance.residual
         bias = "" if residual.bias is None else f", bias of the step {residual.bias:.1g}"
         facts.append(
@@ -475,15 +520,21 @@ def _how(answer: Response) -> str:
     return "; ".join(text for text in answer.assumptions if "step" in text)
 
 
-def _limits(review: Review) -> Section:
+STATIONARY = (
+    "Stationary Gaussian shaking for the whole mission; single shocks, and resonances of what "
+    "carries the mount, are not in it.",
+)
+OF_PAIRS = ("Clearances are measured from the static equilibrium.",)
+"""Limits of a report: of every one, and of one on several pairs."""
+
+
+def _limits(sizing: Sizing, own: Sequence[str], assumptions: Sequence[str]) -> Section:
+    without = sizing.allowed == Tolerances()
     return Section(
         title="Limits",
         lead="Assumptions of this report, and its limits.",
         notes=[
-            *(text[0].upper() + text[1:] for text in review.assumptions),
-            *([sentence(NO_TOLERANCES)] if review.sizing.allowed == Tolerances() else []),
-            *OF_ONE_MOUNT,
-            "Stationary Gaussian shaking for the whole mission; single shocks, and resonances of "
-            "what carries the mount, are not in it.",
+            *map(sentence, assumptions), *([sentence(NO_TOLERANCES)] if without else []), *own,
+            *STATIONARY,
         ],
-    )
+    )  # fmt: skip

@@ -13,22 +13,28 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.optimize import brentq
 
 from stochvi.isolators.moved_stops import at_clearances
-from stochvi.isolators.sizing.answer import Clearance, Probability, Sizing, ThreeSigma
+from stochvi.isolators.sizing.answer import Clearance, Probability, ThreeSigma
 from stochvi.isolators.sizing.box_overview import box_overview
-from stochvi.isolators.sizing.hits_at_place import PlaceTrial
-from stochvi.isolators.sizing.job import SEARCH, Reached, SizingJob, more_telling, rate_of, within
+from stochvi.isolators.sizing.job import (
+    SEARCH,
+    Reached,
+    SizingJob,
+    SizingMethod,
+    more_telling,
+    rate_of,
+    within,
+)
 from stochvi.isolators.sizing.risk_curve import KNOWN, RiskCurve, clearances_of_curve
 from stochvi.isolators.sizing.targets import limit_of_pairs
 from stochvi.isolators.sizing.tolerance_region import tolerance_table
 from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.model.cautions import scene_notes
 from stochvi.model.model import model_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable
@@ -36,7 +42,6 @@ from stochvi.results.estimates import Estimate
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.cluster_paths import WINDOWS
-from stochvi.statistics.impact_counts import ImpactCounts
 from stochvi.statistics.pair_crossings import (
     PairCrossings,
     PairMotion,
@@ -88,25 +93,26 @@ BY_HITS = (
 )
 
 
-@dataclass(kw_only=True)
-class SeveralPairs(SizingJob):
-    """The sizing of several pairs, or of one of them: their place is -ln of the risk -ln(1 - p)
-    that each sized pair has alone."""
+class SharedRisk(SizingMethod):
+    """The method of the gaps of a structure, or of one of them: their place is -ln of the risk
+    -ln(1 - p) that each sized pair has alone."""
 
     searched = (0.5, 0.9)
+    late_hits = False  # those of many coordinates take too long for no time
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self.limit = limit_of_pairs(self.scene, self.target, self.asked.at)
+    def __init__(self, job: SizingJob) -> None:
+        self.job, self.scene, self.model = job, job.scene, model_of(job.scene)
+        self.target, self.mission = job.target, job.mission
+        self.limit = limit_of_pairs(job.scene, job.target, job.asked.at)
         self.outputs = self.limit.outputs or None if self.limit else None
-        self.pair, self.model = self.asked.pair, model_of(self.scene)
-        self.warnings += same_gaps(self.model)
+        self.pair = job.asked.pair
+        job.warnings += same_gaps(self.model)
         self.names = [each.name for each in self.model.pairs]
         sized = self.names if self.pair is None else [self.pair]
         self.sized = [self.names.index(name) for name in sized]
         self.fixed = [k for k in range(len(self.names)) if k not in self.sized]
         self.own = np.array(own_distances(self.model))
-        self.shared = [number for number, name in enumerate(sized) if name in self.asked.common]
+        self.shared = [number for number, name in enumerate(sized) if name in job.asked.common]
         others = np.isin(np.arange(len(self.names)), self.fixed)
         pressed = pressed_pairs(self.model, *np.where(others, self.own, math.inf))
         if pressed:
@@ -126,12 +132,13 @@ class SeveralPairs(SizingJob):
         for number, k in enumerate(self.sized):
             self.curves.append(self._known_curve(k) or self._curve(number, k))
         self.risks = self._risks()
-        self.stage(0.4, 0.5, "all pairs together")
+        job.stage(0.4, 0.5, "all pairs together")
         places = [*map(self._stops_of_risk, self.risks), self._stops(3.0 * self.sigma)]
         self.together = self._crossings(np.array(places), SHARE_OF_ALL)
-        self.check_crossings(self.together)
-        *self.chances, self.three_sigma = self.together.probability(self.mission)
-        self.given, self.alone = self._as_given()
+        self.paths = self.together.ages.shape[3]
+        job.check_crossings(self.together)
+        *self.chances, self.at_three_sigma = self.together.probability(job.mission)
+        self.given, self.alone_of_fixed = self._as_given()
         self.total = TotalRisk.of(self.risks, self.chances)
 
     def scene_at(self, place: float) -> Scene:
@@ -160,7 +167,7 @@ class SeveralPairs(SizingJob):
         """The place of the risk that keeps a probability of any impact."""
         if probability <= self.total.least:
             others = ", ".join(self.names[k] for k in self.fixed)
-            most = max((each.value for each in self.alone), default=0.0)
+            most = max((each.value for each in self.alone_of_fixed), default=0.0)
             raise NotApplicable(
                 "size",
                 [
@@ -176,15 +183,12 @@ class SeveralPairs(SizingJob):
 
     def first_guess(self, wanted: float) -> float:
         """The place where the pairs together have as many first impacts as are wanted."""
-        return self._between_ends(-math.log(wanted * self.mission / len(self.sized)))
+        return self.within_ends(-math.log(wanted * self.mission / len(self.sized)))
 
     @property
     def ends(self) -> tuple[float, float]:
         """Those of the largest and of the smallest risk that is looked at."""
         return -math.log(self.risks[-1]), -math.log(self.risks[0])
-
-    def _between_ends(self, place: float) -> float:
-        return min(max(place, self.ends[0]), self.ends[1])
 
     def exceedance_rate(self, place: float, run: Run) -> Estimate:
         """Rate that the probability of the limit in the mission gives."""
@@ -192,83 +196,92 @@ class SeveralPairs(SizingJob):
         overlap = math.prod(self.first_rate(place))
         chance = partial_result(
             exceedance, self.scene_at(place), self.limit, self.mission, overlap, run,
-            self.accepted_rate,
+            self.job.accepted_rate,
         ).chance  # fmt: skip
-        self.exceeded[place] = chance
+        self.job.exceeded[place] = chance
         return rate_of(chance, self.mission)
 
     def already_kept(self, place: float, rate: Estimate) -> Reached:
         """The smallest clearances that are tried."""
-        self.warnings.append(
+        self.job.warnings.append(
             "smaller clearances may do as well: these are the smallest that are tried, and they "
             "keep the target with a margin"
         )
-        answer, chance = Reached(place, -math.inf, place), self.exceeded.get(place)
+        answer, chance = Reached(place, -math.inf, place), self.job.exceeded.get(place)
         if chance is None or self.target.exceedance is None:
             return answer
         if not within(chance, self.target.exceedance):
-            self.exceedance_rate(place, self.part(SEARCH.share_of_windows))
-            chance = more_telling(chance, self.exceeded[place])
+            self.exceedance_rate(place, self.job.part(SEARCH.share_of_windows))
+            chance = more_telling(chance, self.job.exceeded[place])
         if not within(chance, self.target.exceedance):
-            chance = more_telling(chance, self.by_splitting(place))
-        return self.shown_to_keep(chance, answer)
+            chance = more_telling(chance, self.job.by_splitting(place))
+        return self.job.shown_to_keep(chance, answer)
 
-    def hits_or_warning(self, place: float) -> PlaceTrial | None:
-        """Impacts for information alone; those of many coordinates take too long for no time."""
-        if self.deadline.passed() and not self.deadline.interrupted:
-            self.short("the impacts at these clearances are not known: the budget ended")
-            return None
-        return super().hits_or_warning(place)
+    def within_ends(self, place: float) -> float:
+        """The place itself, or that of the nearest risk that is looked at."""
+        return min(max(place, self.ends[0]), self.ends[1])
 
-    def answer(self, found: Reached) -> Sizing:
-        """The numbers of the answer besides its clearances."""
-        place, far, near = map(self._between_ends, (found.place, found.upper, found.lower))
+    def stops(self, place: float) -> Matrix:
+        """Distances of all stops where each sized pair alone has a risk."""
+        return self._stops_of_risk(math.exp(-place))
+
+    def columns(self, place: float) -> dict[str, float]:
+        """The clearance of each sized pair under its name, m."""
         risk = math.exp(-place)
-        # where smaller ones than those that are tried may do as well, nothing is known below
-        most = math.isinf(found.lower)
-        clearances = {
-            self.names[k]: Clearance(
-                value=self._clearance(number, risk),
-                lower=0.0 if most else self._clearance(number, math.exp(-near)),
-                upper=self._clearance(number, math.exp(-far)),
-            )
-            for number, k in enumerate(self.sized)
+        return {self.names[k]: self._clearance(number, risk) for number, k in enumerate(self.sized)}
+
+    def clearances(self, found: Reached) -> dict[str, Clearance]:
+        """The clearances of the risk, and of the ends of its interval."""
+        middle, low, high = (
+            self.columns(self.within_ends(place))
+            for place in (found.place, found.lower, found.upper)
+        )
+        if math.isinf(found.lower):  # nothing is known below the smallest ones that are tried
+            low = dict.fromkeys(low, 0.0)
+        return {
+            name: Clearance(value=value, lower=low[name], upper=high[name])
+            for name, value in middle.items()
         }
-        by_hits = self.target.name != "probability"
-        chance = self.total.at(risk) if by_hits else self.total.probability(self.target.value)
-        self.stage(0.9, 1.0, "impacts at the clearances found")
-        trial = self.hits_or_warning(place) if self.asked.impacts else None
-        if trial is not None and trial.counts.short:
-            self.short(
-                "the impacts at these clearances are not known to a relative error of "
-                f"{self.rel_error:g}: the budget ended, or hardly any was seen"
-            )
-        self.warn_of_impacts(trial)
-        self.warnings += scene_notes(self.model)
-        counts = None if trial is None else trial.counts
-        stops = self._stops_of_risk(risk)
+
+    def rice_rate(self, place: float) -> float:
+        """Rice's rate of the stops of all pairs."""
+        return self._rice_rate(self.stops(place))
+
+    def _rice_rate(self, stops: Matrix) -> float:
+        return sum(
+            motion.towards(side).rate(place)
+            for row, side in zip(stops, (-1.0, 1.0), strict=True)
+            for motion, place in zip(self.motion.motions, row.tolist(), strict=True)
+            if math.isfinite(place)
+        )
+
+    def alone(self, place: float) -> Vector:
+        """The risk of the place; that of the stops of the scene for pairs that are not sized."""
+        found = np.empty(len(self.names))
+        found[self.sized], found[self.fixed] = self._alone(math.exp(-place)), self._alone_of_fixed
+        return found
+
+    def shares(self, place: float) -> Vector:
+        """Those of the first impacts at the risks looked at, interpolated."""
+        logs, shares = np.log(self.risks), self.together.shares(self.mission)
+        return np.array([np.interp(-place, logs, column[: len(logs)]) for column in shares.T])
+
+    def own_fields(self, place: float) -> dict[str, Any]:
+        """The probabilities of all gaps together, and what tolerances change at them."""
+        risk, target = math.exp(-place), self.target
+        by_hits = target.name != "probability"
+        chance = self.total.at(risk) if by_hits else self.total.probability(target.value)
         table, worst_at = tolerance_table(
-            self.scene, self.allowed, stops, self.sized, min(chance.value, KNOWN),
-            min((self.target.exceedance or 1.0) / chance.value, 1.0),
+            self.scene, self.job.allowed, self.stops(place), self.sized, min(chance.value, KNOWN),
+            min((target.exceedance or 1.0) / chance.value, 1.0),
             [self.sized[number] for number in self.shared],
         )  # fmt: skip
-        return Sizing(
-            **self.stated(self.together.ages.shape[3]),
-            pair=self.pair,
-            common=tuple(self.asked.common),
-            clearances=clearances,
-            probability=chance,
-            expected_hits=None if counts is None else counts.rate * self.mission,
-            pairs=self._pairs(stops, risk, counts),
-            curve=self._risk_curve(),
-            three_sigma=self._three_sigma(),
-            as_given=None if self.given is None else Probability.of(self.given),
-            required=self._required(),
-            tolerances=table,
-            worst_at=worst_at,
-            method=BY_HITS if by_hits else METHOD,
-            box=box_overview(self.scene, self.mission),
-        )
+        return {
+            "pair": self.pair, "common": tuple(self.job.asked.common), "probability": chance,
+            "as_given": None if self.given is None else Probability.of(self.given),
+            "tolerances": table, "worst_at": worst_at, "method": BY_HITS if by_hits else METHOD,
+            "box": box_overview(self.scene, self.mission),
+        }  # fmt: skip
 
     def check_free_motion(self, exceedance: float) -> None:
         """Raise `NotApplicable` if springs and dampers alone exceed the limit of the target."""
@@ -287,7 +300,7 @@ class SeveralPairs(SizingJob):
         """First crossings at rows of distances (levels, sides, pairs), in a share of the time that
         is left."""
         found: PairCrossings = partial_result(
-            self.motion.crossings, rows[:, 0], rows[:, 1], self.mission, self.part(share)
+            self.motion.crossings, rows[:, 0], rows[:, 1], self.mission, self.job.part(share)
         )
         return found
 
@@ -305,7 +318,7 @@ class SeveralPairs(SizingJob):
     def _curve(self, number: int, k: int) -> RiskCurve:
         """The probability that a pair is hit, if it alone had stops, against their distance."""
         step = 0.4 / len(self.sized)
-        self.stage(step * number, step * (number + 1), self.names[k])
+        self.job.stage(step * number, step * (number + 1), self.names[k])
         motion = self.motion.motions[k]
         # rates of one stop of two at which the pair is crossed so often in a mission, or in a cycle
         exposed = 2.0 * max(self.mission, 1.0 / motion.rate(0.0))
@@ -319,12 +332,12 @@ class SeveralPairs(SizingJob):
             for side, own in zip((-1.0, 1.0), self.own[:, k], strict=True)
             if math.isfinite(own)
         }
-        if number and self.deadline.passed():
-            raise self.deadline.fell_short(
+        if number and self.job.deadline.passed():
+            raise self.job.deadline.fell_short(
                 f"after {number} of {len(self.sized)} pairs were looked at alone", "raise budget"
             )
         share = SHARE_OF_CURVES / (len(self.sized) - SHARE_OF_CURVES * number)
-        return RiskCurve.of_gap(self.motion, k, stops, self.mission, self.part(share))
+        return RiskCurve.of_gap(self.motion, k, stops, self.mission, self.job.part(share))
 
     def _as_given(self) -> tuple[Estimate | None, list[Estimate]]:
         """Probability of an impact between the stops of the scene, None where a mean gap lies
@@ -397,34 +410,22 @@ class SeveralPairs(SizingJob):
         kept = np.arange(len(self.names)) == k
         return np.where(kept, self.own, math.inf)
 
-    def _pairs(self, answer: Matrix, risk: float, counts: ImpactCounts | None) -> pd.DataFrame:
-        alone = np.empty(len(self.names))
-        alone[self.sized], alone[self.fixed] = self._alone(risk), self._alone_of_fixed
-        shares = _between(self.risks, risk, self.together.shares(self.mission))
-        return self.pairs_table(self.names, self.sigma, answer, alone, shares, counts)
-
-    def _three_sigma(self) -> ThreeSigma:
+    def three_sigma(self) -> ThreeSigma:
         """Risk and impacts where every stop is at three times the rms of its gap."""
-        places = self._stops(3.0 * self.sigma)
-        rice = sum(
-            motion.towards(side).rate(place)
-            for row, side in zip(places, (-1.0, 1.0), strict=True)
-            for motion, place in zip(self.motion.motions, row.tolist(), strict=True)
-            if math.isfinite(place)
-        )
         return ThreeSigma(
             clearance=3.0 * float(self.sigma[self.sized].max()),
-            probability=self.three_sigma,
+            probability=self.at_three_sigma,
             first_hits=self.together.first_rate()[-1] * self.mission,
-            rice_hits=rice * self.mission,
+            rice_hits=self._rice_rate(self._stops(3.0 * self.sigma)) * self.mission,
         )
 
     @property
     def _alone_of_fixed(self) -> Vector:
         """Probability that each pair that is not sized is hit, alone."""
-        return np.array([each.value for each in self.alone])
+        return np.array([each.value for each in self.alone_of_fixed])
 
-    def _risk_curve(self) -> pd.DataFrame:
+    def curve_table(self) -> pd.DataFrame:
+        """Probabilities against the risk of each pair."""
         import pandas as pd
 
         risks, known = self.risks, [Probability.of(chance) for chance in self.chances]
@@ -432,10 +433,7 @@ class SeveralPairs(SizingJob):
         return pd.DataFrame(
             {
                 "probability_alone": -np.expm1(-risks),
-                **{
-                    self.names[k]: [self._clearance(number, risk) for risk in risks]
-                    for number, k in enumerate(self.sized)
-                },
+                **pd.DataFrame([self.columns(-math.log(risk)) for risk in risks]),
                 "probability": [each.value for each in known],
                 "probability_low": [each.lower for each in known],
                 "probability_high": [each.upper for each in known],
@@ -443,17 +441,17 @@ class SeveralPairs(SizingJob):
             }
         )
 
-    def _required(self) -> pd.DataFrame:
+    def required(self) -> pd.DataFrame:
+        """A row per accepted probability."""
         import pandas as pd
 
         rows, total = [], self.total
         for chance in SEARCH.required:
-            known = total.least < chance < total.most
-            risk = total.risk(chance)[0] if known else math.nan
-            places = {
-                self.names[k]: self._clearance(number, risk) if known else math.nan
-                for number, k in enumerate(self.sized)
-            }
+            places = self.columns(self.ends[1])
+            if total.least < chance < total.most:
+                places = self.columns(-math.log(total.risk(chance)[0]))
+            else:
+                places = dict.fromkeys(places, math.nan)
             rows.append({"probability": chance, **places})
         return pd.DataFrame(rows)
 
@@ -531,9 +529,3 @@ class TotalRisk:
         # next to 1 the half width of the logarithm tends to infinity, that of the probability to 0
         half = float(np.interp(place, self.risks, self.halves)) * math.exp(-hazard) * hazard
         return Probability(value=value, lower=max(value - half, 0.0), upper=min(value + half, 1.0))
-
-
-def _between(risks: Vector, risk: float, shares: Matrix) -> Vector:
-    """Shares of the first impacts (pairs,) at a risk, from those at the risks looked at."""
-    logs = np.log(risks)
-    return np.array([np.interp(math.log(risk), logs, column[: len(risks)]) for column in shares.T])
