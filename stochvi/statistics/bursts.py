@@ -232,7 +232,7 @@ def bursts(
     Raises
     ------
     NotApplicable
-        As for `pair_crossings`, or where a law cannot be simulated.
+        As for `first_crossings`, or where a law cannot be simulated.
     """
     run = Run.of(options)
     clusters = ClusterPaths(model_of(scene), run.seed)

@@ -38,8 +38,8 @@ from stochvi.statistics.crossing_ages import STRIDES
 from stochvi.statistics.pair_crossings import (
     MEMORY_RELAXATIONS,
     Draws,
+    FirstCrossings,
     GapRecords,
-    PairCrossings,
     PairMotion,
     own_distances,
 )
@@ -195,7 +195,7 @@ class ClusterPaths:
     """Paths of a linear structure under Gaussian noise, with clusters from their first impacts on.
 
     Half of a record is at least `memories` times as long as the memory of the gaps. Raises
-    `NotApplicable` as `pair_crossings` does, or where a law cannot be simulated.
+    `NotApplicable` as `first_crossings` does, or where a law cannot be simulated.
     """
 
     def __init__(
@@ -251,7 +251,7 @@ class ClusterPaths:
         found[:, :, 0::2], found[:, :, 1::2] = free[:, :, 0::2] @ rows, free[:, :, 1::2] @ rows
         return found
 
-    def found(self, ages: NDArray[np.float32]) -> PairCrossings:
+    def found(self, ages: NDArray[np.float32]) -> FirstCrossings:
         """The answer from the ages of all crossings so far."""
         return self.records.found(ages)
 

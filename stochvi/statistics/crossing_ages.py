@@ -14,7 +14,7 @@ limiting decay rate
 which thus needs no record as long as the mission. Beside sines all of these are averages over
 their phases, and the rate at which survivors are hit follows the phases. Where a beat, or a slow
 sine, lasts as long as the mission, missions differ in their `Exposure`. The gaps of any number of
-pairs are the case of `pair_crossings`, one of them at many places that of `first_crossings`.
+pairs, at one place or many, are the case of `first_crossings`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.mathematics.moving_means import MovingMean, even_phases
+from stochvi.mathematics.moving_means import even_phases
 from stochvi.results.deadline import Deadline
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import jackknife_error
@@ -285,43 +285,6 @@ class CrossingAges:
         early = np.minimum(_columns(self.outside, means[0]) + means[0], 1.0 - FEWEST_SURVIVORS)
         later = max(mission - self.horizon, 0.0)
         return np.asarray(-np.expm1(np.log1p(-early) - self._rate(means) * later))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FirstCrossings(CrossingAges):
-    """Ages of outcrossings of pairs of levels by one oscillator: they give its first impacts.
-
-    Parameters
-    ----------
-    lower, upper
-        (levels,) distances of the stops from the mean position, m; infinite for none.
-    displacement_std, velocity_std
-        Standard deviations of the process and of its rate, m and m/s.
-    motion
-        Its noise and its sines; None where they are not known.
-
-    See Also
-    --------
-    stochvi.reliability : The probability of any impact in a mission.
-    """
-
-    lower: Vector
-    upper: Vector
-    displacement_std: float
-    velocity_std: float
-    motion: MovingMean | None = None
-
-    def upcrossings(self, distance: float) -> float:
-        """Upcrossings per second of a level above the mean position (S. O. Rice 1944)."""
-        return self._motion.rate(distance)
-
-    def distance_of(self, upcrossings: float) -> float:
-        """The level above the mean position, m, that has so many upcrossings per second."""
-        return self._motion.distance_of(upcrossings)
-
-    @property
-    def _motion(self) -> MovingMean:
-        return self.motion or MovingMean.still(self.displacement_std, self.velocity_std)
 
 
 def _columns(levels: Vector, like: Vector) -> Vector:

@@ -1,7 +1,6 @@
-"""Probability that a mass touches its stops at all: first crossings of a stationary Gaussian
-process.
+"""Probability that any stop is touched at all: first crossings of a stationary Gaussian process.
 
-Before its first contact the mass moves as if there were no stops: linearly, and Gaussian where the
+Before the first contact the gaps move as if there were no stops: linearly, and Gaussian where the
 excitation is. The probability of any impact in a mission depends on no impact law, therefore, and
 needs no impact. Around an outcrossing of a stop the process is Slepian's (see
 `monte_carlo.kernels.crossings`), so the records of `pair_crossings` look back from a given crossing
@@ -12,11 +11,11 @@ number of levels. `crossing_ages` has the formulas.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.model.calculations import calculation
@@ -31,8 +30,7 @@ from stochvi.results.errors import NotApplicable
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.crossing_ages import FirstCrossings, until_accurate
-from stochvi.statistics.pair_crossings import GapRecords, PairMotion
+from stochvi.statistics.pair_crossings import FirstCrossings, PairMotion
 
 
 @calculation
@@ -46,17 +44,20 @@ def first_crossings(
     mission: float = 3600.0,
     **options: Unpack[AccuracyOptions],
 ) -> FirstCrossings:
-    """First impacts of stops at many clearances, from one set of records.
+    """First impacts of one oscillator, or of any pair of a structure, from one set of records.
 
     Parameters
     ----------
     scene
-        One oscillator under Gaussian noise (white, filtered, tabulated, any sum), sines or shocks
-        of a shape beside it and constant loads; its own stops do not matter.
+        A linear structure with impact pairs under Gaussian noise of any kind and constant loads,
+        and sines or shocks of a shape beside it. The stops of one oscillator do not matter where
+        distances are given.
     clearances
-        Distances of two stops from the mean position, m.
+        (levels,): distances of two stops of one oscillator from its mean position, m.
     lower, upper
-        Instead: distances of a lower and of an upper stop, pairwise; leave one out for one stop.
+        Instead: (levels,), distances of its lower and of its upper stop; leave one out for one
+        stop. Or (levels, pairs), distances of the stops of pairs from their mean gaps, m, infinite
+        for none; by default those of the scene, at one level.
     **options
         `AccuracyOptions`: `rel_error` is that of the probability of an impact in `mission` seconds,
         at every level where that probability is below 1/2; at the end of the `budget` it ends with
@@ -65,8 +66,8 @@ def first_crossings(
     Raises
     ------
     NotApplicable
-        If the response without stops is not that of one oscillator: a stationary Gaussian process,
-        beside sines about a mean that moves.
+        If the motion without stops is not a stationary Gaussian process, beside sines about a mean
+        that moves.
 
     Examples
     --------
@@ -79,29 +80,29 @@ def first_crossings(
     >>> rate = first_crossings(scene, [3.0]).first_rate()[0]
     >>> abs(rate.value - 0.0018091405) < 4.5 * rate.standard_error + rate.bias
     True
+
+    Two rods between the same two masses are hit together, and count once.
+
+    >>> from stochvi import ImpactPair, Matrices, Restitution
+    >>> stops = {"lower": -3.0, "upper": 3.0, "law": Restitution(coefficient=0.5)}
+    >>> scene = Scene(
+    ...     structure=Matrices(
+    ...         coordinates=("x", "z"), mass=[[1, 0], [0, 1]],
+    ...         damping=[[0.1, 0], [0, 0.1]], stiffness=[[1, 0], [0, 1]],
+    ...     ),
+    ...     impact_pairs=[ImpactPair(name=name, on="x", **stops) for name in ("left", "right")],
+    ...     excitations=[WhiteNoise(intensity=0.2, on="x")],
+    ... )
+    >>> rate = first_crossings(scene).first_rate()[0]
+    >>> abs(rate.value - 0.0018091405) < 4.5 * rate.standard_error + rate.bias
+    True
     """
-    above, below = _levels(clearances, lower, upper)
-    run = Run.of(options)
-    motion = PairMotion.under_shocks(one_gap(model_of(scene)))
-    records = GapRecords(motion, run.seed, below[:, None], above[:, None])
-    return until_accurate(run, _OfOneGap(records), mission, run.accuracy)
-
-
-@dataclass(frozen=True, eq=False)
-class _OfOneGap:
-    """Records of one gap, from which its own crossings are found."""
-
-    records: GapRecords
-
-    @property
-    def together(self) -> int:
-        return self.records.together
-
-    def ages(self, first_path: int) -> NDArray[np.float32]:
-        return self.records.ages(first_path)
-
-    def found(self, ages: NDArray[np.float32]) -> FirstCrossings:
-        return self.records.found(ages).of_one(0)
+    run, model = Run.of(options), model_of(scene)
+    given = [np.ndim(each) for each in (clearances, lower, upper) if each is not None]
+    if given and max(given) < 2:
+        below, above = _levels(clearances, lower, upper)
+        lower, upper, model = below[:, None], above[:, None], one_gap(model)
+    return PairMotion.under_shocks(model).crossings(lower, upper, mission, run)
 
 
 def one_gap(model: Model) -> Model:
@@ -129,10 +130,10 @@ def one_gap(model: Model) -> Model:
 def _levels(
     clearances: ArrayLike | None, lower: ArrayLike | None, upper: ArrayLike | None
 ) -> tuple[Vector, Vector]:
-    """(upper, lower) distances, infinite for no stop."""
-    if (clearances is None) == (lower is None and upper is None):
-        raise ValueError("give clearances, or lower and upper, not both")
+    """(levels,): distances below and above, infinite for no stop."""
     if clearances is not None:
+        if lower is not None or upper is not None:
+            raise ValueError("give clearances, or lower and upper, not both")
         lower = upper = clearances
     size = max(0 if side is None else np.size(side) for side in (upper, lower))
     above, below = (
@@ -143,4 +144,4 @@ def _levels(
         raise ValueError(f"needs as many lower as upper stops, got {len(below)} and {len(above)}")
     if not (np.all(above > 0.0) and np.all(below > 0.0)):
         raise ValueError("distances of stops must be positive, m from the mean position")
-    return above, below
+    return below, above

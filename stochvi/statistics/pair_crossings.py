@@ -15,7 +15,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple, Unpack
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -32,21 +32,17 @@ from stochvi.methods.monte_carlo.kernels.crossings import (
     outcrossing_ages,
 )
 from stochvi.methods.monte_carlo.tabulated import MOST_SAMPLES
-from stochvi.model.calculations import calculation
 from stochvi.model.coverage import not_gaussian
 from stochvi.model.free_motion import free_motion
-from stochvi.model.model import ALIKE, Model, model_of, sharing_of
+from stochvi.model.model import ALIKE, Model, sharing_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
-from stochvi.sampling.options import AccuracyOptions
-from stochvi.sampling.run import Run, sampled
+from stochvi.sampling.run import Run
 from stochvi.scenes.excitations.pulses import Pulses
-from stochvi.scenes.scene import Scene
 from stochvi.statistics.crossing_ages import (
     STRIDES,
     CrossingAges,
     Exposure,
-    FirstCrossings,
     until_accurate,
 )
 
@@ -85,9 +81,8 @@ then has no negative eigenvalues from rounding."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class PairCrossings(CrossingAges):
-    """Ages of outcrossings of the stops of several pairs, from which the first impacts of any pair
-    follow.
+class FirstCrossings(CrossingAges):
+    """Ages of outcrossings of the stops of pairs, from which the first impacts of any follow.
 
     Parameters
     ----------
@@ -104,8 +99,10 @@ class PairCrossings(CrossingAges):
         (pairs, n): the gaps as combinations of coordinates.
     outside_error
         (levels,): standard error of `outside`.
-    motions
-        The motion of each gap; None where it is not known.
+
+    See Also
+    --------
+    stochvi.reliability : The probability of any impact in a mission.
     """
 
     pairs: tuple[str, ...]
@@ -116,7 +113,6 @@ class PairCrossings(CrossingAges):
     crossing: NDArray[np.int64]
     directions: Matrix
     outside_error: Vector
-    motions: Sequence[MovingMean] | None = None
 
     def probability(self, mission: float) -> list[Estimate]:
         """Probability that any pair is hit in the first `mission` seconds of the stationary motion.
@@ -141,74 +137,6 @@ class PairCrossings(CrossingAges):
         found = of_stops.reshape(len(of_stops), 2, -1).sum(axis=1)
         total = found.sum(axis=1, keepdims=True)
         return np.asarray(np.divide(found, total, out=np.zeros_like(found), where=total > 0.0))
-
-    def of_one(self, pair: int) -> FirstCrossings:
-        """The first crossings of one pair, as if it alone had stops."""
-        return FirstCrossings(
-            outside=self.outside,
-            horizon=self.horizon,
-            interval=self.interval,
-            rice_rates=self.rice_rates,
-            ages=self.ages,
-            exposure=self.exposure,
-            motion=None if self.motions is None else self.motions[pair],
-            lower=self.lower[:, pair],
-            upper=self.upper[:, pair],
-            displacement_std=float(self.displacement_std[pair]),
-            velocity_std=float(self.velocity_std[pair]),
-        )
-
-
-@calculation
-@sampled(rel_error=0.05)
-def pair_crossings(
-    scene: Scene,
-    *,
-    lower: ArrayLike | None = None,
-    upper: ArrayLike | None = None,
-    mission: float = 3600.0,
-    **options: Unpack[AccuracyOptions],
-) -> PairCrossings:
-    """First impacts of any of the impact pairs of a scene, at many levels from one set of records.
-
-    Parameters
-    ----------
-    scene
-        A linear structure of any kind, with impact pairs, under Gaussian noise (white, filtered,
-        tabulated, roads, any sum) and constant loads.
-    lower, upper
-        (levels, pairs): distances of the stops from the mean gaps, m, infinite for none; by
-        default those of the scene, at one level.
-    **options
-        `AccuracyOptions`: `rel_error` is that of the probability of an impact in `mission` seconds,
-        at every level where that probability is below 1/2; at the end of the `budget` it ends with
-        larger errors.
-
-    Raises
-    ------
-    NotApplicable
-        If the motion without stops is not a stationary Gaussian process.
-
-    Examples
-    --------
-    Two rods between the same two masses are hit together, and count once.
-
-    >>> from stochvi import ImpactPair, Matrices, Restitution, WhiteNoise
-    >>> stops = {"lower": -3.0, "upper": 3.0, "law": Restitution(coefficient=0.5)}
-    >>> scene = Scene(
-    ...     structure=Matrices(
-    ...         coordinates=("x", "z"), mass=[[1, 0], [0, 1]],
-    ...         damping=[[0.1, 0], [0, 0.1]], stiffness=[[1, 0], [0, 1]],
-    ...     ),
-    ...     impact_pairs=[ImpactPair(name=name, on="x", **stops) for name in ("left", "right")],
-    ...     excitations=[WhiteNoise(intensity=0.2, on="x")],
-    ... )
-    >>> rate = pair_crossings(scene).first_rate()[0]
-    >>> abs(rate.value - 0.0018091405) < 4.5 * rate.standard_error + rate.bias
-    True
-    """
-    motion = PairMotion.under_shocks(model_of(scene))
-    return motion.crossings(lower, upper, mission, Run.of(options))
 
 
 class PairMotion:
@@ -320,8 +248,8 @@ class PairMotion:
 
     def crossings(
         self, lower: ArrayLike | None, upper: ArrayLike | None, mission: float, run: Run
-    ) -> PairCrossings:
-        """First impacts at many levels, see `pair_crossings`."""
+    ) -> FirstCrossings:
+        """First impacts at many levels, see `first_crossings`."""
         own = own_distances(self.model)
         given = [
             np.atleast_2d(np.asarray(each if each is not None else place, dtype=float))
@@ -650,10 +578,10 @@ class GapRecords:
         gap, near, _ = self.sides[side]
         return self._ahead(side).crossings(float(near[level, gap]), draws.units, draws.shares)
 
-    def found(self, ages: NDArray[np.float32]) -> PairCrossings:
+    def found(self, ages: NDArray[np.float32]) -> FirstCrossings:
         """The answer from the ages of all crossings so far."""
         outside, error = self._beyond
-        return PairCrossings(
+        return FirstCrossings(
             outside=outside,
             outside_error=error,
             pairs=tuple(pair.name for pair in self.motion.model.pairs),
@@ -673,7 +601,6 @@ class GapRecords:
             rice_rates=self.rice_rates,
             ages=ages,
             exposure=self.exposure if self.sines.number else None,
-            motions=self.motion.motions,
             missed=0.0 if isinstance(self.beside, Sines) else self.beside.missed_rate,
             uneven=self._uneven,
         )
@@ -727,4 +654,5 @@ class GapRecords:
                     share = float(weights @ some)
                     total[level] += share
                     variance[level] += float(weights**2 @ (some - share) ** 2)
-        return total, np.sqrt(variance)
+        # one gap is beyond one stop at most: the mean over states, which are even, is no sample
+        return total, np.sqrt(variance) * (len(self.pairs) > 1)

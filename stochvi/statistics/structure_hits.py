@@ -38,7 +38,7 @@ from stochvi.scenes.structures.rigid_body import MOTIONS, RigidBody
 from stochvi.statistics.bursts import Bursts, chance_of
 from stochvi.statistics.cluster_paths import WINDOW_RELAXATIONS, WINDOWS
 from stochvi.statistics.impact_counts import clusters_apart
-from stochvi.statistics.pair_crossings import PairCrossings, PairMotion
+from stochvi.statistics.pair_crossings import FirstCrossings, PairMotion
 from stochvi.statistics.trial_splitting import risk_of_windows
 
 TYPICAL_SPEED = 1.25
@@ -153,7 +153,7 @@ def exceedance(
     )
 
 
-def overlap_of(crossings: PairCrossings) -> float:
+def overlap_of(crossings: FirstCrossings) -> float:
     """Expected first impacts in the time for which a cluster is followed, at the first level."""
     return crossings.first_rate()[0].value * WINDOWS * crossings.horizon
 

@@ -43,7 +43,7 @@ from stochvi.scenes.changed_mounts import changed_mount
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.scenes.scene import ImpactPair, scene_from
 from stochvi.statistics.bursts import bursts
-from stochvi.statistics.pair_crossings import pair_crossings
+from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.structure_hits import Limit, exceedance
 from stochvi.sweeps.ranges import summary_of_sizing
 from stochvi.testing import assert_agrees
@@ -110,7 +110,7 @@ def test_uncoupled_pairs_share_the_risk(both: Sizing) -> None:
 @pytest.mark.slow
 def test_the_clearances_keep_the_chance_that_they_are_sized_for(both: Sizing) -> None:
     places = np.array([[each.value for each in both.clearances.values()]])
-    (again,) = pair_crossings(
+    (again,) = first_crossings(
         both.scene, lower=places, upper=places, mission=MISSION, rel_error=0.03, seed=9
     ).probability(MISSION)
     half = 0.5 * (both.probability.upper - both.probability.lower) / 1.96
@@ -165,7 +165,7 @@ def test_one_pair_of_several_keeps_the_chance_of_them_all() -> None:
     scene = uncoupled(pair("x", "x", 4.0), pair("z", "z", 5.0))
     found = sized(scene, pair="x")
     places = np.array([[found.clearances["x"].value, 5.0]])
-    (again,) = pair_crossings(
+    (again,) = first_crossings(
         scene, lower=places, upper=places, mission=MISSION, rel_error=0.03, seed=9
     ).probability(MISSION)
     half = 0.5 * (found.probability.upper - found.probability.lower) / 1.96

@@ -176,7 +176,7 @@ def test_a_wide_mount_lets_them_through() -> None:
 def test_slow_bursts_are_a_mean_over_a_gamma_law(kurtosis: float) -> None:
     with run_of(rel_error=0.05, seed=1) as run:
         curve = risk_curve(ten_hertz(0.05), ONE_PER_CENT, HOUR, run)
-    clearance = 6.0 * curve.crossings.displacement_std
+    clearance = 6.0 * curve.sigma
     shape = 3.0 / (kurtosis - 3.0)
     draws = np.random.default_rng(1).gamma(shape, 1.0 / shape, 20_000)
     rates = np.array([curve.first_rate(clearance / math.sqrt(m)) for m in draws])

@@ -118,9 +118,8 @@ def test_the_interval_of_a_clearance_follows_from_that_of_the_chance(wanted: flo
     hazards = many * np.exp(-(clearances**2) / 2.0)
     errors = 0.02 * (1.0 - np.exp(-hazards))
     curve = RiskCurve(
-        crossings=SimpleNamespace(  # type: ignore[arg-type]
-            rice_rate=hazards, displacement_std=1.0, upcrossings=MovingMean.still(1.0, 1.0).rate
-        ),
+        crossings=SimpleNamespace(rice_rate=hazards),  # type: ignore[arg-type]
+        motion=MovingMean.still(1.0, 1.0),
         mission=1.0,
         clearances=clearances,
         probabilities=[

@@ -31,7 +31,6 @@ from stochvi.scenes.datasets import shipped_scene, zoo_files
 from stochvi.statistics.bursts import bursts
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.lifetimes import lifetimes
-from stochvi.statistics.pair_crossings import pair_crossings
 from stochvi.statistics.rare_hits import rare_hits
 from stochvi.sweeps import sweep
 from stochvi.verification.cost import cost
@@ -144,7 +143,7 @@ def cases() -> dict[str, Callable[[], Any]]:
             first_crossings(zoo("linear"), [2.5], rel_error=0.1, seed=7, budget=None)
         ),
         "pair crossings": lambda: _ages(
-            pair_crossings(shipped("rigid-box"), mission=60.0, rel_error=0.2, seed=7, budget=None)
+            first_crossings(shipped("rigid-box"), mission=60.0, rel_error=0.2, seed=7, budget=None)
         ),
         "rare hits": lambda: rare_hits(
             zoo("psd-spring-stops"), "impact_speed", 0.5, mission=60.0, rel_error=0.3, seed=7,

@@ -13,7 +13,7 @@ from stochvi import ImpactPair, Restitution, Scene
 from stochvi.mathematics.units import STANDARD_GRAVITY
 from stochvi.results.estimates import Estimate
 from stochvi.scenes import RigidBody
-from stochvi.statistics.pair_crossings import pair_crossings
+from stochvi.statistics.first_crossings import first_crossings
 from stochvi.testing import assert_agrees
 from support.boxes import INERTIA, PLACES, TABLES, direct_matrices, tables
 
@@ -101,7 +101,7 @@ def assert_agrees_with_counting(number: int, missions: int, rel_error: float) ->
         excitations=tables(),
     )  # fmt: skip
     rows = np.outer(REACHES, std)
-    found = pair_crossings(
+    found = first_crossings(
         scene, lower=rows, upper=rows, mission=MISSION, rel_error=rel_error, seed=number
     )
     np.testing.assert_allclose(found.displacement_std, std, rtol=2e-3)

@@ -28,9 +28,9 @@ from stochvi.mathematics.spectra import squared_gain
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
 from stochvi.results.estimates import Estimate
-from stochvi.statistics.crossing_ages import FEWEST_PATHS, PILOT, FirstCrossings, largest_error
+from stochvi.statistics.crossing_ages import FEWEST_PATHS, PILOT, CrossingAges, largest_error
 from stochvi.statistics.first_crossings import first_crossings, one_gap
-from stochvi.statistics.pair_crossings import GapRecords, PairMotion
+from stochvi.statistics.pair_crossings import FirstCrossings, GapRecords, PairMotion
 from stochvi.testing import assert_agrees
 
 UNIT = Scene(
@@ -83,9 +83,8 @@ def test_a_constant_hazard_is_found_again_in_the_ages_of_its_crossings(outside: 
     share = hazard * (1.0 - outside) / nu
     ages = np.where(left < share, -np.log(np.minimum(left / share, 1.0)) / hazard, 0.0)
     ages = np.tile(np.minimum(ages, horizon).reshape(128, 128).T, (2, 1, 1, 1, 1))
-    found = FirstCrossings(
-        outside=np.array([outside]), lower=np.array([math.inf]), upper=np.array([1.0]),
-        displacement_std=1.0, velocity_std=1.0, horizon=horizon, interval=0.01,
+    found = CrossingAges(
+        outside=np.array([outside]), horizon=horizon, interval=0.01,
         rice_rates=np.array([[nu]]), ages=ages.astype(np.float32),
     )  # fmt: skip
     assert found.first_rate()[0].value == pytest.approx(hazard, rel=4e-3)

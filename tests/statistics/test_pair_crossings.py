@@ -38,7 +38,6 @@ from stochvi.statistics.impact_counts import count_impacts
 from stochvi.statistics.pair_crossings import (
     PairMotion,
     listed_under_first,
-    pair_crossings,
     same_gaps,
 )
 from stochvi.testing import assert_agrees
@@ -51,7 +50,7 @@ MISSION = 100.0
 
 
 def chance(scene: Scene, rel_error: float = 0.06, seed: int = 1) -> Estimate:
-    return pair_crossings(scene, mission=MISSION, rel_error=rel_error, seed=seed).probability(
+    return first_crossings(scene, mission=MISSION, rel_error=rel_error, seed=seed).probability(
         MISSION
     )[0]
 
@@ -76,7 +75,7 @@ def test_pairs_that_are_hit_at_once_share_their_hits() -> None:
         assert float(getattr(left, name)) == float(getattr(right, name)) > 0.0
         assert_agrees(2.0 * getattr(left, name), float(getattr(whole, name)))
     assert float(left.impact_speed_mean) == pytest.approx(float(whole.impact_speed_mean), rel=0.1)
-    shares = pair_crossings(twins, mission=MISSION, rel_error=0.2).shares(MISSION)[0]
+    shares = first_crossings(twins, mission=MISSION, rel_error=0.2).shares(MISSION)[0]
     assert shares.sum() == pytest.approx(1.0)
     assert shares[0] == pytest.approx(shares[2], rel=1e-9)
     with run_of(rel_error=0.2, seed=2) as run:
@@ -85,7 +84,7 @@ def test_pairs_that_are_hit_at_once_share_their_hits() -> None:
     assert counts.rates["left"].value == counts.rates["right"].value > 0.0
     # stops that are not equally far are not hit at once: the farther ones are never hit
     farther = uncoupled(pair("left", "x", 2.0), pair("right", "x", 2.1))
-    crossings = pair_crossings(farther, mission=MISSION, rel_error=0.2)
+    crossings = first_crossings(farther, mission=MISSION, rel_error=0.2)
     assert crossings.shares(MISSION)[0] == pytest.approx([1.0, 0.0])
 
 
@@ -108,7 +107,7 @@ def test_stops_that_are_hit_at_once_share_their_hits_side_by_side() -> None:
         # the other stop of the first pair is its own
         rate = found["a"].collision_rate_upper
         assert_agrees(both(rate, upper.value, upper.standard_error), upper.value)
-        shares = pair_crossings(scene, mission=MISSION, rel_error=0.2, seed=1).shares(MISSION)[0]
+        shares = first_crossings(scene, mission=MISSION, rel_error=0.2, seed=1).shares(MISSION)[0]
         assert 0.0 < shares[1] < 0.5 < shares[0]
         assert len(same_gaps(model_of(scene))) == 1
         (told,) = listed_under_first(model_of(scene))
@@ -241,7 +240,7 @@ def hits(scene: Scene, missions: int, seed: int) -> Matrix:
 
 
 def assert_counts_agree(scene: Scene, missions: int, seed: int, rel_error: float) -> None:
-    found = pair_crossings(scene, mission=MISSION, rel_error=rel_error, seed=seed)
+    found = first_crossings(scene, mission=MISSION, rel_error=rel_error, seed=seed)
     (estimate,) = found.probability(MISSION)
     struck = hits(scene, missions, seed)
     counted = float(np.mean(struck.any(axis=1)))
@@ -281,7 +280,7 @@ def test_independence_fails_where_pairs_move_together() -> None:
         impact_pairs=[pair("left", "left", 2.5), pair("right", "right", 2.5)],
         excitations=[WhiteNoise(intensity=0.2, on="left"), WhiteNoise(intensity=0.2, on="right")],
     )  # fmt: skip
-    found = pair_crossings(
+    found = first_crossings(
         scene,
         lower=[[2.5, 2.5], [2.5, math.inf], [math.inf, 2.5]],
         upper=[[2.5, 2.5], [2.5, math.inf], [math.inf, 2.5]],
@@ -303,7 +302,7 @@ def test_stops_on_one_side_and_gaps_off_the_middle() -> None:
     scene = scene.model_copy(
         update={"impact_pairs": (first.model_copy(update={"lower": None}), second)}
     )
-    found = pair_crossings(scene, mission=MISSION, rel_error=0.03, seed=1)
+    found = first_crossings(scene, mission=MISSION, rel_error=0.03, seed=1)
     assert len(found.crossing) == 3
     struck = hits_one_sided(scene, 2000)
     error = math.sqrt(struck * (1.0 - struck) / 2000)
@@ -317,7 +316,7 @@ def hits_one_sided(scene: Scene, missions: int) -> float:
 
 
 def test_a_start_beyond_several_stops_counts_once() -> None:
-    found = pair_crossings(
+    found = first_crossings(
         uncoupled(pair("x", "x", 1.0), pair("again", "x", 1.0), pair("z", "z", 1.5)), rel_error=0.5
     )
     inside = math.erf(1.0 / math.sqrt(2.0)) * math.erf(1.5 / math.sqrt(2.0))
@@ -439,4 +438,4 @@ def test_what_has_no_first_crossings(
 ) -> None:
     scene = uncoupled(*pairs).model_copy(update={"excitations": tuple(excitations)})
     with pytest.raises(NotApplicable, match=words):
-        pair_crossings(scene)
+        first_crossings(scene)

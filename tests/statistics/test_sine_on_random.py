@@ -41,7 +41,7 @@ from stochvi.model.model import model_of
 from stochvi.scenes import Phase, shipped_scene
 from stochvi.statistics import structure_hits
 from stochvi.statistics.first_crossings import first_crossings
-from stochvi.statistics.pair_crossings import PairMotion, pair_crossings
+from stochvi.statistics.pair_crossings import PairMotion
 from stochvi.statistics.structure_hits import Limit
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
@@ -272,9 +272,9 @@ def counted(case: Case, share: float, missions: int, number: int) -> tuple[float
 
 
 def chance_of(scene: Scene, mission: float, rel_error: float) -> Estimate:
-    return pair_crossings(scene, mission=mission, rel_error=rel_error, seed=2).probability(mission)[
-        0
-    ]
+    return first_crossings(scene, mission=mission, rel_error=rel_error, seed=2).probability(
+        mission
+    )[0]
 
 
 def widened(found: Estimate, error: float) -> Estimate:
@@ -346,7 +346,7 @@ def test_a_beat_as_long_as_the_mission_makes_missions_differ() -> None:
     case = judge_of((1.5, 0.6), (1.5, 0.601), mission=mission)
     hit = case.hit(case.judge.extremes(2048, 6), 5.0)
     chance, error = float(hit.mean()), float(hit.std()) / math.sqrt(len(hit))
-    found = pair_crossings(case.scene(5.0), mission=mission, rel_error=0.03, seed=4)
+    found = first_crossings(case.scene(5.0), mission=mission, rel_error=0.03, seed=4)
     print(chance, found.probability(mission)[0])
     assert_agrees(widened(found.probability(mission)[0], error), chance)
     alike = replace(found, exposure=None).probability(mission)[0]

@@ -381,8 +381,8 @@ OF_SEVERAL = (
     "pair", "common", "probability", "expected_hits", "pairs", "as_given", "tolerances", "box",
     "worst_at",
 )  # fmt: skip
-"""Keys of the JSON document of a sizing that are by the curve of risk of one gap alone, and by the
-risk of several gaps together alone."""
+"""JSON keys that only a sizing by the curve of one gap has, and that only one of several gaps
+has."""
 
 
 def no_rows() -> pd.DataFrame:
@@ -451,8 +451,8 @@ class Sizing(ClearanceAnswer):
     fell_short
         Those of the warnings that name an accuracy for which the budget did not suffice.
     simulated
-        A row per place simulated with the stop laws: `clearance` (m; of a structure the clearance
-        of each sized pair under its name), `clearance_in_sigma` (of the nearest stop), `hit_rate`,
+        A row per place simulated with the stop laws: `clearance` (m; for a structure that of each
+        sized pair under its name), `clearance_in_sigma` (of the nearest stop), `hit_rate`,
         `hit_rate_low`, `hit_rate_high` (1/s, of all stops), `hits_per_first_hit`,
         `impact_speed_mean` (m/s; NaN for several pairs), and `by` which simulation.
     evidence

@@ -122,7 +122,7 @@ class OneCurve(SizingMethod):
         job.check_crossings(self.curve.crossings)
         self.paths = self.curve.crossings.ages.shape[3]
         self.names = [pair.name for pair in self.model.pairs] or [NO_PAIR]
-        self.deviation = self.curve.crossings.displacement_std
+        self.deviation = self.curve.sigma
         self.sigma = np.array([self.deviation])
         self.three_sigma_place = 3.0 * self.deviation
 
@@ -287,7 +287,7 @@ class OneCurve(SizingMethod):
             scene,
             far_from=self.job.accepted_rate,
             wanted=lambda some: some.exceedance_rate(name, limit),
-            widening=widening(scene, self.target, self.curve.crossings.velocity_std, place),
+            widening=widening(scene, self.target, self.curve.motion.deviations[1], place),
             **run.options(rel_error=run.rel_error),
         )
         if found.unfinished > UNFINISHED:

@@ -34,7 +34,7 @@ from stochvi.statistics.first_crossings import one_gap
 from stochvi.statistics.free_windows import has_fast_peaks, windows_over, without_peaks
 from stochvi.statistics.hazard_curves import HazardCurve, hazard_curve
 from stochvi.statistics.mission_parts import parts_of_mission
-from stochvi.statistics.pair_crossings import PairCrossings, PairMotion
+from stochvi.statistics.pair_crossings import FirstCrossings, PairMotion
 from stochvi.statistics.reliability.random_levels import felt_by
 
 RANGE = 20.0
@@ -209,7 +209,7 @@ class AnyPair:
                 rows[int(side > 0.0), :, gap.number] = np.where(
                     distances < far, distances, math.inf
                 )
-        found: PairCrossings = partial_result(together.crossings, *rows, self.phase.duration, run)
+        found: FirstCrossings = partial_result(together.crossings, *rows, self.phase.duration, run)
         chances = found.probability(self.phase.duration)
         return replace(
             self, total=TotalRisk.of(self.shared.hazards[::-1], chances[::-1]),

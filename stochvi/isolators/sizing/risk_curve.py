@@ -20,9 +20,9 @@ from stochvi.results.deadline import partial_result
 from stochvi.results.estimates import Estimate
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
-from stochvi.statistics.crossing_ages import FirstCrossings, largest_error
+from stochvi.statistics.crossing_ages import CrossingAges, largest_error
 from stochvi.statistics.first_crossings import one_gap
-from stochvi.statistics.pair_crossings import PairCrossings, PairMotion
+from stochvi.statistics.pair_crossings import FirstCrossings, PairMotion
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,7 +61,7 @@ def chance_of_stops(scene: Scene, stops: Matrix, mission: float, run: Run) -> Es
         return Estimate(value=1.0, how="a stop presses on the mass")
     model = model_of(scene)
     motion = PairMotion.under_shocks(model if model.pairs else one_gap(model))
-    found: PairCrossings = partial_result(motion.crossings, *stops, mission, run)
+    found: FirstCrossings = partial_result(motion.crossings, *stops, mission, run)
     return found.probability(mission)[0]
 
 
@@ -73,19 +73,23 @@ class RiskCurve:
     interpolated (monotone cubic, logarithmic) and P follows. Clearances in m per side.
     """
 
-    crossings: FirstCrossings
+    crossings: CrossingAges
+    motion: MovingMean
     mission: float
     clearances: Vector
     probabilities: Sequence[Estimate]
     first_rates: Sequence[Estimate]
 
     @classmethod
-    def of(cls, crossings: FirstCrossings, mission: float) -> RiskCurve:
-        """The curve from first crossings of levels at equal, increasing distances."""
+    def of(
+        cls, crossings: CrossingAges, motion: MovingMean, clearances: Vector, mission: float
+    ) -> RiskCurve:
+        """The curve of a gap from first crossings of its stops at equal, increasing distances."""
         return cls(
             crossings=crossings,
+            motion=motion,
             mission=mission,
-            clearances=np.minimum(crossings.lower, crossings.upper),
+            clearances=clearances,
             probabilities=_falling(crossings.probability(mission)),
             first_rates=_falling(crossings.first_rate()),
         )
@@ -99,8 +103,14 @@ class RiskCurve:
         rows = np.full((2, len(next(iter(stops.values()))), len(together.motions)), math.inf)
         for side, distances in stops.items():
             rows[int(side > 0.0), :, number] = distances
-        found: PairCrossings = partial_result(together.crossings, *rows, mission, run)
-        return cls.of(found.of_one(number), mission)
+        found: FirstCrossings = partial_result(together.crossings, *rows, mission, run)
+        nearest = rows[:, :, number].min(axis=0)
+        return cls.of(found, together.motions[number], nearest, mission)
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the gap, m."""
+        return self.motion.deviations[0]
 
     @property
     def largest_hazard(self) -> float:
@@ -123,7 +133,7 @@ class RiskCurve:
             raise ValueError(
                 f"probability must be at most {self.probability(low):.3g} for a mission of "
                 f"{self.mission:g} s, as at {1e3 * low:.4g} mm, the smallest clearance that is "
-                f"tried ({low / self.crossings.displacement_std:.3g} sigma), got {probability:g}; "
+                f"tried ({low / self.sigma:.3g} sigma), got {probability:g}; "
                 "ask for a smaller probability or a longer mission"
             )
         if wanted < curve(high):
@@ -133,7 +143,7 @@ class RiskCurve:
                 f"tried, got {probability:g}; ask for a larger probability"
             )
         value = float(brentq(lambda c: curve(c) - wanted, low, high, xtol=1e-12 * low, rtol=1e-12))
-        step = 1e-3 * self.crossings.displacement_std
+        step = 1e-3 * self.sigma
         inside = min(max(value, low + step), high - step)
         slope = (curve(inside + step) - curve(inside - step)) / (2.0 * step)
         half = float(np.interp(value, self.clearances[usable], errors)) / abs(slope)
@@ -188,20 +198,20 @@ class RiskCurve:
 
     def rice_rate(self, clearance: float) -> float:
         """Rice's rate of crossings of all stops, 1/s."""
-        first = self.crossings.upcrossings(float(self.clearances[0]))
-        ratio = self.crossings.upcrossings(clearance) / first
+        first = self.motion.rate(float(self.clearances[0]))
+        ratio = self.motion.rate(clearance) / first
         return float(self.crossings.rice_rate[0]) * ratio
 
     def place_of_rice(self, rate: float) -> float:
         """The clearance at which Rice's rate of all stops is so many times a second."""
-        first = self.crossings.upcrossings(float(self.clearances[0]))
-        return self.crossings.distance_of(rate * first / float(self.crossings.rice_rate[0]))
+        first = self.motion.rate(float(self.clearances[0]))
+        return self.motion.distance_of(rate * first / float(self.crossings.rice_rate[0]))
 
     def slope(self, clearance: float) -> float:
         """Slope of the logarithm of Rice's rate over the square of the clearance, 1/m^2; it is the
         same at all clearances where there is noise alone."""
         near, far = clearance, clearance * (1.0 + 1e-3)
-        change = math.log(self.crossings.upcrossings(far) / self.crossings.upcrossings(near))
+        change = math.log(self.motion.rate(far) / self.motion.rate(near))
         return change / (far**2 - near**2)
 
     def _logarithms(self) -> tuple[NDArray[np.bool_], Vector, Vector]:
@@ -245,7 +255,7 @@ class RiskCurve:
         limits = {"first_hit_rate": self.first_rates, "probability": self.probabilities}
         columns: dict[str, Sequence[float] | Vector] = {
             "clearance": self.clearances,
-            "clearance_in_sigma": self.clearances / self.crossings.displacement_std,
+            "clearance_in_sigma": self.clearances / self.sigma,
             "rice_rate": self.crossings.rice_rate,
         }
         for name, estimates in limits.items():

@@ -185,7 +185,7 @@ class Resizing:
         if not sizing.several:
             part = run.part(deadline=run.deadline.share(CURVE_SHARE), rel_error=0.5 * run.accuracy)
             curve = self.curves[change] = risk_curve(scene, sizing.target, mission, part)
-            sigma = curve.crossings.displacement_std
+            sigma = curve.sigma
         if curve is not None and sizing.target.name == "probability":
             found, note = {"clearance": curve.clearance(sizing.target.value)}, ""
         else:
@@ -260,7 +260,7 @@ def _not_gaussian(
 ) -> list[dict[str, Any]]:
     """Rows for the two ways in which an input can exceed the kurtosis of Gaussian noise. They
     follow from the risk curve of the scene under Gaussian noise."""
-    sigma, old = curve.crossings.displacement_std, sizing.clearance.value
+    sigma, old = curve.sigma, sizing.clearance.value
     rows = []
     try:
         measured = fast_peaks(sizing.scene, KURTOSIS, seed=seed, deadline=deadline)
@@ -388,7 +388,7 @@ def slow_bursts(curve: RiskCurve, clearance: float, kurtosis: float, mission: fl
     >>> with pool_of(None, 1) as pool:
     ...     run = Run.of({**DEFAULTS, "executor": pool, "rel_error": 0.1})
     ...     curve = risk_curve(scene, target, 3600.0, run)
-    >>> level = 5.6 * curve.crossings.displacement_std
+    >>> level = 5.6 * curve.sigma
     >>> slow_bursts(curve, level, 3.001, 3600.0) / curve.probability(level) < 1.05
     True
     """

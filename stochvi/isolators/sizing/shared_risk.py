@@ -2,7 +2,7 @@
 
 Each pair alone has its curve of risk against clearance. Pairs share the risk equally where each
 alone would be hit with the same probability p. The probability that any of them is hit follows from
-the first outcrossings of all gaps together (`statistics.pair_crossings`). So p is the one number
+the first outcrossings of all gaps together (`statistics.first_crossings`). So p is the one number
 that is searched for. For a rate of impacts, or a limit of speed or acceleration, the impacts at one
 p after the other are simulated with all stops (`statistics.structure_hits`).
 """
@@ -43,7 +43,7 @@ from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.cluster_paths import WINDOWS
 from stochvi.statistics.pair_crossings import (
-    PairCrossings,
+    FirstCrossings,
     PairMotion,
     own_distances,
     pressed_pairs,
@@ -296,10 +296,10 @@ class SharedRisk(SizingMethod):
                  "limit"],
             )  # fmt: skip
 
-    def _crossings(self, rows: Matrix, share: float) -> PairCrossings:
+    def _crossings(self, rows: Matrix, share: float) -> FirstCrossings:
         """First crossings at rows of distances (levels, sides, pairs), in a share of the time that
         is left."""
-        found: PairCrossings = partial_result(
+        found: FirstCrossings = partial_result(
             self.motion.crossings, rows[:, 0], rows[:, 1], self.mission, self.job.part(share)
         )
         return found

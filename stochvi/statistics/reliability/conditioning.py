@@ -20,7 +20,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.statistics.first_crossings import first_crossings
 from stochvi.statistics.free_windows import windows_of
 from stochvi.statistics.impact_counts import ImpactCounts, count_impacts
-from stochvi.statistics.pair_crossings import own_distances, pair_crossings
+from stochvi.statistics.pair_crossings import own_distances
 from stochvi.statistics.rare_hits import Windows, rare_hits
 from stochvi.statistics.reliability.answer import Chance, PairRisk
 from stochvi.statistics.reliability.choice import Hits, Jobs
@@ -81,7 +81,7 @@ def first_hits_of_pairs(
     if pair is not None:
         kept = [kept[1 + names.index(pair)]]
     crossings = partial_result(
-        pair_crossings, scene, lower=np.where(kept, below, np.inf),
+        first_crossings, scene, lower=np.where(kept, below, np.inf),
         upper=np.where(kept, above, np.inf), mission=mission, **jobs.sampling,
     )  # fmt: skip
     estimate, *alone = crossings.probability(mission)
