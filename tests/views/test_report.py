@@ -281,7 +281,8 @@ def test_a_number_that_a_view_makes_up_is_noticed(folder: Path, html: str) -> No
     for number in (f"{1e3 * base:.3f}", duration):
         changed = [f"{float(number) * (1.0 + 0.01 * tenth):.4g}" for tenth in range(3, 13)]
         missing = not_found(f"numbers {', '.join(changed)} of nobody", document)
-        assert len(missing) >= 8  # one or two may be among the thousands of the document by chance
+        # each may be among the thousands of the document by chance, about one in ten
+        assert len(missing) > len(changed) / 2
 
 
 def test_peaks_on_the_page_are_those_of_its_table(folder: Path, html: str) -> None:
