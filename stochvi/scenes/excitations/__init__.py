@@ -1,11 +1,15 @@
 """What shakes the system: noise (white, filtered, of a density), a sine, a constant load.
 
-Each excitation is a file; `Excitation` lists them.
+Each excitation is a file. A class of `DrawnExcitation` is found there; `Excitation` lists others.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, get_args
+import pkgutil
+from functools import reduce
+from importlib import import_module
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, get_args
 
 from pydantic import BeforeValidator, Field
 
@@ -42,16 +46,26 @@ Excitation = (
     | Pulses
     | DriveFunction
 )
-"""Every excitation that a scene may hold."""
+"""Every excitation that a scene may hold, but those that `EXCITATIONS` finds by their class."""
+
+for _module in pkgutil.iter_modules(__path__, f"{__name__}."):
+    import_module(_module.name)
+
+EXCITATIONS: tuple[type[BaseExcitation], ...] = tuple(
+    dict.fromkeys([*get_args(Excitation), *DrawnExcitation.__subclasses__()])
+)
+"""The classes of excitations: those of `Excitation`, and all drives that a simulation draws."""
+
+if TYPE_CHECKING:
+    _Every = Excitation
+else:
+    _Every = reduce(or_, EXCITATIONS)
 
 Excitations = Annotated[
-    tuple[Annotated[Excitation, Field(discriminator="kind")], ...],
+    tuple[Annotated[_Every, Field(discriminator="kind")], ...],
     BeforeValidator(kinds_of_filters),
 ]
 """Excitations of a scene, or of a phase of its mission."""
-
-EXCITATIONS: tuple[type[BaseExcitation], ...] = get_args(Excitation)
-"""The classes of `Excitation`, in its order."""
 
 DENSITY_KINDS: tuple[str, ...] = tuple(
     each.model_fields["kind"].default for each in EXCITATIONS if issubclass(each, DensityNoise)
