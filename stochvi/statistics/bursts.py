@@ -23,7 +23,7 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import Estimate, of_events
 from stochvi.results.intervals import jackknife_ratio, upper_limit_unseen
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
@@ -170,9 +170,8 @@ class Bursts:
             mean.standard_error / mean.value if mean.value else 0.0,
         )
         if not value:
-            most = upper_limit_unseen(1.0) * float(self.weight.max() / self.weight.sum())
             how = f"none of {len(self.path)} clusters"
-            return Estimate(value=0.0, bias=None, how=how, upper_95=self.first_rate.value * most)
+            return Estimate(value=0.0, bias=None, how=how, upper_95=self._most_unseen)
         known = (self.first_rate.bias or 0.0) / self.first_rate.value
         return Estimate(
             value=value,
@@ -180,6 +179,20 @@ class Bursts:
             bias=(known + self.overlap) * value,
             how=f"{len(self.path)} clusters; bias: clusters that meet",
         )
+
+    @property
+    def _most_unseen(self) -> float:
+        """Upper limit of a rate of which no cluster has any, 1/s."""
+        share = float(self.weight.max() / self.weight.sum())
+        return self.first_rate.value * upper_limit_unseen(1.0) * share
+
+    def limited(self, rate: Estimate) -> Estimate:
+        """A rate, or its upper limit where too few clusters have any of it. That is never below the
+        limit where none has: a cluster of small weight says nothing of those of large weight."""
+        found = of_events(rate, self.paths)
+        if found.upper_95 is None:
+            return found
+        return replace(found, upper_95=max(found.upper_95, self._most_unseen))
 
     def _mean(self, what: Vector) -> Estimate:
         return self._ratio(what, np.ones_like(what))
@@ -239,8 +252,9 @@ def bursts(
     sampler = BurstSampler(clusters, widening)
 
     def error_of(parts: list[Part]) -> float:
-        estimate = wanted(_join(clusters, parts))
-        if is_far(estimate, far_from):
+        found = _join(clusters, parts)
+        estimate = wanted(found)
+        if is_far(estimate, far_from) and is_far(found.limited(estimate), far_from):
             return 0.0
         if estimate.value == 0.0:
             return 0.0 if sampler.paths(parts) >= LOOK * FEWEST_PATHS else math.inf

@@ -142,7 +142,7 @@ def exceedance(
     reach = found.window / WINDOW_RELAXATIONS / mission
 
     def chance(outputs: tuple[str, ...]) -> Estimate:
-        return chance_of(of_events(rate(found, outputs), found.paths), mission, reach)
+        return chance_of(found.limited(rate(found, outputs)), mission, reach)
 
     return Exceedance(
         chance=chance(limit.outputs),

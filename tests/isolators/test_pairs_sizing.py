@@ -36,6 +36,7 @@ from stochvi.isolators.sizing.tolerance_region import tolerance_table
 from stochvi.isolators.sizing.worst_case import REL_ERROR, _largest, worst_case
 from stochvi.model.model import model_of
 from stochvi.model.natural_modes import natural_modes
+from stochvi.results.deadline import partial_result
 from stochvi.results.estimates import Estimate
 from stochvi.results.origin import origin_of
 from stochvi.sampling.run import Run as SampledRun
@@ -438,10 +439,8 @@ def test_a_limit_far_above_every_impact_is_kept_by_the_smallest_clearances_that_
         assert told is not None and told.upper_95 == c.value
     # some windows cannot show that one mission in a million exceeds it: farther stops can
     rare = asked | {"exceedance": 1e-6, "budget": 10.0}
-    with pytest.raises(NotConverged, match="hardly an impact beyond the limit was seen") as raised:
-        sized(uncoupled(*pairs_of_it), rel_error=0.5, **rare)
-    farther = raised.value.partial
-    assert farther.shown_to_keep
+    farther = partial_result(sized, uncoupled(*pairs_of_it), rel_error=0.5, **rare)
+    assert farther.shown_to_keep and "are enough, and less may be" in farther.verdict()
     for name, c in farther.clearances.items():
         assert c.value > found.clearances[name].value
 

@@ -23,7 +23,7 @@ class Places:
     ends, searched, outputs = (0.1, 10.0), (0.0, 1.0), None
     steep = -1.0
     steepness = staticmethod(lambda place: 1.0)
-    coordinate = place_at = staticmethod(lambda place: place)
+    coordinate = place_at = length = staticmethod(lambda place: place)
     first_guess = staticmethod(lambda wanted: 3.0)
     words = staticmethod(lambda place: f"{place:g}")
     exceedance_rate: Callable[[float, Run], Estimate]

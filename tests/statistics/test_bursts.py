@@ -32,7 +32,7 @@ from stochvi.engine.sums import (
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import Estimate, of_events
 from stochvi.scenes.impact_laws import Law, SpeedRestitution
 from stochvi.statistics.bursts import Bursts, bursts, chance_of, is_far
 from stochvi.statistics.cluster_paths import ClusterPaths, widened
@@ -287,6 +287,24 @@ def test_what_no_burst_does_has_the_limit_of_so_many_trials() -> None:
     exact_limit = 1.0 - 0.05 ** (1.0 / len(found.path))
     assert never.upper_95 == pytest.approx(found.first_rate.value * exact_limit, rel=1e-2)
     assert found.exceedance_rate("impact_speed", 0.1).upper_95 is None
+
+
+def test_a_cluster_of_small_weight_says_nothing_of_those_of_large_weight() -> None:
+    """One that was drawn fast, and exceeds the limit, leaves the limit of the others as it is."""
+    found = bursts(unit(4.5, Restitution(coefficient=0.5)), rel_error=0.1, seed=5)
+    never = found.exceedance_rate("impact_speed", 100.0)
+    weight, fastest = found.weight.copy(), found.fastest.copy()
+    weight[0], fastest[0, 0] = 1e-9 * weight[1], 200.0
+    one = replace(found, weight=weight, fastest=fastest)
+    seen = one.exceedance_rate("impact_speed", 100.0)
+    assert seen.upper_95 is None and never.upper_95 is not None
+    limited = one.limited(seen)
+    assert limited.upper_95 == pytest.approx(never.upper_95, rel=1e-2)
+    assert is_far(seen, never.upper_95) and not is_far(limited, never.upper_95)
+    # the control: without the floor the limit is far below, and many clusters need none
+    assert (of_events(seen, one.paths).upper_95 or 1.0) < 1e-6 * never.upper_95
+    often = found.exceedance_rate("impact_speed", 0.1)
+    assert found.limited(often).value == often.value
 
 
 def test_equally_far_stops_of_different_laws_are_hit_alike_from_either_side() -> None:

@@ -263,6 +263,10 @@ class SizingMethod(ABC):
         """The place of a coordinate."""
         return coordinate
 
+    def length(self, place: float) -> float:
+        """A clearance at a place, m."""
+        return place
+
     def slope(self, place: float) -> float:
         """Slope of the logarithm of a rate over the coordinate, as far as it is known before."""
         return -1.0
@@ -545,8 +549,8 @@ class SizingJob:
             if unknown and (unknown[0] > above[0] if above else looked_near):
                 edge = unknown if below is None or unknown[0] < below[0] else above
             if kept is not None and edge and edge is unknown:
-                edge_place = self.method.place_at(edge[0])
-                if SEARCH.near_enough * kept <= edge_place < kept:
+                least, most = map(self.method.length, (self.method.place_at(edge[0]), kept))
+                if SEARCH.near_enough * most <= least < most:
                     return self.enough(kept, above)
             place = self.method.place_at(self._next(edge, below, point))
         if closest is not None:

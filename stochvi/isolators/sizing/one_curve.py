@@ -298,7 +298,11 @@ class OneCurve(SizingMethod):
             )
         else:
             self.job.unfinished.pop(place, None)
-        rate = found.exceedance_rate(name, limit)
+        rate, accepted = found.exceedance_rate(name, limit), self.job.accepted_rate
+        if rate.value < accepted * math.exp(-SEARCH.reach) and not within(
+            limited := found.limited(rate), accepted
+        ):
+            rate = limited  # few clusters do not show that the limit is kept
         self.job.exceeded[place] = chance_of(rate, self.mission)
         return rate
 

@@ -157,6 +157,10 @@ class SharedRisk(SizingMethod):
         rates = [each.value for each in self.together.first_rate()[: len(self.risks)]]
         return np.asarray(np.log(np.maximum(rates, np.finfo(float).tiny)))
 
+    def length(self, place: float) -> float:
+        """The clearance of the first sized pair, m."""
+        return self._clearance(0, math.exp(-place))
+
     def words(self, place: float) -> str:
         """The smallest and the largest of the clearances, in words."""
         found = [self._clearance(n, math.exp(-place)) for n in range(len(self.sized))]
