@@ -111,7 +111,7 @@ def stability(options: Common, scene: str, **asked: Any) -> None:
 @click.option(
     "--slow-impacts",
     is_flag=True,
-    help="Resolve impacts down to the threshold, for R of 0.7 and below.",
+    help="Refine steps near stops, for rates at R of 0.5 and below.",
 )
 @click.option("--first-hits", is_flag=True, help="Simulate the rate of first impacts, too.")
 @click.option("--mission", type=TIME, metavar="TIME", help="Print the impacts in this time, too.")

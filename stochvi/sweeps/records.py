@@ -57,8 +57,9 @@ def mean_over_records(
     DataFrame
         A row per quantity: `quantity`, its `mean` and the ends `low` and `high` of its 95 %
         interval by Student, which holds the scatter between the records. It is that of the
-        logarithm where all values are positive. Beside them are `bias`, `statistical_error` of the
-        mean, and `std_between_records` without statistical errors.
+        logarithm where all values are positive; that of a probability ends at 1. Beside them are
+        `bias`, `statistical_error` of the mean, and `std_between_records` without statistical
+        errors.
         `attrs["records"]` is the table of the records, a row each.
 
     Raises
@@ -135,6 +136,8 @@ def _mean(rows: pd.DataFrame, quantity: str) -> dict[str, Any]:
     low, high = mean - half, mean + half
     if value.min() > 0.0:
         low, high = logarithmic_interval(mean, scatter, count - 1, bias=left)
+    if quantity.startswith("mission.") and quantity != "mission.expected_hits":
+        low, high = max(low, 0.0), min(high, 1.0)  # a probability
     between = spread**2 - float((error**2).mean())
     return {
         "quantity": quantity, "mean": mean, "low": low, "high": high,

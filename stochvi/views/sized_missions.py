@@ -48,13 +48,16 @@ def phases_table(found: MissionSizing) -> pd.DataFrame:
         probability=[chance_in_words(each) for each in found.phases["probability"]],
         share=[chance_in_words(each) for each in found.phases["share"]],
     )
-    return with_headings(table, PHASE_COLUMNS)
+    still = not found.phases["shift"].any()
+    return with_headings(
+        table, {k: v for k, v in PHASE_COLUMNS.items() if not (still and k == "shift")}
+    )
 
 
 PHASE_COLUMNS: dict[str, Heading] = {
     "phase": "phase", "duration": "duration", "displacement_std": ("rms ()", LENGTH),
-    "probability": "probability there", "share": "part of the risk",
-    "clearance": ("clearance alone ()", LENGTH),
+    "shift": ("shift of rest ()", LENGTH), "probability": "probability there",
+    "share": "part of the risk", "clearance": ("clearance alone ()", LENGTH),
 }  # fmt: skip
 TRIED_COLUMNS: dict[str, Heading] = {
     "clearance": ("clearance ()", LENGTH), "damage_ratio": "times the damage",

@@ -23,9 +23,10 @@ from stochvi import (
     size,
 )
 from stochvi.mathematics.random_shocks import Shocks
+from stochvi.model.model import model_of
 from stochvi.scenes import Pulses
 from stochvi.scenes.phases import Phase
-from stochvi.statistics.pair_crossings import PairMotion, model_of
+from stochvi.statistics.pair_crossings import PairMotion
 from support.accuracies import quick_cases
 
 Array = NDArray[np.float64]

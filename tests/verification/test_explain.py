@@ -123,8 +123,7 @@ def test_how_much_of_a_table_was_taken_is_said(tmp_path: Path) -> None:
     mount = Isolator(frequency_hz=12.0, zeta=0.1)
     # 0.02 g^2/Hz over 50 Hz, raised by 6 dB
     assert explain(Scene(structure=mount, excitations=[table])).assumptions[0] == (
-        "tabulated noise on base: floor.csv, raised by +6 dB, 2 points in g2/Hz, 10 to 60 Hz, "
-        "1.995 g rms"
+        "tabulated noise on base: floor.csv, at +6 dB, 2 points in g2/Hz, 10 to 60 Hz, 1.995 g rms"
     )
     force = TabulatedNoise(frequency_hz=[1.0, 3.0], density=[8.0, 8.0], unit="N2/Hz", on="x")
     fixed = Oscillator(mass=1.0, damping=0.5, stiffness=99.0)

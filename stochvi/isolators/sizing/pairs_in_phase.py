@@ -71,8 +71,7 @@ class PhaseOfPairs:
         motion = PairMotion.under_shocks(without_peaks(free))
         pairs = model.pairs or motion.model.pairs
         stated = model_of(as_stated(whole))
-        hangs = (each.modal.rest if alone else each.mean_gaps for each in (model, stated))
-        shifts = np.subtract(*hangs)
+        shifts = np.subtract(*(_mean_gaps(each) for each in (model, stated)))
         gaps = tuple(
             GapInPhase(
                 model=model, together=motion, number=number, duration=phase.duration,
@@ -103,6 +102,11 @@ class PhaseOfPairs:
             share = run.deadline.share(1.0 / (len(asked) - done))
             gaps[number] = gaps[number].simulated(target, run.part(low, high, deadline=share))
         return replace(self, gaps=tuple(gaps))
+
+
+def _mean_gaps(model: Model) -> Vector:
+    """Mean gap of each pair under the constant loads, m; without pairs, that of the only mass."""
+    return model.mean_gaps if model.pairs else model.modal.shapes @ model.modal.rest
 
 
 def _check_level(model: Model, shifts: Vector) -> None:

@@ -321,7 +321,7 @@ class DensityNoise(BaseExcitation):
     @property
     def raised(self) -> str:
         """The level, in words that follow a name; empty for none."""
-        return f", raised by {self.level_db:+g} dB" if self.level_db else ""
+        return f", at {self.level_db:+g} dB" if self.level_db else ""
 
     @property
     def of_its_kurtosis(self) -> tuple[str, ...]:
