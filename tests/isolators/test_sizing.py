@@ -595,3 +595,19 @@ def test_the_picture_of_a_limit_shows_the_chance_of_that_limit() -> None:
     hit = found.curve.set_index("clearance")["probability"]
     assert np.interp(found.clearance.value, hit.index, hit) > 5.0 * 0.01
     plt.close(ax.get_figure())
+
+
+def test_three_sigma_beside_a_sine_is_no_place_nearby() -> None:
+    """The nearest clearance of the curve had 2709 impacts by Rice in an hour, not 3842."""
+    noise = TabulatedNoise(
+        frequency_hz=[20.0, 50.0, 800.0, 2000.0], density=[0.01, 0.04, 0.04, 0.01], unit="g2/Hz"
+    )
+    scene = Scene(
+        structure=Isolator(frequency_hz=45.0, zeta=0.08),
+        excitations=[noise, Sine(amplitude=24.5, frequency_hz=68.0)],
+    )
+    linear, found = screen(scene), size(scene, probability=0.01, mission=3600.0, rel_error=0.1)
+    place = 3.0 * linear.displacement_std
+    assert found.three_sigma.clearance == pytest.approx(place, rel=1e-9)
+    assert found.three_sigma.rice_hits == pytest.approx(3600.0 * linear.rice_rate(place), rel=1e-4)
+    assert found.three_sigma.first_hits.value < found.three_sigma.rice_hits

@@ -85,6 +85,10 @@ def risk_curve(scene: Scene, target: Target, mission: float, run: Run) -> RiskCu
     return curve_of_gap(motion, target, mission, run, sides=sides)
 
 
+SAME = 1e-6
+"""Relative distance of two clearances below which they are one."""
+
+
 def curve_of_gap(
     together: PairMotion, target: Target, mission: float, run: Run, *, number: int = 0,
     shift: float = 0.0, sides: Sequence[float] = SIDES,
@@ -101,6 +105,11 @@ def curve_of_gap(
     wanted = min(chances) / (20.0 * exposed)
     highest = max(motion.towards(side).distance_of(wanted) for side in (-1.0, 1.0))
     levels = clearances_of_curve(motion, SEARCH.lowest_sigma * motion.deviations[0], highest)
+    three = (
+        3.0 * motion.deviations[0]
+    )  # of which the answer speaks; no level beside sines or shocks
+    if np.abs(levels / three - 1.0).min() > SAME:
+        levels = np.sort(np.append(levels, three))
     farther = levels + 2.0 * abs(shift)
     places = {-1.0: farther if shift > 0.0 else levels, 1.0: levels if shift >= 0.0 else farther}
     stops = {side: places[side] for side in sides}

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 
+import numpy as np
+
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
 from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.plan import Plan
@@ -39,7 +41,7 @@ from stochvi.methods.monte_carlo.step_bias import (
 from stochvi.model.balances import residuals
 from stochvi.model.build_response import build_response
 from stochvi.model.coverage import beyond_one_oscillator
-from stochvi.model.model import Pair
+from stochvi.model.model import Pair, model_of
 from stochvi.results.errors import NotConverged
 from stochvi.results.estimates import TOO_FEW, Cost, Estimate, of_events
 from stochvi.results.intervals import events_suffice, student_factor, upper_limit_unseen
@@ -77,6 +79,11 @@ BETWEEN_IMPACTS = (
     "accelerations are those between impacts: without the impulses of rigid stops, which have none"
 )
 """Assumption of an answer with accelerations where a stop is rigid."""
+
+
+FARTHEST, PLACES = 8.0, 2000
+"""Largest distance from the mean, in standard deviations, at which wells of a spring are looked
+for, and number of places that are looked at."""
 
 
 @dataclass
@@ -353,6 +360,23 @@ class Simulation:
         )
         return rate, first, second
 
+    def _wells(self) -> int:
+        """Number of places between the stops, and on them, where the spring of one oscillator and
+        its load hold the mass; 0 where the spring is no function."""
+        model = model_of(self.scene)
+        if model.restoring is None or len(model.coordinates) > 1:
+            return 0
+        known = of_coordinate(*model.coordinates)
+        mean, std = (
+            self.fine.evaluate(known[name])[0] for name in ("displacement_mean", "displacement_std")
+        )
+        low, high = mean - FARTHEST * std, mean + FARTHEST * std
+        on_lower, on_upper = low < model.lower_position, high > model.upper_position
+        x = np.linspace(max(low, model.lower_position), min(high, model.upper_position), PLACES)
+        pull = model.restoring(x) - model.load
+        between = int(np.sum((pull[:-1] < 0.0) & (pull[1:] >= 0.0)))
+        return between + int(on_lower and pull[0] > 0.0) + int(on_upper and pull[-1] < 0.0)
+
     def _rests(self, pair: Pair) -> bool:
         """Whether a stop at rest has part in F1, as the mean speed of impacts is at most their rms
         speed."""
@@ -474,6 +498,11 @@ class Simulation:
             yield (
                 "a sine between stops may keep several regimes, which paths leave rarely: compare "
                 "with a longer duration"
+            )
+        if self._wells() > 1:
+            yield (
+                "the spring has more than one well: passages between them are rare, and the "
+                "stated errors need not hold; compare with fokker-planck, or by check"
             )
         several = len(pairs) > 1
         unknown = not self.plan.elastic and self.plan.step_bias("collision_rate", 0.0) is None

@@ -416,3 +416,15 @@ def test_the_bias_of_what_sticks_holds() -> None:
         bias = plan.step_bias("displacement_mean_square", abs(fine - coarse))
         error = abs(fine - (solved.y[0] ** 2).mean())
         assert 0.25 * bias < error < bias
+
+
+@pytest.mark.parametrize(("linear", "told"), [(-1.0, True), (1.0, False)])
+def test_wells_of_a_spring_are_told(linear: float, told: bool) -> None:
+    spring = {"kind": "duffing", "linear_stiffness": linear, "cubic_stiffness": 1.0}
+    scene = Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=0.0, spring=spring),
+        impact_pairs=[ImpactPair(lower=-1.5, upper=1.2, law=Restitution(coefficient=0.8))],
+        excitations=[WhiteNoise(intensity=0.01)],
+    )
+    found = simulate(scene, paths=16, duration=100.0, seed=1)
+    assert any("more than one well" in each for each in found.warnings) == told
