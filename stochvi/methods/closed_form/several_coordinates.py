@@ -84,7 +84,7 @@ def unmet(model: Model) -> list[str]:
         return found
     if model.tables and model.pairs:
         found.append(
-            "excitation must be white noise where several coordinates have stops, got a tabulated "
+            "excitation must be white noise where there are stops, got a tabulated "
             "density; linearise and simulate take it"
         )
     if model.sines:
