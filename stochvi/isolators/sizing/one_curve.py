@@ -105,9 +105,8 @@ def curve_of_gap(
     wanted = min(chances) / (20.0 * exposed)
     highest = max(motion.towards(side).distance_of(wanted) for side in (-1.0, 1.0))
     levels = clearances_of_curve(motion, SEARCH.lowest_sigma * motion.deviations[0], highest)
-    three = (
-        3.0 * motion.deviations[0]
-    )  # of which the answer speaks; no level beside sines or shocks
+    # the answer tells the risk at three sigma, which is no level beside sines or shocks
+    three = 3.0 * motion.deviations[0]
     if np.abs(levels / three - 1.0).min() > SAME:
         levels = np.sort(np.append(levels, three))
     farther = levels + 2.0 * abs(shift)

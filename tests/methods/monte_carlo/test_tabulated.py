@@ -359,7 +359,17 @@ def test_a_balance_that_is_missed_is_told(monkeypatch) -> None:
     assert not any("the balance of" in each for each in found.warnings)
     assert abs(found.identities["force"].value) < 0.01
     assert found.impact_pairs["stops"].impact_speed_mean is None
-    assert any("the mass rests on its stop" in each for each in found.warnings)
+    assert any("no mean impact speed" in each for each in found.warnings)
     monkeypatch.setattr(simulation, "residuals", lambda *_: {"force": 0.5})
     found = simulate(resting, paths=8, duration=4.0, seed=1)
     assert any("the balance of force is missed by 0.5" in each for each in found.warnings)
+
+
+@pytest.mark.parametrize(("threshold", "known"), [(0.0, True), (0.3, False)])
+def test_a_mean_speed_is_that_of_counted_impacts(threshold: float, known: bool) -> None:
+    """With a high threshold F1 would be divided by the few impacts that it counts."""
+    scene = mount(12.0, TRUCK, 2.0, 0.8)
+    found = simulate(scene, paths=16, duration=20.0, seed=1, speed_threshold=threshold)
+    assert found.impact_pairs["stops"].collision_rate.value > 0.0
+    assert (found.impact_pairs["stops"].impact_speed_mean is not None) == known
+    assert any("no mean impact speed" in each for each in found.warnings) != known
