@@ -72,7 +72,8 @@ def stationary_covariance(generator: Matrix, noise: Matrix) -> Matrix:
 def square_root(covariance: Matrix, tolerance: float) -> Matrix:
     """Columns L with L L' equal to a covariance, one for each independent noise.
 
-    Eigenvalues of the correlations below `tolerance` times the largest one are left out.
+    Eigenvalues of the correlations below `tolerance` times the largest one are left out, and
+    correlations below it: rounding must not choose the axes of independent states.
 
     >>> square_root(np.diag([4.0, 0.0]), 1e-12)
     array([[2.],
@@ -80,7 +81,10 @@ def square_root(covariance: Matrix, tolerance: float) -> Matrix:
     """
     own = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     size = np.where(own > 0.0, own, 1.0)
-    values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
+    correlations = covariance / np.outer(size, size)
+    np.fill_diagonal(correlations, own > 0.0)
+    correlations[np.abs(correlations) < tolerance] = 0.0
+    values, vectors = np.linalg.eigh(correlations)
     kept = values > tolerance * max(float(values[-1]), 0.0)
     signs = np.sign(vectors[np.abs(vectors).argmax(axis=0), np.arange(len(vectors))])
     columns: Matrix = size[:, None] * (vectors * signs * np.sqrt(np.maximum(values, 0.0)))[:, kept]

@@ -28,6 +28,9 @@ SETTLED = 1e-4
 """Relative change of deviations at which the linear part is settled; it needs few digits, as the
 kicks make up for the difference."""
 
+LEAST_WEIGHT = 1e-3
+"""Smallest share of the way to the motion of a linear part that an iteration goes."""
+
 WIDTHS = np.geomspace(1e-9, 1e3, 25)
 """Deviations, m and m/s, among which the iteration finds its start."""
 
@@ -78,30 +81,43 @@ def with_linear_part(
             ["structure.spring and structure.damper must hold and brake the structure, got none "
              "that do in motions of any size; add stiffness or damping"],
         )  # fmt: skip
+    weight = 0.5
     for _ in range(ITERATIONS):
-        motions, before = [between(*each) for each in zip(motions, found, strict=True)], motions
-        linear, last = with_forms(model, motions), linear
-        found = _motions(linear, law_of)
-        if found is None:  # beyond the widest motion that is held
-            return last
-        if all(_near(one, other, settled) for one, other in zip(before, motions, strict=True)):
+        following = [between(*each, weight) for each in zip(motions, found, strict=True)]
+        trial = with_forms(model, following)
+        reached = _motions(trial, law_of)
+        if reached is None or _distance(following, reached) > _distance(motions, found):
+            weight /= 2.0  # between wells a small change of a motion may be a large one of its law
+            if weight < LEAST_WEIGHT:  # beyond the widest motion that is held
+                break
+            continue
+        moved = _distance(motions, following)
+        linear, motions, found = trial, following, reached
+        if moved <= 2.0 * weight * settled:
             break
     return linear
 
 
 def with_forms(model: Model, motions: Sequence[Motion]) -> Model:
     """The model with the linear parts at these motions."""
-    stiffness, damping = model.stiffness.copy(), model.damping.copy()
-    constants, functions = list(model.constants), []
+    forms = []
     for part, motion in zip(model.functions, motions, strict=True):
         form = form_of(part, motion)
+        forms.append(form._replace(force=form.force - form.stiffness * motion.mean))
+    return with_affine(model, forms)
+
+
+def with_affine(model: Model, forms: Sequence[LinearForm]) -> Model:
+    """The model with linear parts f + k x + c v, N."""
+    stiffness, damping = model.stiffness.copy(), model.damping.copy()
+    constants, functions = list(model.constants), []
+    for part, form in zip(model.functions, forms, strict=True):
         row = part.direction
         stiffness += form.stiffness * np.outer(row, row)
         damping += form.damping * np.outer(row, row)
-        offset = form.force - form.stiffness * motion.mean
-        if offset:
-            constants.append((-offset, row))
-        affine = (form.stiffness / part.mass, form.damping / part.mass, offset / part.mass)
+        if form.force:
+            constants.append((-form.force, row))
+        affine = (form.stiffness / part.mass, form.damping / part.mass, form.force / part.mass)
         functions.append(replace(part, affine=affine))
     rates = None
     if len(stiffness) == 1:
@@ -127,7 +143,7 @@ def _rough_law(model: Model) -> LinearLaw | None:
 
 def _motions(model: Model, law_of: Callable[[Model], LinearLaw | None]) -> list[Motion] | None:
     """The motion of each function in a model with linear parts; None without a stationary state."""
-    law = law_of(model) if _is_positive(model.stiffness) else None
+    law = law_of(model) if is_positive(model.stiffness) else None
     return None if law is None else motions_of(model, law)
 
 
@@ -146,26 +162,30 @@ def motions_of(model: Model, law: LinearLaw) -> list[Motion]:
     return found
 
 
-def _is_positive(stiffness: np.ndarray) -> bool:
+def is_positive(stiffness: np.ndarray) -> bool:
+    """Whether no motion lowers the energy of a stiffness matrix."""
     values = np.linalg.eigvalsh(stiffness)
     return bool(values[0] >= -1e-9 * max(values[-1], 0.0))
 
 
-def between(one: Motion, other: Motion) -> Motion:
-    """A motion half way between two."""
+def between(one: Motion, other: Motion, weight: float = 0.5) -> Motion:
+    """A motion on the way from one to another, by default half way."""
     return Motion(
-        0.5 * (one.mean + other.mean),
-        math.sqrt(one.deviation * other.deviation),
-        math.sqrt(one.speed * other.speed),
+        one.mean + weight * (other.mean - one.mean),
+        one.deviation ** (1.0 - weight) * other.deviation**weight,
+        one.speed ** (1.0 - weight) * other.speed**weight,
     )
 
 
-def _near(one: Motion, other: Motion, settled: float) -> bool:
-    """Whether two motions are the same."""
-    return (
-        abs(one.mean - other.mean) <= settled * other.deviation
-        and abs(one.deviation - other.deviation) <= settled * other.deviation
-        and abs(one.speed - other.speed) <= settled * other.speed
+def _distance(ones: Sequence[Motion], others: Sequence[Motion]) -> float:
+    """Largest relative difference of two motions of all functions."""
+    return max(
+        max(
+            abs(one.mean - other.mean) / other.deviation,
+            abs(math.log(one.deviation / other.deviation)),
+            abs(math.log(one.speed / other.speed)),
+        )
+        for one, other in zip(ones, others, strict=True)
     )
 
 

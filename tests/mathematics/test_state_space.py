@@ -55,3 +55,10 @@ def test_a_root_of_a_covariance_gives_it_back_with_as_few_columns_as_it_has_nois
     root = square_root(covariance, 1e-12)
     assert root.shape == (4, 2)
     np.testing.assert_allclose(root @ root.T, covariance, atol=1e-14)
+
+
+def test_rounding_does_not_choose_the_root_of_independent_states() -> None:
+    exact = square_root(np.diag([4.0, 9.0]), 1e-12)
+    for error in (1e-16, -1e-16):
+        rounded = np.array([[4.0 * (1.0 + error), 6.0 * error], [6.0 * error, 9.0]])
+        np.testing.assert_allclose(square_root(rounded, 1e-12), exact, atol=1e-14)

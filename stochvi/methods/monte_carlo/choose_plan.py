@@ -14,6 +14,7 @@ from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.prices import PATIENCE_SECONDS
 from stochvi.methods.monte_carlo.rigid_white import plan_white
 from stochvi.methods.monte_carlo.statistic import Statistic, check_statistics
+from stochvi.methods.monte_carlo.steps_of_functions import with_linear_part_at_stops
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.coverage import (
     beyond_one_oscillator,
@@ -22,7 +23,6 @@ from stochvi.model.coverage import (
     without_energy,
     without_noise,
 )
-from stochvi.model.linear_part import with_linear_part
 from stochvi.model.model import Model
 from stochvi.model.modulation import unstable
 from stochvi.results.deadline import NEVER, Deadline
@@ -108,7 +108,7 @@ def plan_several(
 ) -> ModalPlan:
     """The plan in modal coordinates, without tables or contacts where the model has none."""
     if model.functions:
-        model = with_linear_part(model)
+        model = with_linear_part_at_stops(model)
     plan: ModalPlan
     if model.tables or model.drawn or model.sampled_modulations:
         plan = plan_modal_tables(model, speed_threshold, duration)

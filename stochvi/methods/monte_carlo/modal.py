@@ -59,8 +59,11 @@ from stochvi.methods.monte_carlo.step_bias import (
     lossiest,
     refines_near_stops,
 )
+from stochvi.methods.monte_carlo.steps_of_functions import (
+    longest_at_stops,
+    longest_between_stops,
+)
 from stochvi.model.coverage import compliant, without_noise
-from stochvi.model.linear_part import fastest_rate, motions_of
 from stochvi.model.modal import LinearLaw, ModalForm, linear_law
 from stochvi.model.model import UPPER, Model, Pair
 from stochvi.model.modulation import Settling, slowest_of
@@ -82,14 +85,6 @@ MOST_MODAL_STEPS = MOST_STEPS / 4.0
 
 CONTACT_PRICE = 4.0
 """Time of a step where a stop is compliant, in units of that where all are rigid."""
-
-STEPS_OF_A_THROW = 40.0
-"""Fewest steps in which a force that drives takes its mass from stop to stop."""
-
-KICK_ANGLE = 0.5
-"""Largest rate times step of a spring or damper that is a function, at displacements and velocities
-of four standard deviations. At 2 kicks are no longer stable, and paths at twice the step show what
-the step leaves as bias."""
 
 LYING = 16.0
 """Time of a step of a mass that lies on a stop, in units of the time of a step between the
@@ -1131,13 +1126,7 @@ def _step(model: Model, modes: ModalForm, law: LinearLaw, pairs: tuple[PairScale
             limits.append(GAP_PER_STEP * pair.play / speed)
         if scale.pressing > 0.0:
             limits.append(BOUNCE_PER_STEP * scale.speed / scale.pressing)
-    plays = [pair.play for pair in model.pairs if pair.play is not None]
-    for part in model.functions:
-        time = part.law.time_of_throw(part.mass / part.count, min(plays, default=math.inf))
-        limits.append(time / STEPS_OF_A_THROW)
-    for part, motion in zip(model.functions, motions_of(model, law), strict=True):
-        rate = fastest_rate(part, motion)
-        limits += [KICK_ANGLE / rate] if rate > 0.0 else []
+    limits += [longest_between_stops(model, law, pairs), longest_at_stops(model, law, pairs)]
     return min(limits)
 
 

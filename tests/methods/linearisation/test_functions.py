@@ -42,11 +42,13 @@ def values(scene: Scene) -> tuple[float, float]:
     return found["displacement_std"].value, found["velocity_std"].value
 
 
-def test_a_cubic_spring_has_the_known_equation() -> None:
-    """k s^2 + 3 k3 s^4 = theta, with theta = S / (2 c) (B 8)."""
-    theta = 1.0
-    wanted = math.sqrt((-1.0 + math.sqrt(1.0 + 12.0 * 2.0 * theta)) / (2.0 * 3.0 * 2.0))
-    found, speed = values(scene_of(spring={"kind": "duffing", "cubic_stiffness": 2.0}))
+@pytest.mark.parametrize(("linear", "intensity"), [(0.0, 0.4), (-2.0, 0.4), (-2.0, 0.04)])
+def test_a_cubic_spring_has_the_known_equation(linear: float, intensity: float) -> None:
+    """k s^2 + 3 k3 s^4 = theta, with theta = S / (2 c) (B 8), between two wells as well."""
+    theta, k = intensity / 0.4, 1.0 + linear
+    wanted = math.sqrt((-k + math.sqrt(k**2 + 12.0 * 2.0 * theta)) / (2.0 * 3.0 * 2.0))
+    spring = {"kind": "duffing", "cubic_stiffness": 2.0, "linear_stiffness": linear}
+    found, speed = values(scene_of(excitation=[WhiteNoise(intensity=intensity)], spring=spring))
     assert found == pytest.approx(wanted, rel=1e-8)
     assert speed == pytest.approx(math.sqrt(theta / 2.0), rel=1e-12)
 

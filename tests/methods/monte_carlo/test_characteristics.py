@@ -40,8 +40,10 @@ from stochvi import (
     transient,
 )
 from stochvi.methods.monte_carlo.choose_plan import make_plan, plan_several
+from stochvi.methods.monte_carlo.modal import plan_modal
+from stochvi.methods.monte_carlo.steps_of_functions import longest_at_stops
 from stochvi.methods.periodic import StructureResonance
-from stochvi.model.linear_part import form_of, with_linear_part
+from stochvi.model.linear_part import Motion, form_of, with_forms, with_linear_part
 from stochvi.model.model import model_of
 from stochvi.scenes import FilteredNoise, Sine
 from stochvi.scenes.structures.rigid_body import Mount, RigidBody
@@ -418,13 +420,92 @@ def test_the_bias_of_what_sticks_holds() -> None:
         assert 0.25 * bias < error < bias
 
 
-@pytest.mark.parametrize(("linear", "told"), [(-1.0, True), (1.0, False)])
-def test_wells_of_a_spring_are_told(linear: float, told: bool) -> None:
+def between_wells(intensity: float = 0.01, linear: float = -1.0, **keys: Any) -> Scene:
+    """The mass of 1 kg with wells at -1 and 1 m, a barrier of 1/4 J between them, and stops."""
     spring = {"kind": "duffing", "linear_stiffness": linear, "cubic_stiffness": 1.0}
-    scene = Scene(
+    stops = {"lower": -1.5, "upper": 1.2, "law": Restitution(coefficient=0.8)} | keys
+    return Scene(
         structure=Oscillator(mass=1.0, damping=0.1, stiffness=0.0, spring=spring),
-        impact_pairs=[ImpactPair(lower=-1.5, upper=1.2, law=Restitution(coefficient=0.8))],
-        excitations=[WhiteNoise(intensity=0.01)],
+        impact_pairs=[ImpactPair(**stops)],
+        excitations=[WhiteNoise(intensity=intensity)],
     )
+
+
+@pytest.mark.parametrize(
+    ("scene", "told"),
+    [
+        (between_wells(), True),
+        (between_wells(linear=1.0), False),
+        (between_wells(upper=-0.2), False),  # one well is left
+        (between_wells(0.05), False),  # over a barrier of 1.4 m E v^2 the mass comes often
+    ],
+)
+def test_wells_of_a_spring_are_told(scene: Scene, told: bool) -> None:
     found = simulate(scene, paths=16, duration=100.0, seed=1)
     assert any("more than one well" in each for each in found.warnings) == told
+
+
+WELLS = {
+    "two stops": between_wells(),
+    "elastic": between_wells(law=Restitution(coefficient=1.0)),
+    "one stop": between_wells(lower=None),
+    "a stop on the barrier": between_wells(lower=0.0),
+    "a compliant stop": between_wells(lower=None, law=Elastic(stiffness=100.0)),
+}
+
+
+def measured_in(scene: Scene, plan: Any) -> tuple[Estimate, float]:
+    """E v^2 of paths of a plan, with its stated bias, and what Fokker and Planck know."""
+    settled = replace(plan, burn_in=1500.0)
+    rows = [each.averages(5, 0, 256)[2] for each in (settled, settled.coarser())]
+    fine, coarse = (float(each.mean()) for each in rows)
+    bias = plan.step_bias("velocity_mean_square", abs(fine - coarse))
+    known = fokker_planck(scene).coordinates["x"]["velocity_mean_square"].value
+    return measured(fine, float(rows[0].std()) / 16.0, bias), known
+
+
+@pytest.mark.slow
+@quick_cases("name", list(WELLS), keep={0})
+def test_a_spring_that_pulls_at_its_stops_is_followed(name: str) -> None:
+    """Kicks at the ends of a step must not heat the impacts in it."""
+    scene = WELLS[name]
+    plan = make_plan(model_of(scene), None, 1000.0)
+    assert_agrees(*measured_in(scene, plan))
+    assert plan.step > 0.09  # that of a spring with one well is 0.28 s
+
+
+def test_a_linear_part_far_from_the_force_at_a_stop_heats_the_impacts() -> None:
+    """The negative control: the linear part that such a spring once had, and the step with it."""
+    scene = WELLS["two stops"]
+    narrow = Motion(0.0, 1.0, 0.2)
+    model = with_forms(model_of(scene), [narrow])
+    assert model.functions[0].affine[0] == pytest.approx(2.0)
+    plan = plan_modal(model, None, 1000.0)
+    law, pairs = plan.law, plan.pairs
+    assert plan.step == pytest.approx(longest_at_stops(model, law, pairs))
+    with pytest.raises(AssertionError):
+        assert_agrees(*measured_in(scene, plan.with_step(0.2)))
+
+
+def test_a_spring_across_a_gap_shortens_the_step() -> None:
+    """A spring of a mass whose stops are on another mass: no linear part meets its force there."""
+    scene = Scene(
+        structure=Matrices(
+            coordinates=["a", "b"], mass=np.eye(2).tolist(), damping=(0.1 * np.eye(2)).tolist(),
+            stiffness=[[0.2, -0.2], [-0.2, 1.2]],
+            spring={"kind": "duffing", "linear_stiffness": -1.0, "cubic_stiffness": 1.0, "on": "a"},
+        ),
+        impact_pairs=[
+            ImpactPair(between=["a", "b"], lower=-0.6, upper=0.5, law=Restitution(coefficient=0.8))
+        ],
+        excitations=[WhiteNoise(intensity=0.02, on=each) for each in ("a", "b")],
+    )  # fmt: skip
+    plan = make_plan(model_of(scene), None, 300.0)
+    assert plan.step == pytest.approx(longest_at_stops(plan.model, plan.law, plan.pairs))
+    row = plan.layout.rows.index(("a", "vv"))
+    found, twice, finer = (
+        each.averages(2, 0, 512)[row] for each in (plan, plan.coarser(), plan.with_step(0.02))
+    )
+    bias = plan.step_bias("velocity_mean_square", abs(found.mean() - twice.mean()))
+    errors = [float(each.std()) / math.sqrt(512.0) for each in (found, finer)]
+    agree(measured(float(found.mean()), errors[0], bias), measured(float(finer.mean()), errors[1]))
