@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
-from stochvi.isolators.sizing.answer import spoken_mission
+from stochvi.isolators.sizing.answer import NEAR_ONE, over_percent, spoken_mission
 from stochvi.mathematics.shown_units import SPEED, shown_as
 from stochvi.results.estimates import format_with_error
 from stochvi.views.tables import (
@@ -33,10 +32,6 @@ LIMIT_UNITS = {"impact_speed": "m/s", "peak_acceleration": "m/s^2"}
 
 STARTS = {"rest": "rest", "stationary": "the stationary motion"}
 """The starts of a mission in words."""
-
-NEAR_ONE = 0.999
-"""Probability from which on the lower end of its interval is printed instead, since its own digits
-would all be 9."""
 
 SURELY = 0.9
 """Lower end of an interval that reaches to 1, from which on "over" and that end are printed; where
@@ -91,8 +86,7 @@ def chance_in_words(value: float, error: float, lower: float) -> str:
         return format_with_error(value, error)
     if lower < SURELY:
         return f"{max(lower, 0.0):.2g} to 1"
-    # rounded down, because the probability must exceed the number that is printed
-    return f"over {math.floor(1000.0 * lower) / 1000.0:g}"
+    return over_percent(lower)
 
 
 def _print_pairs(console: Console, found: Reliability) -> None:

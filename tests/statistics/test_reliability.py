@@ -23,6 +23,7 @@ from stochvi import (
     exact,
     reliability,
 )
+from stochvi.isolators.sizing.answer import spoken_percent
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import logarithmic_interval
@@ -269,7 +270,8 @@ def test_what_does_not_apply_is_said() -> None:
 
 
 def test_chances_near_one_are_told_by_their_lower_end() -> None:
-    assert chance_in_words(1.0, 9.8e-7, 0.99812) == "over 0.998"
+    assert chance_in_words(1.0, 9.8e-7, 0.99812) == "over 99.8 %"
+    assert chance_in_words(1.0, 0.0, 1.0) == spoken_percent(1.0)  # as size has it
     assert chance_in_words(0.9, 0.01, 0.88) == "0.900(10)"
 
 

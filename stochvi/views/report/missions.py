@@ -6,7 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
+from stochvi.isolators.sizing.answer import NEAR_ONE, spoken_mission, spoken_percent
 from stochvi.mathematics.shown_units import ACCELERATION, LENGTH, SPEED
 from stochvi.results.base import plain
 from stochvi.results.origin import Origin, origin_of
@@ -19,7 +19,7 @@ from stochvi.views.report.environment import excitation_facts
 from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
 from stochvi.views.schematic import draw_problem
 from stochvi.views.shapes import draw_shapes, has_shape
-from stochvi.views.statistics_tables import NEAR_ONE, SURELY
+from stochvi.views.statistics_tables import SURELY
 from stochvi.views.tables import effects_in_words
 from stochvi.views.words import (
     OF_ONE_MOUNT,
