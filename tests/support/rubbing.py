@@ -1,11 +1,17 @@
-"""An impact with friction, integrated over its impulse in small steps: Coulomb's law, and the work
-of the normal force for the end. It shares nothing with `engine.friction`."""
+"""Friction at stops in the plainest way, which shares nothing with `engine.friction`.
+
+An impact is integrated over its impulse in small steps: Coulomb's law, and the work of the normal
+force for the end. A contact with a compliant stop is integrated from event to event.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
 
 def small_steps(
@@ -38,3 +44,101 @@ def small_steps(
         if w < 0.0 and restitution == 0.0:
             return w, u
     raise AssertionError("the impact has no end")
+
+
+class ContactByEvents:
+    """A path by an integrator that ends at every event: a touch, a leaving, the end of a slide, and
+    where friction no longer bears what drives a contact that sticks.
+
+    The first coordinate moves between a lower and an upper stop, and the second along them.
+    """
+
+    def __init__(
+        self, law: Any, mass: np.ndarray, damping: np.ndarray, stiffness: np.ndarray,
+        places: tuple[float, float], forces: Callable[[float], np.ndarray],
+    ) -> None:  # fmt: skip
+        self.law, self.mode, self.side = law, "free", 1.0
+        self.damping, self.stiffness = damping, stiffness
+        self.lower, self.upper = places
+        self.driving, self.n = forces, len(mass)
+        self.inverse = np.linalg.inv(mass)
+        self.damper = law.damping(1.0 / self.inverse[0, 0])
+        self.friction = law.friction or 0.0
+        self.kinds = set[str]()
+
+    def forces(self, t: float, s: np.ndarray) -> np.ndarray:
+        total = self.driving(t) - self.stiffness @ s[: self.n]
+        return np.asarray(total - self.damping @ s[self.n : 2 * self.n])
+
+    def normal(self, s: np.ndarray) -> float:
+        """Force of the stop, below 0 where it would pull."""
+        deflection = s[0] - self.upper if self.side > 0.0 else self.lower - s[0]
+        return float(self.law.stiffness * deflection + self.damper * self.side * s[self.n])
+
+    def pushed(self, t: float, s: np.ndarray) -> np.ndarray:
+        """Forces with that of the stop, without friction."""
+        found = self.forces(t, s)
+        found[0] -= self.side * max(self.normal(s), 0.0)
+        return found
+
+    def holding(self, t: float, s: np.ndarray) -> float:
+        """Friction by which the speed along the stop stays as it is."""
+        return float(-(self.inverse[1] @ self.pushed(t, s)) / self.inverse[1, 1])
+
+    def rates(self, t: float, s: np.ndarray) -> np.ndarray:
+        total, rubs = self.forces(t, s), 0.0
+        if self.mode != "free":
+            total = self.pushed(t, s)
+            sliding = -self.friction * max(self.normal(s), 0.0)
+            rubs = self.holding(t, s) if self.mode == "sticks" else sliding * float(self.mode)
+        total[1] += rubs
+        along = s[self.n + 1]
+        return np.concatenate([s[self.n : 2 * self.n], self.inverse @ total, [-rubs * along]])
+
+    def events(self) -> list[Callable[[float, np.ndarray], float]]:
+        def of(function: Any, direction: float) -> Any:
+            function.terminal, function.direction = True, direction
+            return function
+
+        if self.mode == "free":
+            return [of(lambda t, s: s[0] - self.upper, 1.0),
+                    of(lambda t, s: self.lower - s[0], 1.0)]  # fmt: skip
+        ends = of(lambda t, s: self.normal(s), -1.0)
+        if self.mode == "sticks":
+            bound = self.friction
+            return [
+                ends, of(lambda t, s: abs(self.holding(t, s)) - bound * self.normal(s), 1.0)
+            ]  # fmt: skip
+        return [ends, of(lambda t, s: float(self.mode) * s[self.n + 1], -1.0)]
+
+    def change(self, which: int, t: float, s: np.ndarray) -> None:
+        along = self.n + 1
+        if self.mode == "free":
+            self.side = 1.0 if which == 0 else -1.0
+            self.mode = str(math.copysign(1.0, s[along]))
+        elif which == 0:
+            self.mode = "free"
+        elif self.mode == "sticks":
+            self.mode = str(-math.copysign(1.0, self.holding(t, s)))
+            self.kinds.add("breaks loose")
+        else:
+            s[along] = 0.0
+            holds = abs(self.holding(t, s)) <= self.friction * self.normal(s)
+            self.mode = "sticks" if holds else str(-float(self.mode))
+            self.kinds.add("sticks" if holds else "slides back")
+
+    def path(self, start: np.ndarray, times: np.ndarray) -> np.ndarray:
+        """Displacements, their rates, and what friction took (times, 2 n + 1)."""
+        t, s, found = 0.0, np.append(start, 0.0), np.zeros((len(times), 2 * self.n + 1))
+        while t < times[-1]:
+            solved = solve_ivp(
+                self.rates, (t, times[-1] + 1e-9), s, events=self.events(), rtol=1e-9,
+                atol=1e-12, dense_output=True, max_step=0.02,
+            )  # fmt: skip
+            inside = (times > t) & (times <= solved.t[-1])
+            if inside.any():
+                found[inside] = solved.sol(times[inside]).T
+            t, s = float(solved.t[-1]), solved.y[:, -1].copy()
+            if solved.status:
+                self.change([len(each) > 0 for each in solved.t_events].index(True), t, s)
+        return found

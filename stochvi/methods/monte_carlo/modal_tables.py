@@ -337,6 +337,7 @@ class ModalTablesPlan(ModalContactsPlan):
     def follow(
         self, free: NDArray[np.float64], log: Log, accelerations: NDArray[np.float64] | None,
         burn_in: int = 0, counted: int | None = None, record: NDArray[np.float64] = NO_RECORD,
+        seed: int | None = None,
     ) -> NDArray[np.float64]:  # fmt: skip
         """What the stops make of paths whose motion without stops is given: the sums of all pairs,
         (pairs, sums_of_pair, paths).
@@ -356,9 +357,13 @@ class ModalTablesPlan(ModalContactsPlan):
             Number of samples that do not count, and of those that do, by default all others.
         record
             Zeros (samples that count, paths, record_width), which get the states of each.
+        seed
+            Seed of restitutions that scatter; None where none do.
         """
         paths = free.shape[2] // 2
         state, streams = np.zeros((self.states, paths)), np.zeros((2, paths), np.uint64)
+        if seed is not None:
+            seed_streams(np.uint64(seed), 0, streams)
         sums = np.zeros((self._rows_of_sums, paths))
         steps = len(free) - 1 - burn_in if counted is None else counted
         outputs = Outputs(record, log, self._largest(accelerations))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
 from stochvi.mathematics.arrays import Matrix, Vector
-from stochvi.mathematics.shown_units import LENGTH, SPEED
+from stochvi.mathematics.shown_units import LENGTH, SPEED, TIME
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
 from stochvi.results.response import Quantities
@@ -23,8 +23,27 @@ SEGMENTS, FEWEST_SAMPLES = 100.0, 64
 32 frequencies tell an impact from the ringing of the mount."""
 
 
+class _OfReplay(Quantities[Estimate | None]):
+    """What a replay finds at one place."""
+
+    def with_bias(self, coarse: Mapping[str, Estimate | None], step: float) -> Self:
+        """The same numbers by a step, s, with their differences from those at twice the step as
+        bias."""
+        how = f"the record itself, steps of {TIME.text(step)}"
+
+        def compared(name: str, own: Estimate) -> Estimate:
+            other = coarse[name]
+            bias = None if other is None else abs(own.value - other.value)
+            return replace(own, bias=bias, how=how)
+
+        found: dict[str, Any] = {
+            name: compared(name, own) for name, own in self.items() if own is not None
+        }
+        return replace(self, **found)  # type: ignore[type-var]
+
+
 @dataclass(frozen=True, kw_only=True)
-class CoordinateReplay(Quantities[Estimate | None]):
+class CoordinateReplay(_OfReplay):
     """The motion of one coordinate.
 
     Parameters
@@ -49,7 +68,7 @@ class CoordinateReplay(Quantities[Estimate | None]):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PairReplay(Quantities[Estimate | None]):
+class PairReplay(_OfReplay):
     """The impacts of one impact pair.
 
     Parameters
@@ -77,6 +96,13 @@ class PairReplay(Quantities[Estimate | None]):
     contact_time: Estimate
     rests: Estimate
 
+    def with_bias(self, coarse: Mapping[str, Estimate | None], step: float) -> Self:
+        found = super().with_bias(coarse, step)
+        # rests on rigid stops are timed by whole steps
+        time, rests = found.contact_time, found.rests.value
+        bias = None if time.bias is None else time.bias + step * rests
+        return replace(found, contact_time=replace(time, bias=bias))
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Histories:
@@ -92,8 +118,8 @@ class Histories:
     displacement, velocity, acceleration
         Samples by the name of the coordinate; accelerations are absolute.
     force
-        Force of each stop on the mass by "pair side", N, positive while it pushes; a rigid stop has
-        one only while the mass rests on it.
+        Force of each stop on the mass by "pair side", N, positive while it pushes. A rigid stop has
+        one only while the mass rests on it, which a replay in steps leaves unknown (nan).
     """
 
     time: Vector
@@ -205,6 +231,14 @@ class ReplayAt:
             "coordinates": plain(self.coordinates),
             "impact_pairs": plain(self.impact_pairs),
         }
+
+    def estimates(self) -> Iterator[tuple[str, str, Estimate]]:
+        """Owner, name and number of every quantity that is known."""
+        for group in (self.coordinates, self.impact_pairs):
+            for owner, quantities in group.items():
+                for name, each in quantities.items():
+                    if each is not None:
+                        yield owner, name, each
 
     def row(self) -> dict[str, float | None]:
         """The quantities as a row of a table."""

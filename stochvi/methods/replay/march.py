@@ -50,6 +50,20 @@ class SampledExcitation:
     forces: Matrix
     base: Vector | Matrix
 
+    def refined(self, parts: int) -> SampledExcitation:
+        """The same excitation with so many samples in the place of each."""
+        coarse = np.arange(len(self.base), dtype=float)
+        fine = np.arange((len(coarse) - 1) * parts + 1) / parts
+
+        def between(columns: Matrix) -> Matrix:
+            found = [np.interp(fine, coarse, each) for each in columns.T]
+            return np.stack(found, axis=1) if found else np.empty((len(fine), 0))
+
+        base = self.base.reshape(len(coarse), -1)
+        return SampledExcitation(
+            step=self.step / parts, forces=between(self.forces), base=between(base)
+        )
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:

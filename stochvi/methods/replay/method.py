@@ -1,10 +1,14 @@
-"""A measured record itself, passed through a structure and its stops."""
+"""A measured record itself, passed through a structure and its stops.
+
+What is linear between stops without friction is followed by power series (`march`), all else in
+steps of a simulation (`steps`).
+"""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace as changed
 from typing import NamedTuple
@@ -20,7 +24,13 @@ from stochvi.methods.replay.answer import CoordinateReplay, Histories, PairRepla
 from stochvi.methods.replay.drives import with_drives
 from stochvi.methods.replay.march import Motion, SampledExcitation, integrate, rest_of
 from stochvi.model.calculations import calculation
-from stochvi.model.coverage import nonlinear, not_compiled, rubbing
+from stochvi.model.coverage import (
+    functions_of_arrays,
+    moving_stops,
+    nonlinear,
+    not_compiled,
+    rubbing,
+)
 from stochvi.model.model import Model, Pair, Stop, inertia_of, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
@@ -29,7 +39,7 @@ from stochvi.scenes.excitations import BASE, ConstantLoad, DensityNoise, Recorde
 from stochvi.scenes.scene import Scene
 
 EXACT = "the record itself, exact steps"
-"""Words in every estimate of a replay on how it was found."""
+"""Words in every estimate of a replay by power series on how it was found."""
 
 NOTICED_MEAN = 0.01
 """Smallest displacement by the mean of a record that is told, as a share of the largest one."""
@@ -50,14 +60,16 @@ def replay(
     each segment of a record. Accelerations are linear between samples, and the mean of a record is
     taken off, as it is for its density. The motion follows in exact steps; impacts are located
     within a step as roots of its power series; contact with compliant stops is integrated.
+    Springs and dampers that are functions, and stops that rub, are followed in steps instead, with
+    what the step leaves as bias.
     Nothing is random but a restitution that scatters, impulses and a `DriveFunction`, of which
     this is one realisation: the same record and `seed` give the same answer.
 
     Parameters
     ----------
     scene
-        A linear structure whose excitations are records (`kind = "record"`) and constant loads,
-        and beside these impulses (`Pulses` without a shape) and functions (`DriveFunction`).
+        A structure whose excitations are records (`kind = "record"`) and constant loads, and
+        beside these impulses (`Pulses` without a shape) and functions (`DriveFunction`).
     clearances
         Metres per side from the static equilibrium, at each of which the stops of the one impact
         pair are put, with their laws; by default the stops are where the scene has them. A scene
@@ -78,7 +90,7 @@ def replay(
     ------
     NotApplicable
         If the scene has no record, other noise besides records, or records of different lengths; if
-        a spring or damper is a function, or a stop rubs.
+        the whole spring is a function of arrays; where `simulate` has no plan for steps.
 
     See Also
     --------
@@ -124,22 +136,28 @@ def replay(
                 "the scene must have one impact pair, whose law is kept while its stops move, got "
                 f"{len(model.pairs)}"
             )
+        if in_steps(model) and np.any(_force_at_zero(model)):
+            missing.append(
+                "clearances count from the static equilibrium, which is not sought where loads act "
+                "on functions or on stops with friction; give the stops in the scene"
+            )
     if missing:
         raise NotApplicable("replay", missing)
     segments = with_drives(scene, model, shaking_of(records_of(scene, model), model), seed)
-    drawn, model = bool(model.drives), changed(model, functions=())
     numbers = sum(each.forces.size for each in segments) * len(places)
-    keep = numbers <= MOST_NUMBERS
-    compile_time = _compiled(model, segments[0])
+    followed = _exactly
+    if in_steps(model):
+        followed = _in_steps
+        model = _with_linear_part(model)
+    keep = followed is _in_steps or numbers <= MOST_NUMBERS
+    compile_time = _compiled(followed, model, segments[0])
 
     def at(clearance: float | None) -> ReplayAt:
-        placed = model if clearance is None else with_clearance(model, clearance)
-        start = rest_of(placed)
-        motions = [
-            integrate(placed, each, start, keep=keep, seed=seed + number)
-            for number, each in enumerate(segments)
-        ]
-        return _answer_at(placed, clearance, motions, segments, keep)
+        placed = model
+        if clearance is not None:
+            rest = 0.0 if followed is _in_steps else model.mean_gaps[0]
+            placed = with_clearance(model, clearance, rest)
+        return followed(placed, clearance, segments, seed, keep)
 
     with ThreadPoolExecutor(threads) as pool:
         found = tuple(pool.map(at, places))
@@ -148,7 +166,8 @@ def replay(
         duration=float(sum(each.step * len(each.base) for each in segments)),
         assumptions=(
             *assumptions_of(scene, model, len(segments), seed),
-            *([_of_drives(seed)] if drawn else []),
+            *([_of_drives(seed)] if model.drives else []),
+            *([_of_steps(found)] if followed is _in_steps else []),
         ),
         warnings=(
             *_without_samples(numbers, keep),
@@ -161,25 +180,91 @@ def replay(
             impacts=sum(len(each.impacts) for each in found),
             paths=len(places),
         ),
-        provenance=provenance(scene.document(), seed if model.scattered or drawn else None),
+        provenance=provenance(scene.document(), seed if model.scattered or model.drives else None),
     )
 
 
-def _compiled(model: Model, shaking: SampledExcitation) -> float:
+def in_steps(model: Model) -> bool:
+    """Whether a model is followed in steps: it has functions besides its drives, or friction."""
+    return bool(nonlinear(_without_drives(model))) or bool(rubbing(model))
+
+
+def _with_linear_part(model: Model) -> Model:
+    """The model whose matrices hold the linear part of its functions."""
+    from stochvi.model.linear_part import with_linear_part
+
+    return with_linear_part(model, "replay") if model.functions else model
+
+
+def _force_at_zero(model: Model) -> Vector:
+    """Forces on the coordinates where nothing is displaced, N."""
+    total = model.constant_force.copy()
+    for part in _without_drives(model).functions:
+        if not part.law.remembers:
+            total -= part.direction * float(part.force_left_out(0.0, 0.0))
+    return total
+
+
+def _without_drives(model: Model) -> Model:
+    """The model without the forces that are drawn, which a replay has beside its record."""
+    return changed(model, functions=tuple(each for each in model.functions if not each.drawn))
+
+
+def _exactly(
+    model: Model, clearance: float | None, segments: Sequence[SampledExcitation], seed: int,
+    keep: bool,
+) -> ReplayAt:  # fmt: skip
+    """The answer at one clearance by power series, of all segments together."""
+    model = _without_drives(model)
+    motions = [
+        integrate(model, each, rest_of(model), keep=keep, seed=seed + number)
+        for number, each in enumerate(segments)
+    ]
+    return _answer_at(model, clearance, motions, segments, keep)
+
+
+def _in_steps(
+    model: Model, clearance: float | None, segments: Sequence[SampledExcitation], seed: int,
+    keep: bool,
+) -> ReplayAt:  # fmt: skip
+    """The answer at one clearance in steps, whose bias shows at twice the step."""
+    from stochvi.methods.replay.steps import SteppedReplay
+
+    stepped = SteppedReplay(model, segments[0].step)
+    fine, coarse = (
+        _answer_at(
+            stepped.model, clearance,
+            [stepped.move(each, seed + k, parts) for k, each in enumerate(segments)],
+            segments, keep,
+        )
+        for parts in (stepped.parts, stepped.parts // 2)
+    )  # fmt: skip
+    step = segments[0].step / stepped.parts
+    return changed(
+        fine,
+        coordinates={
+            name: each.with_bias(coarse.coordinates[name], step)
+            for name, each in fine.coordinates.items()
+        },
+        impact_pairs={
+            name: each.with_bias(coarse.impact_pairs[name], step)
+            for name, each in fine.impact_pairs.items()
+        },
+    )
+
+
+def _compiled(followed: Callable[..., ReplayAt], model: Model, shaking: SampledExcitation) -> float:
     """Seconds in which the kernel was compiled, or loaded: it moves the model for two samples."""
     begin = time.perf_counter()
     short = changed(shaking, forces=shaking.forces[:2], base=shaking.base[:2])
-    integrate(model, short, rest_of(model), keep=False)
+    followed(model, None, [short], 0, False)
     return time.perf_counter() - begin
 
 
 def unmet(scene: Scene, model: Model) -> list[str]:
     """The conditions of a replay that a scene does not meet."""
     drives = [part.drawn for part in model.drives]
-    rest = tuple(part for part in model.functions if part.drawn is None)
-    found = [
-        *nonlinear(changed(model, functions=rest)), *rubbing(model), *not_compiled(model),
-    ]  # fmt: skip
+    found = [*functions_of_arrays(model), *moving_stops(model), *not_compiled(model)]
     records = [each for each in scene.excitations if isinstance(each, RecordedNoise)]
     if not records:
         found.append('excitation must hold a measured record (kind = "record"), got none')
@@ -195,7 +280,7 @@ def unmet(scene: Scene, model: Model) -> list[str]:
     ]
     if len({each.record.sampling for each in records}) > 1:
         found.append("all records must have the same sampling rate, length and gaps")
-    if len(model.coordinates) > 1:
+    if len(model.coordinates) > 1 and not in_steps(model):
         found += [
             f"impact_pair {pair.name}: the position of rest must lie between the stops"
             for pair, place in zip(model.pairs, model.mean_gaps, strict=True)
@@ -261,10 +346,10 @@ def shaking_of(records: Sequence[RecordOnStructure], model: Model) -> list[Sampl
     ]
 
 
-def with_clearance(model: Model, clearance: float) -> Model:
-    """The model with the stops of its one pair at a distance (m) from the static equilibrium."""
+def with_clearance(model: Model, clearance: float, rest: float) -> Model:
+    """The model with the stops of its one pair at a distance (m) from the static equilibrium, which
+    is at `rest`."""
     (pair,) = model.pairs
-    rest = float(model.modal.gaps[0] @ model.modal.rest)
     stops = tuple(Stop(stop.side, rest + stop.side * clearance, stop.law) for stop in pair.stops)
     return changed(model, pairs=(changed(pair, stops=stops),))
 
@@ -403,6 +488,21 @@ def _of_drives(seed: int) -> str:
     return (
         f"Pulses and random forces are drawn (seed {seed}): another seed is another realisation "
         "beside the same record. An impulse lasts two of its sampling intervals."
+    )
+
+
+def _of_steps(found: Sequence[ReplayAt]) -> str:
+    """How far the numbers of a replay in steps depend on them."""
+    worst, which, how = 0.0, "", ""
+    for each in found:
+        for owner, name, own in each.estimates():
+            how = own.how
+            share = (own.bias or 0.0) / abs(own.value) if own.value else 0.0
+            if share > worst:
+                worst, which = share, f" ({name} of {owner})"
+    return (
+        f"Functions of the motion and friction at stops are followed in steps ({how}). At twice "
+        f"the step no number differs by more than {100.0 * worst:.2g} %{which}."
     )
 
 

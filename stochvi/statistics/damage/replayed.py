@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.kernels.equipment import BEFORE, NODES
 from stochvi.methods.replay.kernel import SPEED, STOP, TIME
-from stochvi.methods.replay.march import Motion, SampledExcitation, integrate, rest_of
+from stochvi.methods.replay.march import Motion, integrate, rest_of
 from stochvi.methods.replay.method import records_of, shaking_of, unmet
+from stochvi.model.coverage import nonlinear, rubbing
 from stochvi.model.model import Model, Pair, Stop
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
@@ -62,7 +63,7 @@ class Replayed:
     """The place of equipment under the records of a scene."""
 
     def __init__(self, scene: Scene, model: Model, place: str, equipment: Equipment) -> None:
-        if missing := unmet(scene, model):
+        if missing := unmet(scene, model) + nonlinear(model) + rubbing(model):
             raise NotApplicable("damage by the record itself", missing)
         self.model, self.place, self.equipment = model, place, equipment
         segments = shaking_of(records_of(scene, model), model)
@@ -84,7 +85,7 @@ class Replayed:
                     "ask for equipment in a narrower band (equipment), or for a part of the record"
                 ],
             )
-        self.segments = [_refined(each, self.parts) for each in segments]
+        self.segments = [each.refined(self.parts) for each in segments]
 
     @property
     def stops(self) -> list[tuple[Pair, Stop]]:
@@ -215,17 +216,3 @@ class _Responses(NamedTuple):
     below: Vector
     peaks: Matrix
     struck: NDArray[np.bool_]
-
-
-def _refined(shaking: SampledExcitation, parts: int) -> SampledExcitation:
-    """The same excitation with so many samples in place of each."""
-    coarse = np.arange(len(shaking.base), dtype=float)
-    fine = np.arange((len(coarse) - 1) * parts + 1) / parts
-
-    def between(columns: Matrix) -> Matrix:
-        return np.stack([np.interp(fine, coarse, each) for each in columns.T], axis=1)
-
-    base = shaking.base.reshape(len(coarse), -1)
-    return SampledExcitation(
-        step=shaking.step / parts, forces=between(shaking.forces), base=between(base)
-    )

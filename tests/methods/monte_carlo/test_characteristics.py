@@ -32,7 +32,6 @@ from stochvi import (
     history,
     impacts,
     reliability,
-    replay,
     screen,
     simulate,
     size,
@@ -370,7 +369,7 @@ def test_hysteresis_leaves_out_what_follows_from_the_past() -> None:
 @pytest.mark.parametrize(
     "calculation",
     [
-        exact, average, screen, replay,
+        exact, average, screen,
         lambda scene: transient(scene, [1.0, 2.0]),
         lambda scene: first_passage(scene, 10.0),
         lambda scene: reliability(scene, mission=10.0),

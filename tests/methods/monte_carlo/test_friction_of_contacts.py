@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from stochvi import (
     Elastic,
@@ -28,7 +27,6 @@ from stochvi import (
     harmonic_response,
     impacts,
     linearise,
-    replay,
     simulate,
 )
 from stochvi.engine.friction import rub, rub_evenly
@@ -39,6 +37,7 @@ from stochvi.model.model import model_of
 from stochvi.scenes import ConstantLoad, Hertz, Sine
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.testing import assert_agrees
+from support.rubbing import ContactByEvents
 
 DAMPING, STIFFNESS = np.array([0.3, 0.1]), np.array([4.0, 1.0])
 LOWER, UPPER = -0.4, 0.5
@@ -114,90 +113,13 @@ def test_the_energy_balance_holds_and_not_without_the_loss_of_friction(
         assert abs(with_loss) < 0.03 < 0.1 < without["energy"]
 
 
-class ByEvents:
-    """A path by an integrator that ends at every event: a touch, a leaving, the end of a slide, and
-    where friction no longer bears what drives a contact that sticks."""
+def waving(waves: Any) -> Callable[[float], np.ndarray]:
+    """Forces of sines (direction, value, rate, frequency) at a time."""
 
-    def __init__(self, law: Any, coupled: float, waves: Any) -> None:
-        self.law, self.waves, self.mode, self.side = law, waves, "free", 1.0
-        self.inverse = np.linalg.inv(mass_of(coupled))
-        self.damper = law.damping(1.0 / self.inverse[0, 0])
-        self.friction = law.friction or 0.0
-        self.kinds = set[str]()
+    def forces(t: float) -> np.ndarray:
+        return np.sum([d * (a * math.cos(w * t) + b * math.sin(w * t)) for d, a, b, w in waves], 0)
 
-    def forces(self, t: float, s: np.ndarray) -> np.ndarray:
-        total = -STIFFNESS * s[:2] - DAMPING * s[2:4]
-        for direction, a, b, w in self.waves:
-            total = total + direction * (a * math.cos(w * t) + b * math.sin(w * t))
-        return np.asarray(total)
-
-    def normal(self, s: np.ndarray) -> float:
-        """Force of the stop, below 0 where it would pull."""
-        deflection = s[0] - UPPER if self.side > 0.0 else LOWER - s[0]
-        return float(self.law.stiffness * deflection + self.damper * self.side * s[2])
-
-    def pushed(self, t: float, s: np.ndarray) -> np.ndarray:
-        """Forces with that of the stop, without friction."""
-        return self.forces(t, s) - np.array([self.side * max(self.normal(s), 0.0), 0.0])
-
-    def holding(self, t: float, s: np.ndarray) -> float:
-        """Friction by which the speed along the stop stays as it is."""
-        return float(-(self.inverse[1] @ self.pushed(t, s)) / self.inverse[1, 1])
-
-    def rates(self, t: float, s: np.ndarray) -> np.ndarray:
-        total, rubs = self.forces(t, s), 0.0
-        if self.mode != "free":
-            total = self.pushed(t, s)
-            sliding = -self.friction * max(self.normal(s), 0.0)
-            rubs = self.holding(t, s) if self.mode == "sticks" else sliding * float(self.mode)
-        ahead = self.inverse @ (total + np.array([0.0, rubs]))
-        return np.array([s[2], s[3], *ahead, -rubs * s[3]])
-
-    def events(self) -> list[Callable[[float, np.ndarray], float]]:
-        def of(function: Any, direction: float) -> Any:
-            function.terminal, function.direction = True, direction
-            return function
-
-        if self.mode == "free":
-            return [of(lambda t, s: s[0] - UPPER, 1.0), of(lambda t, s: LOWER - s[0], 1.0)]
-        ends = of(lambda t, s: self.normal(s), -1.0)
-        if self.mode == "sticks":
-            bound = self.friction
-            return [
-                ends, of(lambda t, s: abs(self.holding(t, s)) - bound * self.normal(s), 1.0)
-            ]  # fmt: skip
-        return [ends, of(lambda t, s: float(self.mode) * s[3], -1.0)]
-
-    def change(self, which: int, t: float, s: np.ndarray) -> None:
-        if self.mode == "free":
-            self.side = 1.0 if which == 0 else -1.0
-            self.mode = str(math.copysign(1.0, s[3]))
-        elif which == 0:
-            self.mode = "free"
-        elif self.mode == "sticks":
-            self.mode = str(-math.copysign(1.0, self.holding(t, s)))
-            self.kinds.add("breaks loose")
-        else:
-            s[3] = 0.0
-            holds = abs(self.holding(t, s)) <= self.friction * self.normal(s)
-            self.mode = "sticks" if holds else str(-float(self.mode))
-            self.kinds.add("sticks" if holds else "slides back")
-
-    def path(self, start: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """Displacements x and y, their rates, and what friction took (times, 5)."""
-        t, s, found = 0.0, np.append(start, 0.0), np.zeros((len(times), 5))
-        while t < times[-1]:
-            solved = solve_ivp(
-                self.rates, (t, times[-1] + 1e-9), s, events=self.events(), rtol=1e-9,
-                atol=1e-12, dense_output=True, max_step=0.02,
-            )  # fmt: skip
-            inside = (times > t) & (times <= solved.t[-1])
-            if inside.any():
-                found[inside] = solved.sol(times[inside]).T
-            t, s = float(solved.t[-1]), solved.y[:, -1].copy()
-            if solved.status:
-                self.change([len(each) > 0 for each in solved.t_events].index(True), t, s)
-        return found
+    return forces
 
 
 @pytest.mark.parametrize(
@@ -221,7 +143,9 @@ def test_a_path_between_stops_that_rub_is_that_of_an_integrator_by_events(
     for (first, omega, _), signal in zip(plan.modes.sines, plan.model.sines, strict=True):
         value, rate = start[4 + first : 6 + first]
         waves.append((signal.direction, value, rate, omega))
-    judge = ByEvents(law, coupled, waves)
+    judge = ContactByEvents(
+        law, mass_of(coupled), np.diag(DAMPING), np.diag(STIFFNESS), (LOWER, UPPER), waving(waves)
+    )
     times = plan.step * np.arange(1, plan.steps + 1)
     known = judge.path(np.concatenate([shapes @ start[:2], shapes @ start[2:4]]), times)
     assert judge.kinds == kinds
@@ -324,11 +248,6 @@ def test_tables_loads_and_statistics_go_beside_stops_that_rub() -> None:
 def test_other_methods_refuse_friction(calculation: Any) -> None:
     with pytest.raises(NotApplicable, match=r"law\.friction must be 0, got 0\.3 at the lower"):
         calculation(scene_of(Elastic(stiffness=400.0, friction=0.3)))
-
-
-def test_a_replay_refuses_friction() -> None:
-    with pytest.raises((NotApplicable, ValueError)):
-        replay(scene_of(Elastic(stiffness=400.0, friction=0.3)))
 
 
 def test_friction_needs_a_tangent() -> None:

@@ -30,7 +30,6 @@ from stochvi import (
     impacts,
     linearise,
     reliability,
-    replay,
     screen,
     simulate,
     size,
@@ -343,7 +342,7 @@ def test_explain_names_modulations() -> None:
 @pytest.mark.parametrize(
     "calculation",
     [
-        exact, average, screen, replay, linearise, fokker_planck, bumper_map,
+        exact, average, screen, linearise, fokker_planck, bumper_map,
         lambda scene: damage(scene, mission=10.0),
         lambda scene: linearise(scene, form="force"),
         lambda scene: transient(scene, [1.0, 2.0]),

@@ -1,0 +1,283 @@
+"""A record through what power series do not follow, in steps of a simulation.
+
+The kernel of `simulate` follows springs and dampers that are functions, and stops that rub. The
+exact response to the record stands in the place of noise. The record is linear between its samples,
+so that shorter steps are the same excitation. What the step leaves as bias shows at twice the
+step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stochvi.engine.impact_log import Log
+from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
+from stochvi.methods.monte_carlo.modal_contacts import rate_of_contact
+from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
+from stochvi.methods.replay.kernel import PEAK, SPEED, STOP, TIME
+from stochvi.methods.replay.march import Motion, SampledExcitation, integrate
+from stochvi.model.model import Model, Pair, Stop
+from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.results.sizes import MOST_RECORDED
+from stochvi.scenes.impact_laws import CompliantLaw
+
+STEP_ANGLE = 0.1
+"""Longest step times the fastest rate of the structure or of a contact, rad: sampled peaks of a
+contact are then within 0.13 % of the largest force."""
+
+FEWEST_PARTS = 4
+"""Fewest steps in an interval of the record, of the longer steps of two: a cubic then follows what
+the record brings up to a quarter of its sampling rate to 1e-5."""
+
+SLOWEST = 1e-7
+"""Speed of the slowest impact that is listed, in units of the rms speed of the gap: chatter on a
+rigid stop ends at rest."""
+
+SETTLING = 2.0
+"""Time, in burn-ins of a simulation, in which a structure comes to rest under its constant
+loads."""
+
+AT_REST = 1e-9
+"""Distance from a stop, and rate of the gap, of a mass at rest on it, in units of the largest."""
+
+
+class SteppedReplay:
+    """The motion of a model under samples of what shakes it, in so many steps a sample.
+
+    Parameters
+    ----------
+    model
+        A model with tables in the place of its records, whose matrices hold the linear parts of
+        its functions.
+    step
+        Sampling interval, s.
+
+    Raises
+    ------
+    NotApplicable
+        Where `simulate` has no plan for the model.
+    """
+
+    def __init__(self, model: Model, step: float) -> None:
+        try:
+            plan = plan_modal_tables(model, None, None)
+        except NotApplicable as error:
+            raise NotApplicable("replay", error.conditions) from None
+        rest = tuple(part for part in model.functions if part.drawn is None)
+        self.model = replace(model, functions=rest)
+        self.plan = replace(plan, model=self.model)
+        self.parts = 2 * max(FEWEST_PARTS, math.ceil(step / self._longest_step))
+
+    @property
+    def _longest_step(self) -> float:
+        """Longest step, s, that resolves the structure and its contacts."""
+        rates = [self.plan.fastest, *(part.law.fastest for part in self.model.functions)]
+        for pair, scale in zip(self.model.pairs, self.plan.pairs, strict=True):
+            rates += [rate_of_contact(pair, stop, scale) for stop in pair.stops if not stop.rigid]
+        return min(self.plan.step, STEP_ANGLE / max(rates))
+
+    def move(self, shaking: SampledExcitation, seed: int, parts: int) -> Motion:
+        """The motion from rest under the constant loads, in `parts` steps a sample.
+
+        Raises
+        ------
+        NotConverged
+            Where the steps are too many to be kept.
+        """
+        samples, step = (len(shaking.forces) - 1) * parts + 1, shaking.step / parts
+        settling = self._settling(step)
+        if (samples + settling) * self.plan.record_width > MOST_RECORDED:
+            raise NotConverged(
+                f"the replay takes {samples + settling:.2g} steps of {step:.2g} s, whose motion "
+                "does not fit into memory; give a shorter record"
+            )
+        plan = replace(
+            self.plan, step=step, samples=samples, block_length=samples * step, blocks=1,
+            speed_threshold=SLOWEST * max(self.plan.speeds, default=0.0),
+        )  # fmt: skip
+        free = np.zeros((samples + 1 + settling, plan.modes.size, 2))
+        free[:samples] = self._without_stops(shaking, parts, plan.scale)
+        record = np.zeros((samples, 1, plan.record_width))
+
+        def follow(log: Log) -> NDArray[np.float64]:
+            return plan.follow(free, log, None, settling, record=record, seed=seed)
+
+        sums, impacts = logged_impacts(follow, [pair.name for pair in self.model.pairs])
+        return _Moved(plan, shaking, parts, record[:, 0], list(impacts.values())).motion(
+            _contact_times(plan, sums[:, :, 0])
+        )
+
+    def _settling(self, step: float) -> int:
+        """Number of steps before the record; none where nothing is loaded."""
+        loaded = bool(np.any(self.model.constant_force))
+        return math.ceil(SETTLING * self.plan.burn_in / step) if loaded else 0
+
+    def _without_stops(self, shaking: SampledExcitation, parts: int, scale: float) -> Matrix:
+        """Modal displacements and velocities over `scale` (samples, modes, 2) of the linear
+        structure without stops and loads."""
+        free = replace(self.model, pairs=(), functions=(), constants=(), points={})
+        moved = integrate(free, shaking.refined(parts), np.zeros(len(free.coordinates)))
+        to_modes = self.model.mass @ self.model.modal.shapes
+        return np.stack([moved.displacement @ to_modes, moved.velocity @ to_modes / scale], axis=2)
+
+
+def _contact_times(plan: ModalTablesPlan, sums: Matrix) -> Vector:
+    """Time in contact with each stop, s, from the sums of the pairs; 0 for a rigid one."""
+    names = plan.sums_of_pair
+    return np.array(
+        [
+            0.0 if stop.rigid else sums[number, names.index(f"contact_{stop.name}")]
+            for number, pair in enumerate(plan.model.pairs)
+            for stop in pair.stops
+        ]
+    )
+
+
+class _Moved:
+    """A motion by steps, and what happens at the stops.
+
+    Parameters
+    ----------
+    plan
+        The plan by which it was followed.
+    shaking, parts
+        What shakes the model, and the number of steps in an interval of its samples.
+    record
+        (steps, record_width), the states at the ends of all steps.
+    logs
+        The impacts of each pair, a step late.
+    """
+
+    def __init__(
+        self, plan: ModalTablesPlan, shaking: SampledExcitation, parts: int, record: Matrix,
+        logs: Sequence[ImpactLog],
+    ) -> None:  # fmt: skip
+        self.model, self.step, self.parts, self.shaking = plan.model, plan.step, parts, shaking
+        modes, n = plan.modes, plan.modes.size
+        rows = self.model.output_rows @ modes.shapes
+        self.q, self.p, self.rows, self.logs = record[:, :n], record[:, n : 2 * n], rows, logs
+        self.x = self.q @ rows.T + rows @ modes.rest
+        self.v = self.p @ rows.T
+        self.y = (self.q + modes.rest) @ modes.gaps.T
+        self.rate = self.p @ modes.gaps.T
+        self.stops = [
+            (number, pair, stop)
+            for number, pair in enumerate(self.model.pairs)
+            for stop in pair.stops
+        ]
+
+    def motion(self, sums: NDArray[np.float64]) -> Motion:
+        """The motion at the samples of the record; `sums` (stops,) are the times in contact with
+        compliant stops, s."""
+        rest = np.array([self._rests_on(*each) for each in self.stops]).reshape(-1, len(self.x))
+        force = np.array([self._force_of(*each) for each in self.stops]).reshape(-1, len(self.x)).T
+        a, impacts = self._accelerations(force), self._impacts(force)
+        kept = slice(None, None, self.parts)
+        return Motion(
+            samples=len(self.shaking.forces),
+            duration=self.shaking.step * (len(self.shaking.forces) - 1),
+            displacement=self.x[kept], velocity=self.v[kept], acceleration=a[kept],
+            force=force[kept],
+            powers=np.stack([np.sum(self.x[kept] ** k, axis=0) for k in range(1, 5)], axis=1),
+            highest=self._highest(1.0, impacts), lowest=-self._highest(-1.0, impacts),
+            largest_acceleration=np.abs(a).max(axis=0), impacts=impacts,
+            contact_time=sums + self.step * rest.sum(axis=1),
+            rests=np.sum(rest[:, 1:] & ~rest[:, :-1], axis=1).astype(float),
+        )  # fmt: skip
+
+    def _rests_on(self, number: int, pair: Pair, stop: Stop) -> NDArray[np.bool_]:
+        """Whether the gap of a pair rests on a rigid stop, at the ends of the steps."""
+        y, rate = self.y[:, number], self.rate[:, number]
+        near = np.abs(y - stop.position) <= AT_REST * np.abs(y).max()
+        slow = np.abs(rate) <= AT_REST * np.abs(rate).max()
+        return np.asarray(near & slow & stop.rigid)
+
+    def _force_of(self, number: int, pair: Pair, stop: Stop) -> Vector:
+        """Force of a compliant stop, N; not known (nan) of a rigid one."""
+        if not isinstance(stop.law, CompliantLaw):
+            return np.full(len(self.x), math.nan)
+        deflection = stop.deflection(self.y[:, number])
+        force = stop.law.force_at(deflection, stop.side * self.rate[:, number], pair.mass)
+        return np.where(deflection > 0.0, np.maximum(force, 0.0), 0.0)
+
+    def _impacts(self, force: Matrix) -> Matrix:
+        """The impacts as in `Motion`, in their order."""
+        found = []
+        for which, (number, _, stop) in enumerate(self.stops):
+            log = self.logs[number]
+            own = stop.side * log.speed > 0.0
+            time = np.maximum(log.time[own] - self.step, 0.0)
+            rows = np.zeros((len(time), 4))
+            rows[:, TIME], rows[:, STOP], rows[:, SPEED] = time, which, np.abs(log.speed[own])
+            if len(time) and not stop.rigid:
+                first = np.minimum((time / self.step).astype(int), len(force) - 1)
+                rows[:, PEAK] = np.maximum.reduceat(force[:, which], first)
+            found.append(rows)
+        rows = np.concatenate([np.zeros((0, 4)), *found])
+        return rows[np.argsort(rows[:, TIME], kind="stable")]
+
+    @cached_property
+    def _smooth(self) -> NDArray[np.bool_]:
+        """Whether no rigid stop is hit in each step between two ends."""
+        found = np.ones(len(self.x) - 1, dtype=np.bool_)
+        for number, _, stop in self.stops:
+            log = self.logs[number]
+            struck = log.time[(stop.side * log.speed > 0.0) & stop.rigid] - self.step
+            found[np.clip((struck / self.step).astype(int), 0, len(found) - 1)] = False
+        return found
+
+    def _accelerations(self, force: Matrix) -> Matrix:
+        """Absolute accelerations (steps, outputs), m/s^2, under the known forces and the rest.
+
+        The rest is that of friction, rigid stops and springs with a memory. It follows from the
+        change of the velocities over the steps beside an end, and is interpolated where they jump
+        in both.
+        """
+        shaking, modes = self.shaking.refined(self.parts), self.model.modal
+        known = shaking.forces @ modes.shapes - self.q * modes.squares - self.p @ modes.damping.T
+        for which, (number, _, stop) in enumerate(self.stops):
+            if not stop.rigid:
+                known -= np.outer(stop.side * force[:, which], modes.gaps[number])
+        for part in self.model.functions:
+            if not part.law.remembers:
+                row = part.direction @ modes.shapes
+                own = part.force_left_out((self.q + modes.rest) @ row, self.p @ row)
+                known -= np.outer(own, row)
+        base = shaking.base @ self.model.base_rows.T @ self.model.output_rows.T
+        return np.asarray((known + self._rest_of_forces(known)) @ self.rows.T + base)
+
+    def _rest_of_forces(self, known: Matrix) -> Matrix:
+        """Modal accelerations (steps, modes) beyond the `known` ones."""
+        smooth = self._smooth[:, None]
+        beyond = np.diff(self.p, axis=0) / self.step - 0.5 * (known[1:] + known[:-1])
+        beside, count = np.zeros_like(known), np.zeros(len(known))
+        for ends in (slice(None, -1), slice(1, None)):
+            beside[ends] += smooth * beyond
+            count[ends] += self._smooth
+        at = np.flatnonzero(count)
+        if not len(at):
+            return np.zeros_like(known)
+        every = np.arange(len(known))
+        means = beside[at] / count[at, None]
+        return np.stack([np.interp(every, at, each) for each in means.T], axis=1)
+
+    def _highest(self, side: float, impacts: Matrix) -> Vector:
+        """Largest side * x of each output, m: at the ends of steps, between them, and at
+        impacts."""
+        x, v = side * self.x, side * self.v
+        turns = (v[:-1] > 0.0) & (v[1:] < 0.0) & self._smooth[:, None]
+        rise = 0.5 * self.step * v[:-1] ** 2 / np.where(turns, v[:-1] - v[1:], 1.0)
+        highest = np.maximum(
+            x.max(axis=0), np.max(x[:-1] + turns * rise, axis=0, initial=-math.inf)
+        )
+        first = np.minimum((impacts[:, TIME] / self.step).astype(int), len(x) - 1)
+        later = (impacts[:, TIME] - first * self.step)[:, None]
+        at_impacts = np.max(x[first] + later * v[first], axis=0, initial=-math.inf)
+        return np.asarray(np.maximum(highest, at_impacts))
