@@ -14,8 +14,9 @@ from stochvi.model.coverage import (
     without_dissipation,
     without_energy,
 )
-from stochvi.model.model import Model
+from stochvi.model.model import Model, Stop
 from stochvi.results.errors import NotApplicable
+from stochvi.scenes.impact_laws import Restitution
 
 
 def unmet(model: Model) -> list[str]:
@@ -91,7 +92,8 @@ def unmet_by_transient(model: Model) -> list[str]:
 def unmet_by_first_passage(model: Model, lower: float | None, upper: float | None) -> list[str]:
     """The conditions of `first_passage` that a model and two barriers (m) do not meet.
 
-    A barrier that is None is left out; where both are, the stops of the model are the barriers.
+    A barrier that is None is left out, and a stop there turns paths back; where both are, the stops
+    of the model are the barriers.
 
     Parameters
     ----------
@@ -120,7 +122,7 @@ def unmet_by_first_passage(model: Model, lower: float | None, upper: float | Non
     >>> unmet_by_first_passage(model, None, None)
     []
     """
-    # no stop acts before the first passage: their laws, also functions, do not matter
+    # a stop that is a barrier ends the path: its law, also a function, does not matter
     found = nonlinear(model) or beyond_one_oscillator(model, with_functions=True, white_only=True)
     if found:
         return found
@@ -130,17 +132,30 @@ def unmet_by_first_passage(model: Model, lower: float | None, upper: float | Non
         found.append("there must be a lower or an upper barrier, or a stop, got none")
     elif not low < high:
         found.append(f"barriers must have lower < upper, got {low:g} and {high:g}")
-    if model.omega == 0.0 and (math.isinf(low) or math.isinf(high)):
+    if model.omega == 0.0 and any(math.isinf(end) for end in box_ends(model, low, high)):
         found.append("stiffness must be positive where only one barrier is, got 0")
+    found += [
+        f"law of the {stop.name} stop must be a restitution, as no barrier is before it, got "
+        f"{stop.law.kind!r}"
+        for stop in turning_stops(model, low, high)
+        if not isinstance(stop.law, Restitution)
+    ]
     for stop in model.stops:
         barrier = high if stop.side > 0 else low
-        if stop.deflection(barrier) > 0.0:
-            place = f"at {barrier:g} m" if math.isfinite(barrier) else "left out"
+        if math.isfinite(barrier) and stop.deflection(barrier) > 0.0:
             found.append(
-                f"barriers must not lie beyond a stop, got {stop.name} {place} and a stop at "
-                f"{stop.position:g} m"
+                f"barriers must not lie beyond a stop, got {stop.name} at {barrier:g} m and a stop "
+                f"at {stop.position:g} m"
             )
     return found
+
+
+def box_ends(model: Model, lower: float, upper: float) -> tuple[float, float]:
+    """The barriers, m, or the stops on sides without a barrier; infinite without either."""
+    return (
+        model.lower_position if math.isinf(lower) else lower,
+        model.upper_position if math.isinf(upper) else upper,
+    )
 
 
 def barriers(
@@ -150,6 +165,11 @@ def barriers(
     if lower is None and upper is None:
         return model.lower_position, model.upper_position
     return -math.inf if lower is None else lower, math.inf if upper is None else upper
+
+
+def turning_stops(model: Model, lower: float, upper: float) -> list[Stop]:
+    """The stops on sides without a barrier, m, which turn paths back."""
+    return [stop for stop in model.stops if math.isinf(upper if stop.side > 0 else lower)]
 
 
 def _held(model: Model) -> bool:

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from stochvi.mathematics.beta_distribution import BetaDistribution
 from stochvi.methods.fokker_planck.basis import Mesh
+from stochvi.methods.fokker_planck.conditions import box_ends, turning_stops
 from stochvi.methods.fokker_planck.initial_states import Gaussian, Start
 from stochvi.methods.fokker_planck.linear_boxes import LinearBox
 from stochvi.methods.fokker_planck.operators import EndConditions
-from stochvi.model.model import Model
+from stochvi.model.model import UPPER, Model, Stop
 from stochvi.results.errors import NotConverged
+from stochvi.scenes.impact_laws import Restitution
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,22 +154,40 @@ def rise(model: Model, x: float, base: float) -> float:
     return (x - base) * (model.omega**2 * (x + base) / 2.0 - model.load)
 
 
+def restitutions(stops: Iterable[Stop]) -> EndConditions:
+    """What stops give back at either end of a box; all where there is no stop."""
+    found: list[float | BetaDistribution] = [1.0, 1.0]
+    for stop in stops:
+        law = stop.law
+        assert isinstance(law, Restitution)
+        found[int(stop.side == UPPER)] = law.restitution if law.scatter is None else law.scatter
+    return EndConditions(*found)
+
+
 def passage_layout(model: Model, lower: float, upper: float, start: Start) -> Layout:
-    """Layout between absorbing barriers; for an infinite one the box ends far from the other.
+    """Layout between absorbing barriers; for an infinite one the box ends at the stop of that side,
+    or far from the other.
 
     The scale of speed is the largest of three: that of the stationary distribution, the speed that
     takes a path to a barrier, and the speed that noise adds on the way there.
     """
-    base = lowest(model, lower, upper)
+    ends = box_ends(model, lower, upper)
+    given = lower, upper
+    base = lowest(model, *ends)
     lower, upper = _relevant_barriers(model, lower, upper, base)
+    # a barrier out of reach is no end of the box, a stop is
+    ends = (
+        lower if math.isfinite(given[0]) else ends[0],
+        upper if math.isfinite(given[1]) else ends[1],
+    )
     barriers = [x for x in (lower, upper) if math.isfinite(x)]
     climb = math.sqrt(max(2.0 * max(rise(model, x, base) for x in barriers), 0.0))
-    length = upper - lower
+    length = ends[1] - ends[0]
     if not math.isfinite(length):
         length = max(abs(barriers[0] - base), abs(_place(start) - barriers[0]))
     native = max(climb, math.cbrt(model.intensity / 2.0 * length))
     law = _rms_speed(model)
-    energy = _start_energy(model, start, lower, upper, base)
+    energy = _start_energy(model, start, *ends, base)
     slow = min(law, native)
     # the energy that noise may add before the path reaches a barrier that it has the energy for
     gained = climb + EXTENT.reach * _layer(model, length)
@@ -174,13 +196,15 @@ def passage_layout(model: Model, lower: float, upper: float, start: Start) -> La
         math.sqrt(2.0 * max(energy, 0.0)) + EXTENT.start_margin * slow,
     )
     speed = max(min(law, max(slow, fastest / EXTENT.flattest)), fastest / EXTENT.widest)
-    left = lower if math.isfinite(lower) else _end(model, base, fastest, -1.0)
-    right = upper if math.isfinite(upper) else _end(model, base, fastest, 1.0)
+    left = lower if math.isfinite(lower) else max(ends[0], _end(model, base, fastest, -1.0))
+    right = upper if math.isfinite(upper) else min(ends[1], _end(model, base, fastest, 1.0))
     middle = (left + right) / 2.0
     off_centre = abs(model.load - model.omega**2 * middle) * (right - left)
     halved = len(barriers) == 2 and off_centre <= SYMMETRIC * speed**2
+    back = restitutions(turning_stops(model, *given))
     walls = EndConditions(
-        1.0 if halved or math.isinf(lower) else None, 1.0 if math.isinf(upper) else None
+        1.0 if halved else back.left if math.isinf(lower) else None,
+        back.right if math.isinf(upper) else None,
     )
     return _layout(
         model, (middle if halved else left, right), speed, walls, halved,
@@ -207,7 +231,7 @@ def _climbs(model: Model, lower: float, upper: float, base: float) -> tuple[floa
 
 def barrier_height(model: Model, lower: float, upper: float) -> float:
     """Speed that just reaches the lower of two barriers, in rms velocities; 0 without damping."""
-    climbs = _climbs(model, lower, upper, lowest(model, lower, upper))
+    climbs = _climbs(model, lower, upper, lowest(model, *box_ends(model, lower, upper)))
     return min(climbs) / _rms_speed(model)
 
 
@@ -296,9 +320,8 @@ def _end(model: Model, base: float, speed: float, side: float) -> float:
     energy = speed**2 / 2.0
     if model.omega > 0.0 and model.load == model.omega**2 * base:
         slope = 0.0
-    return base + side * 2.0 * energy / (
-        slope + math.sqrt(slope**2 + 2.0 * model.omega**2 * energy)
-    )
+    pull = slope + math.sqrt(slope**2 + 2.0 * model.omega**2 * energy)
+    return base + side * (2.0 * energy / pull if pull > 0.0 else math.inf)
 
 
 def mesh(layout: Layout, level: Level) -> Mesh:

@@ -28,7 +28,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.impact_rates import rice_rate
-from stochvi.methods.fokker_planck.conditions import barriers, check_rtol, unmet_by_first_passage
+from stochvi.methods.fokker_planck.conditions import (
+    barriers,
+    box_ends,
+    check_rtol,
+    turning_stops,
+    unmet_by_first_passage,
+)
 from stochvi.methods.fokker_planck.crossing_bound import passages_at_most
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.evolution import (
@@ -37,7 +43,12 @@ from stochvi.methods.fokker_planck.evolution import (
     slowest_mode,
     time_groups,
 )
-from stochvi.methods.fokker_planck.initial_states import InitialState, Start, StartChoice, start_of
+from stochvi.methods.fokker_planck.initial_states import (
+    InitialState,
+    Start,
+    StartChoice,
+    start_of,
+)
 from stochvi.methods.fokker_planck.meshes_in_time import (
     LEVELS,
     MOST_UNKNOWNS,
@@ -50,7 +61,7 @@ from stochvi.methods.fokker_planck.meshes_in_time import (
 from stochvi.methods.fokker_planck.operators import Operator
 from stochvi.methods.fokker_planck.refinement import TIME_RATIO, accurate
 from stochvi.model.calculations import calculation
-from stochvi.model.model import Model, model_of
+from stochvi.model.model import Model, Stop, model_of
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable, NotConverged
@@ -74,6 +85,9 @@ HIGHEST = 10.0
 """Largest height of a barrier in standard deviations. A higher one is met at less than 1e-22 of the
 natural frequency, where rounding would decide."""
 
+MOST_BEYOND = 1e-9
+"""Largest probability that a start has beyond a stop, where there is nothing to solve for."""
+
 PLAUSIBLE = 10.0
 """Computed probability above which it comes from a mode of the mesh that grows, not from a mere
 error."""
@@ -94,7 +108,7 @@ class FirstPassage(Result):
     rice_rate
         Mean rate of leaving through the barriers if nothing were stopped there (S. O. Rice 1945),
         1/s; None without a stationary distribution. A stationary start has passed before t with at
-        most P(beyond a barrier) + rice_rate t.
+        most P(beyond a barrier) + rice_rate t. None where a stop turns paths back.
     lower, upper
         The barriers, m; None where there is none.
 
@@ -163,7 +177,8 @@ def first_passage(
     scene
         One oscillator under white noise and any constant load. Its stops are the barriers
         where none are given, whatever their law: the first passage is the first impact. Given
-        barriers must not lie beyond a stop.
+        barriers must not lie beyond a stop. A rigid stop on the side without a barrier turns paths
+        back.
     lower, upper
         Barriers, m from the position of the unloaded spring; one or both.
     times
@@ -171,6 +186,7 @@ def first_passage(
     start
         "rest" where spring and load balance; "stationary", the distribution without barriers and
         stops, whose part beyond a barrier counts as passed; a point (m, m/s); or a `Gaussian`.
+        It must lie between a stop that turns paths back and the barrier.
     rtol
         Relative error to reach in every number, however small it is. At early times a probability
         P(t) may be smaller than 1 - exp(-lambda (t + three natural periods)); its error is then
@@ -223,10 +239,12 @@ def first_passage(
     if height > HIGHEST:
         sentence = f"barriers must be within {HIGHEST:g} standard deviations, got {height:.3g}"
         raise NotApplicable(METHOD, [sentence])
-    begin = start_of(start, model)
-    _check_start(begin, low, high)
+    begin, turning = start_of(start, model), turning_stops(model, low, high)
+    _check_start(begin, *box_ends(model, low, high), turning)
     layout = passage_layout(model, low, high, begin)
-    most = passages_at_most(model, begin, low, high, moments)
+    # impacts may bring a path to the barrier sooner
+    free = passages_at_most(model, begin, low, high, moments)
+    most = np.ones(len(moments)) if turning else free
     values, bounds = _refined(layout, begin, low, high, moments, most, rtol, deadline)
     numbers = [values.mean_time, values.rate, bounds.mean_time, bounds.rate]
     if not np.isfinite([*numbers, *values.probability, *bounds.probability]).all():
@@ -246,12 +264,12 @@ def first_passage(
         ),
         mean_time=Estimate(value=values.mean_time, bias=bounds.mean_time, how=HOW),
         decay_rate=Estimate(value=values.rate, bias=bounds.rate, how=HOW),
-        rice_rate=_rice_rate(model, low, high),
+        rice_rate=None if turning else _rice_rate(model, low, high),
         lower=low if math.isfinite(low) else None,
         upper=high if math.isfinite(high) else None,
         start=start if isinstance(start, str) else str(begin),
-        effects=[effect for effect in scene.effects() if " stop " not in effect],
-        assumptions=_assumptions(scene, start),
+        effects=[each for each in scene.effects() if turning or " stop " not in each],
+        assumptions=_assumptions(scene, start, turning),
         cost=Cost(wall_time=time.perf_counter() - started),
         provenance=provenance(scene.document()),
     )
@@ -259,11 +277,15 @@ def first_passage(
     return accurate(found, _worst(values, bounds), rtol, deadline, started, METHOD, remedy)
 
 
-def _assumptions(scene: Scene, start: StartChoice) -> list[str]:
+def _assumptions(scene: Scene, start: StartChoice, turning: Sequence[Stop]) -> list[str]:
     found = ["displacements are measured from the position of the unloaded spring"]
     if not scene.structure.knows_mass:
         found.append("mass is not given: 1 kg, which nothing here depends on")
-    found.append("the first passage ends a path: what a stop does afterwards does not matter")
+    found.append(
+        f"the {turning[0].name} stop turns paths back, the first passage of the barrier ends them"
+        if turning
+        else "the first passage ends a path: what a stop does afterwards does not matter"
+    )
     if start == "stationary":
         found.append(
             "starts in the stationary motion without barriers; a start beyond one counts as passed"
@@ -283,11 +305,21 @@ def _rice_rate(model: Model, lower: float, upper: float) -> Estimate | None:
     return Estimate(value=rate, how="Rice")
 
 
-def _check_start(start: Start, lower: float, upper: float) -> None:
+def _check_start(start: Start, lower: float, upper: float, turning: Sequence[Stop]) -> None:
     if isinstance(start, InitialState) and not lower < start.x < upper:
+        what = "a stop and the barrier" if turning else "the barriers"
         raise ValueError(
-            f"start must lie between the barriers, {lower:g} and {upper:g} m, got {start.x:g} m"
+            f"start must lie between {what}, {lower:g} and {upper:g} m, got {start.x:g} m"
         )
+    if isinstance(start, InitialState):
+        return
+    for stop in turning:
+        ends = (lower, math.inf) if stop.side < 0 else (-math.inf, upper)
+        if (beyond := start.beyond(*ends)) > MOST_BEYOND:
+            raise ValueError(
+                f"start must lie between the {stop.name} stop and the barrier, got a probability "
+                f"of {beyond:.2g} beyond the stop; start from rest or a point"
+            )
 
 
 class _Values(NamedTuple):

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stochvi.mathematics.arrays import Array
-from stochvi.mathematics.beta_distribution import BetaDistribution
 from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck.conditions import check_rtol, unmet_by_transient
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins
@@ -37,19 +36,19 @@ from stochvi.methods.fokker_planck.meshes_in_time import (
     Layout,
     Level,
     mesh,
+    restitutions,
     stops_layout,
 )
 from stochvi.methods.fokker_planck.method import SLOW_IMPACTS
-from stochvi.methods.fokker_planck.operators import EndConditions, Factors, Operator
+from stochvi.methods.fokker_planck.operators import Factors, Operator
 from stochvi.methods.fokker_planck.refinement import TIME_RATIO, accurate
 from stochvi.model.calculations import calculation
-from stochvi.model.model import UPPER, Model, model_of
+from stochvi.model.model import Model, model_of
 from stochvi.model.oscillator_arrays import OscillatorArrays
 from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, provenance
-from stochvi.scenes.impact_laws import Restitution
 from stochvi.scenes.scene import Scene
 
 if TYPE_CHECKING:
@@ -279,7 +278,7 @@ def _problem(model: Model, times: Array, given: StartChoice, threshold: float | 
     start = start_of(given, model)
     oscillator = OscillatorArrays.of(model)
     lower, upper = oscillator.positions[:, 0].tolist()
-    walls = _walls(model)
+    walls = restitutions(model.stops)
     own = speed_scale(oscillator)
     if threshold is None:
         threshold = 0.0 if model.elastic else SLOW_IMPACTS * float(own[0])
@@ -294,16 +293,6 @@ def _problem(model: Model, times: Array, given: StartChoice, threshold: float | 
     )
     stops = math.isfinite(lower), math.isfinite(upper)
     return _Problem(model, layout, law, flight, times, early, threshold, stops)
-
-
-def _walls(model: Model) -> EndConditions:
-    """What either end of the box gives back; all where there is no stop."""
-    found: list[float | BetaDistribution] = [1.0, 1.0]
-    for stop in model.stops:
-        law = stop.law
-        assert isinstance(law, Restitution)
-        found[int(stop.side == UPPER)] = law.restitution if law.scatter is None else law.scatter
-    return EndConditions(*found)
 
 
 def _law_after(model: Model, start: InitialState, seconds: float) -> Gaussian:

@@ -312,6 +312,69 @@ def test_every_time_finds_a_pole() -> None:
     assert {shift for _, shift in groups} >= {1.0}
 
 
+# A stop opposite the barrier ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("load", [0.0, 0.3])
+def test_an_elastic_stop_at_rest_is_a_mirror(load: float) -> None:
+    """Its paths are the amounts of those without a stop, which leave at either of two barriers."""
+    stopped = oscillator(load, None, 1.0, damping=0.2, intensity=0.4, load=load)
+    given = {"times": [3.0, 30.0], "start": (load + 0.2, 0.5)}
+    turned = first_passage(stopped, upper=load + 1.5, **given)
+    whole = first_passage(lightly_damped(0.1, load), load - 1.5, load + 1.5, **given)
+    assert_same(turned, whole)
+    assert turned.rice_rate is None and "turns paths back" in " ".join(turned.assumptions)
+    lossy = first_passage(
+        oscillator(load, None, 0.9, damping=0.2, intensity=0.4, load=load),
+        upper=load + 1.5,
+        **given,
+    )
+    with pytest.raises(AssertionError):
+        assert_same(lossy, whole)
+
+
+def test_a_stop_out_of_reach_is_as_good_as_none() -> None:
+    far = oscillator(-30.0, None, 0.5, damping=0.2, intensity=0.4)
+    assert_same(
+        *(first_passage(each, upper=1.5, times=[5.0]) for each in (far, lightly_damped(0.1)))
+    )
+
+
+def passed_beside_a_stop(step: float, restitution: float, omega: float, paths: int) -> Estimate:
+    """Share of paths from rest that meet 1 within 10 s, with a stop at -0.5: kicks and flights by
+    turns, and a mirror at the stop. What a path does between steps is not seen."""
+    rng = np.random.default_rng(6)
+    x, v = np.zeros((2, paths))
+    passed = np.zeros(paths, dtype=bool)
+    for _ in range(round(10.0 / step)):
+        v += math.sqrt(0.4 * step) * rng.standard_normal(paths) - step * (omega**2 * x + 0.2 * v)
+        x += step * v
+        hit = (x < -0.5) & (v < 0.0)
+        x, v = (
+            np.where(hit, -0.5 - restitution * (x + 0.5), x),
+            np.where(hit, -restitution * v, v),
+        )
+        passed |= x >= 1.0
+    share = float(passed.mean())
+    return Estimate(value=share, standard_error=math.sqrt(share * (1.0 - share) / paths))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("restitution", "omega"), [(0.8, 1.0), (0.3, 1.0), (0.8, 0.0)])
+def test_a_plain_integration_turns_paths_back_as_often(restitution: float, omega: float) -> None:
+    scene = oscillator(-0.5, None, restitution, omega=omega, damping=0.2, intensity=0.4)
+    known = first_passage(scene, upper=1.0, times=[10.0], rtol=1e-3).probability[0]
+    fine, coarse = (
+        passed_beside_a_stop(step, restitution, omega, 20_000) for step in (0.005, 0.01)
+    )
+    bias = abs(fine.value - coarse.value) + fine.standard_error + (known.bias or 0.0)
+    assert_agrees(replace(fine, bias=bias), known.value)
+    other = oscillator(-0.5, None, 1.0 - restitution, omega=omega, damping=0.2, intensity=0.4)
+    wrong = first_passage(other, upper=1.0, times=[10.0], rtol=1e-3).probability[0]
+    with pytest.raises(AssertionError):
+        assert_agrees(replace(fine, bias=bias), wrong.value)
+
+
 # Brute force --------------------------------------------------------------------------------
 
 
@@ -453,6 +516,11 @@ def test_the_document_is_plain_and_complete() -> None:
 
 NO_STOPS = lightly_damped()
 STOPPED = oscillator(-1.0, 1.0, 0.5)
+SOFT = Scene(
+    structure=STOPPED.structure,
+    impact_pairs=[ImpactPair(lower=-1.0, law=Elastic(stiffness=50.0))],
+    excitations=STOPPED.excitations,
+)
 
 
 @pytest.mark.parametrize(
@@ -461,7 +529,7 @@ STOPPED = oscillator(-1.0, 1.0, 0.5)
         (NO_STOPS, (None, None), "there must be a lower or an upper barrier"),
         (NO_STOPS, (1.0, -1.0), "barriers must have lower < upper, got 1 and -1"),
         (STOPPED, (-0.5, 1.5), "got upper at 1.5 m and a stop at 1 m"),
-        (STOPPED, (None, 0.5), "got lower left out and a stop at -1 m"),
+        (SOFT, (None, 0.5), "law of the lower stop must be a restitution, as no barrier is"),
         (free(), (None, 1.0), "stiffness must be positive where only one barrier is"),
         (NO_STOPS, (-15.0, 15.0), "barriers must be within 10 standard deviations, got 15"),
     ],
@@ -588,7 +656,10 @@ def test_barriers_on_the_command_line_are_those_of_python(stochvi) -> None:
         (("--mission", "1", "--barrier", "-3"), "--barrier must be positive"),
         (("--mission", "1", "--barrier", ","), "--barrier must be B, or LO,HI with at least"),
         (("--mission", "1", "--barrier", "-3,3"), "barriers must not lie beyond a stop"),
-        (("--mission", "1", "--barrier", ",0.5"), "got lower left out and a stop at -1 m"),
+        (
+            ("--mission", "1", "--barrier", ",0.5", "--start", "stationary"),
+            "start must lie between the lower stop and the barrier",
+        ),
         (("--mission", "nan"), "--mission must be a number with a unit of time"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
