@@ -1,4 +1,4 @@
-"""Arrays of which kernels count no owners.
+"""Arrays of which kernels count no owners, and tuples that are handed on by their address.
 
 numba counts the owners of an array by an atomic number. It changes each time that a kernel names
 the array or hands on a tuple with it. In a loop over single paths the counting takes longer than
@@ -8,15 +8,29 @@ variable must keep the array until it is no longer used:
     room = np.zeros(10)
     fill(borrowed(room))
     hold(room)
+
+A named tuple is otherwise handed on as all its numbers, of which an array has ten, and each call
+writes them anew. A borrowed one is an address. Only its members can be read, by their names, and it
+must not be returned: it ends with the function that borrowed it. It is read before a loop over
+lanes: in the loop, what it holds might have changed for all that the compiler knows.
 """
 
 from __future__ import annotations
 
+import hashlib
 from typing import TypeVar
 
-from numba.core import types
+from numba.core import cgutils, types
 from numba.core.datamodel import models
-from numba.extending import lower_builtin, lower_cast, register_model, type_callable
+from numba.core.imputils import lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import (
+    infer_getattr,
+    lower_builtin,
+    lower_cast,
+    register_model,
+    type_callable,
+)
 
 Given = TypeVar("Given")
 
@@ -53,9 +67,57 @@ def _as_array(context, builder, given, wanted, value):
     return value
 
 
+class BorrowedTuple(types.Type):  # type: ignore[misc, name-defined]
+    """The type of the address of a named tuple whose arrays are borrowed."""
+
+    def __init__(self, kind):  # type: ignore[no-untyped-def]
+        self.kind, self.instance_class = kind, kind.instance_class
+        # names of functions are made of those of types, and written wherever these are called
+        digest = hashlib.sha256(str(kind).encode()).hexdigest()[:16]
+        super().__init__(name=f"borrowed({kind.instance_class.__name__}, {digest})")
+
+    @property
+    def key(self):
+        """What tells two types apart."""
+        return self.kind
+
+    def member(self, name):
+        """Number and type of a member."""
+        number = self.kind.fields.index(name)
+        return number, self.kind[number]
+
+
+@register_model(BorrowedTuple)
+class BorrowedTupleModel(models.PrimitiveModel):
+    """An address."""
+
+    def __init__(self, dmm, fe_type):  # type: ignore[no-untyped-def]
+        super().__init__(dmm, fe_type, dmm.lookup(fe_type.kind).get_value_type().as_pointer())
+
+
+@infer_getattr
+class BorrowedMembers(AttributeTemplate):
+    """The types of the members of a borrowed tuple."""
+
+    key = BorrowedTuple
+
+    def generic_resolve(self, borrowed, name):
+        if name not in borrowed.kind.fields:
+            return None
+        return _type_of(borrowed.member(name)[1])
+
+
+@lower_getattr_generic(BorrowedTuple)
+def read_member(context, builder, kind, value, name):
+    """A member, or the address of one that is a named tuple."""
+    number, member = kind.member(name)
+    place = cgutils.gep_inbounds(builder, value, 0, number)
+    return place if isinstance(member, types.BaseNamedTuple) else builder.load(place)
+
+
 def borrowed(value: Given) -> Given:
-    """An array without its owner, or a tuple whose arrays are borrowed; other values as they
-    are."""
+    """An array without its owner, or the address of a named tuple of such arrays; other values as
+    they are."""
     return value
 
 
@@ -65,22 +127,28 @@ def hold(value: object) -> None:
 
 def _type_of(kind):
     """The type of a borrowed value of a type."""
+    ownerless = _ownerless(kind)
+    return BorrowedTuple(ownerless) if isinstance(kind, types.BaseNamedTuple) else ownerless
+
+
+def _ownerless(kind):
+    """A type in which no owners are counted."""
     if isinstance(kind, BorrowedArray):
         return kind
     if isinstance(kind, types.Array):
         return BorrowedArray(kind.dtype, kind.ndim, kind.layout, not kind.mutable)
     if isinstance(kind, types.BaseNamedTuple):
-        return types.NamedTuple([_type_of(each) for each in kind], kind.instance_class)
+        return types.NamedTuple([_ownerless(each) for each in kind], kind.instance_class)
     if isinstance(kind, types.BaseTuple):
-        return types.Tuple([_type_of(each) for each in kind])
+        return types.Tuple([_ownerless(each) for each in kind])
     return kind
 
 
 def _value_of(context, builder, kind, value):
-    """The borrowed value of a value of a type."""
+    """A value of a type without the owners of its arrays."""
     if isinstance(kind, types.Array) and not isinstance(kind, BorrowedArray):
         old = context.make_array(kind)(context, builder, value=value)
-        new = context.make_array(_type_of(kind))(context, builder)
+        new = context.make_array(_ownerless(kind))(context, builder)
         for name in ("nitems", "itemsize", "data", "shape", "strides"):
             setattr(new, name, getattr(old, name))
         new.meminfo = context.get_constant_null(types.voidptr)
@@ -91,7 +159,7 @@ def _value_of(context, builder, kind, value):
             _value_of(context, builder, each, builder.extract_value(value, k))
             for k, each in enumerate(kind)
         ]
-        return context.make_tuple(builder, _type_of(kind), values)
+        return context.make_tuple(builder, _ownerless(kind), values)
     if context.enable_nrt:
         context.nrt.incref(builder, kind, value)  # what is returned has an owner
     return value
@@ -104,7 +172,10 @@ def type_of_borrowed(context):
 
 @lower_builtin(borrowed, types.Any)
 def write_borrowed(context, builder, signature, arguments):
-    return _value_of(context, builder, signature.args[0], arguments[0])
+    value = _value_of(context, builder, signature.args[0], arguments[0])
+    if isinstance(signature.args[0], types.BaseNamedTuple):
+        return cgutils.alloca_once_value(builder, value)
+    return value
 
 
 @type_callable(hold)

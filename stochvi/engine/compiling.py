@@ -26,8 +26,9 @@ once more for each number that stands in a call.
 **What compiles fast.** A function costs some 20 ms of CPU time, however short it is. Write small
 views and casts by `type_callable` and `lower_builtin`, as `engine/bits.py` does, not by `overload`.
 Write loops for `a[:] = b` and `a += b`, for which numba compiles the texts of errors (1 s).
-Functions of numbers take `forceinline=True`. `inline="always"` repeats their passes in each caller;
-it is for loops over lanes that gain from it.
+Hand on large named tuples by `borrowed`: a call then takes one address in place of hundreds of
+numbers. Functions of numbers take `forceinline=True`. `inline="always"` repeats their passes in
+each caller; it is for loops over lanes that gain from it.
 
 **How a kernel composed of parts declares what it is made of.** A generic function of `parts` holds
 its bodies by class, in its dictionary `made_of`. The digest takes the bodies for the classes of the

@@ -170,7 +170,8 @@ def followed_of(following, lane):
     """The part of `Following` for one lane; None where nothing is followed."""
     if following is None:
         return None
-    rows, before, after, ends, largest = following
+    rows, before, after = following.rows, following.before, following.after
+    ends, largest = following.ends, following.largest
     for output in range(ends.shape[1]):
         ends[0, output] = ends[1, output] = 0.0
         for k in range(before.shape[0]):
@@ -401,7 +402,7 @@ def shorter_at_touch(h, contacts, stops, laws):
 def add_contacts(h, contacts, stops, laws, tally):
     """Add impulse, dissipated energy, duration and peak force of a sub-step of all contacts."""
     gaps, a, f, v = contacts.gaps, contacts.accelerations, contacts.forces, contacts.rates
-    peaks, sums, lane, _ = tally
+    peaks, sums, lane = tally.peaks, tally.sums, tally.lane
     for j in range(stops.places.shape[0]):
         for which in range(2):
             if contacts.inside[j, which] != PUSHES:
@@ -476,7 +477,7 @@ def forget(followed):
 def follow(followed, share, contacts, responses):
     """Raise the largest accelerations to those at the start of a sub-step, at a share of what is
     left of the step. A crest between the last three of them counts, too."""
-    ends, largest = followed
+    ends, largest = followed.ends, followed.largest
     series, s = responses.accelerations, contacts.moments
     for output in range(largest.shape[0]):
         total = ends[0, output] + share * (ends[1, output] - ends[0, output])
@@ -501,7 +502,7 @@ def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, t
 
     They began `start` s after the step.
     """
-    peaks, sums, lane, word = tally
+    peaks, sums, lane, word = tally.peaks, tally.sums, tally.lane, tally.word
     gaps, inside = contacts.gaps, contacts.inside
     side, kind, row = 2.0 * upper - 1.0, stops.kinds[pair, upper], 2 * pair + upper
     stop = stops.places[pair, upper]

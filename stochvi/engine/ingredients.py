@@ -29,6 +29,8 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.types import BaseTuple, NoneType, Optional, Type  # type: ignore[attr-defined]
 from numba.core.types import Dispatcher as DispatcherType
 
+from stochvi.engine.borrowed import BorrowedTuple
+
 BY_NAME = {"numpy", "numba", "llvmlite", "builtins"} | set(sys.stdlib_module_names)
 """Packages whose functions and classes are told by their names."""
 
@@ -150,6 +152,9 @@ class Ingredients:
                 self._tell("tuple", len(kind))
                 self.add(getattr(kind, "instance_class", tuple))
                 self.signature(kind)
+            elif isinstance(kind, BorrowedTuple):
+                self._tell("borrowed")
+                self.signature([kind.kind])
             elif isinstance(kind, DispatcherType):
                 self.add(kind.dispatcher)
             elif isinstance(kind, Optional):

@@ -48,6 +48,7 @@ from stochvi.engine.batch import (
     V,
     Y,
 )  # fmt: skip
+from stochvi.engine.borrowed import borrowed
 from stochvi.engine.compiled_laws import Stops
 from stochvi.engine.compiling import kernel
 from stochvi.engine.contacts import PUSHES, Following, Tally, followed_of
@@ -68,6 +69,17 @@ LANE, SPAN, TOUCHES, PAIR, UPPER, KEPT = range(6)
 touches, and the stop that it touches; then the numbers of `Workspace`."""
 
 
+class Ends(NamedTuple):
+    """Values, slopes and curvatures of the gaps (pairs, lanes) at both ends of a step."""
+
+    y0: NDArray[np.float64]
+    v0: NDArray[np.float64]
+    a0: NDArray[np.float64]
+    y1: NDArray[np.float64]
+    v1: NDArray[np.float64]
+    a1: NDArray[np.float64]
+
+
 class Scene(NamedTuple):
     """What the lanes of a kernel share, and what they write to.
 
@@ -76,6 +88,7 @@ class Scene(NamedTuple):
     step : s.
     stops, laws, responses : `Stops`, `functions_of` the classes of laws, and `Responses`.
     work : `Workspace`, overwritten.
+    ends : `Ends`, of which the values y1 are changed.
     new : (states, lanes), states at the end of the step, changed.
     sums, peaks : those of `Tally`.
     words : (lanes,), first words of the random streams after the normals of the step.
@@ -89,6 +102,7 @@ class Scene(NamedTuple):
     laws: NDArray[np.int64]
     responses: Responses
     work: Workspace
+    ends: Ends
     new: NDArray[np.float64]
     sums: NDArray[np.float64]
     peaks: NDArray[np.float64]
@@ -123,7 +137,7 @@ def make_waiting(numbers, lanes):
 
 @kernel
 def tally_of(lane, scene):
-    """What the step of a lane is added to."""
+    """What the step of a lane is added to; the caller borrows it."""
     word = word_of_step(scene.words[lane], scene.number)
     return Tally(scene.peaks, scene.sums, lane, word)
 
@@ -131,7 +145,7 @@ def tally_of(lane, scene):
 @kernel
 def take_lane(i, ends, work):
     """Write a lane at the start of its step into the workspace."""
-    y0, v0, a0, y1, v1, a1 = ends
+    y0, v0, a0, y1, v1, a1 = ends.y0, ends.v0, ends.a0, ends.y1, ends.v1, ends.a1
     gaps, resting = work.gaps, work.contacts.resting
     for j in range(gaps.shape[1]):
         gaps[Y0, j], gaps[V0, j], gaps[A0, j] = y0[j, i], v0[j, i], a0[j, i]
@@ -142,14 +156,13 @@ def take_lane(i, ends, work):
 
 
 @kernel
-def go_home(lane, scene, y1):
+def go_home(lane, scene, tally):
     """Write the end of the step of a lane, with its gaps between rigid stops."""
-    work, places = scene.work, scene.stops.places
+    work, places, y1 = scene.work, scene.stops.places, scene.ends.y1
     beyond = False
     for j in range(places.shape[0]):
         beyond |= (work.gaps[Y1, j] > places[j, 1]) | (work.gaps[Y1, j] < places[j, 0])
     if beyond:
-        tally = tally_of(lane, scene)
         keep_between_stops(
             work.gaps, work.change, scene.stops, scene.laws, scene.responses, tally
         )  # fmt: skip
@@ -160,30 +173,32 @@ def go_home(lane, scene, y1):
 
 
 @kernel
-def finish_lane(lane, span, touches, scene, fastest, y1):
+def finish_lane(lane, span, touches, scene, fastest):
     """Finish the step of a lane alone, with the contacts that `find_contacts` noted."""
     touching, inside = False, scene.work.contacts.inside
+    tally = borrowed(tally_of(lane, scene))
     for j in range(inside.shape[0]):
         touching |= inside[j, 0] + inside[j, 1] > 0
     page = page_of(scene.log, scene.first_path + lane, scene.number, scene.step)
     finish_alone(
         scene.step, span, touching, touches, fastest, scene.stops, scene.laws, scene.responses,
-        followed_of(scene.following, lane), scene.work, tally_of(lane, scene), page,
+        borrowed(followed_of(scene.following, lane)), scene.work, tally, borrowed(page),
     )  # fmt: skip
-    go_home(lane, scene, y1)
+    go_home(lane, scene, tally)
 
 
 @kernel
-def go_on(lane, span, touches, scene, y1):
+def go_on(lane, span, touches, scene):
     """Let a lane go on until it is home, or touches a compliant stop; returns that stop, what is
     left of the step, and the number of touches."""
     page = page_of(scene.log, scene.first_path + lane, scene.number, scene.step)
+    tally = borrowed(tally_of(lane, scene))
     pair, upper, span, touches = until_contact(
         scene.step, span, touches, scene.stops, scene.laws, scene.responses, None, scene.work,
-        tally_of(lane, scene), page,
+        tally, borrowed(page),
     )  # fmt: skip
     if pair == NO_PAIR and touches > 0:  # without, it moves as if there were no stops
-        go_home(lane, scene, y1)
+        go_home(lane, scene, tally)
     return pair, upper, span, touches
 
 
@@ -197,14 +212,14 @@ def is_at_rest(resting):
 
 
 @kernel
-def wait(lane, pair, upper, span, touches, scene, fastest, queue, count, y1):
+def wait(lane, pair, upper, span, touches, scene, fastest, queue, count):
     """Put a lane that touches a compliant stop into a queue, which has `count` lanes, or let it
     finish alone; returns how many lanes the queue has."""
     work = scene.work
     alone = is_at_rest(work.contacts.resting) or tangent_of(scene.stops.tangents, pair) >= 0
     if alone or touches > MOST_ROUNDS or span <= 0.0:
         hold_contact(pair, upper, scene)
-        finish_lane(lane, span, touches, scene, fastest, y1)
+        finish_lane(lane, span, touches, scene, fastest)
         return count
     row = queue[count]
     row[LANE], row[SPAN], row[TOUCHES], row[PAIR], row[UPPER] = lane, span, touches, pair, upper
@@ -328,7 +343,7 @@ def end_contact(m, pair, upper, span, scene, tally, memory):
 def press_kind(kind, count, scene, fastest, waiting, now):
     """Integrate the contacts of all waiting lanes whose stops have laws of one class; returns how
     many they are, and writes them into `order`."""
-    lanes, order, memory = waiting
+    lanes, order, memory = waiting.lanes, waiting.order, waiting.memory
     work, stops = scene.work, scene.stops
     n = np.int64(0)
     for i in range(count):
@@ -346,7 +361,7 @@ def press_kind(kind, count, scene, fastest, waiting, now):
 
 
 @kernel
-def press_waiting(count, scene, fastest, waiting, y1):
+def press_waiting(count, scene, fastest, waiting):
     """Integrate the contacts of all waiting lanes, and let these go on, until none waits."""
     work, contacts, lanes, order = scene.work, scene.work.contacts, waiting.lanes, waiting.order
     now = np.int64(0)
@@ -363,47 +378,46 @@ def press_waiting(count, scene, fastest, waiting, y1):
                     contacts.resting[j, 0] = contacts.resting[j, 1] = 0
                 if is_crowded(m, pair, span, scene, waiting.memory):
                     hold_contact(pair, upper, scene)
-                    finish_lane(lane, span, touches, scene, fastest, y1)
+                    finish_lane(lane, span, touches, scene, fastest)
                     continue
-                tally = tally_of(lane, scene)
+                tally = borrowed(tally_of(lane, scene))
                 span = end_contact(m, pair, upper, span, scene, tally, waiting.memory)
-                pair, upper, span, touches = go_on(lane, span, touches, scene, y1)
+                pair, upper, span, touches = go_on(lane, span, touches, scene)
                 if pair != NO_PAIR:
                     later = wait(
-                        lane, pair, upper, span, touches, scene, fastest, lanes[1 - now], later, y1
-                    )  # fmt: skip
+                        lane, pair, upper, span, touches, scene, fastest, lanes[1 - now], later
+                    )
         now, count = 1 - now, later
 
 
 @kernel
-def finish_together(index, ends, scene, fastest, waiting):
+def finish_together(index, scene, fastest, waiting):
     """The step of the lanes in `index`, at most LANES, in which a stop may be reached.
 
     Parameters
     ----------
     index : numbers of the lanes.
-    ends : (y0, v0, a0, y1, v1, a1), each (pairs, lanes), of which the ends y1 are changed.
     scene, waiting : `Scene` and `Waiting`, which is not used where all stops are rigid.
     fastest : fastest rate of the structure, rad/s; None where all stops are rigid.
     """
-    work, step, y1 = scene.work, scene.step, ends[3]
+    work, step = scene.work, scene.step
     count = np.int64(0)  # for a literal number the functions that take it are compiled once more
     for k in range(index.shape[0]):
         lane = index[k]
-        take_lane(lane, ends, work)
+        take_lane(lane, scene.ends, work)
         if fastest is None:
-            go_on(lane, step, 0, scene, y1)
+            go_on(lane, step, 0, scene)
         else:
             touched, pair, upper = find_contacts(work.gaps, work.contacts, scene.stops, scene.laws)
             if scene.following is not None or touched > 1:
-                finish_lane(lane, step, touched, scene, fastest, y1)
+                finish_lane(lane, step, touched, scene, fastest)
                 continue
             span, touches = step, touched
             if touched == 0:
-                pair, upper, span, touches = go_on(lane, step, touched, scene, y1)
+                pair, upper, span, touches = go_on(lane, step, touched, scene)
             if pair != NO_PAIR:
                 count = wait(
-                    lane, pair, upper, span, touches, scene, fastest, waiting.lanes[0], count, y1
-                )  # fmt: skip
+                    lane, pair, upper, span, touches, scene, fastest, waiting.lanes[0], count
+                )
     if fastest is not None:
-        press_waiting(count, scene, fastest, waiting, y1)
+        press_waiting(count, scene, fastest, waiting)

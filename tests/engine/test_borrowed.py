@@ -1,13 +1,16 @@
-"""Borrowed arrays are the arrays that they were made from, and leave the counts of owners alone."""
+"""What is borrowed is what it was made from; owners are not counted, and tuples are addresses."""
 
 from __future__ import annotations
 
 import sys
 from typing import Any, NamedTuple
 
+import numba
 import numpy as np
+import pytest
+from numba.core.errors import TypingError
 
-from stochvi.engine.borrowed import borrowed, hold
+from stochvi.engine.borrowed import borrowed, hold, type_of_borrowed
 from stochvi.engine.compiling import kernel
 
 
@@ -44,6 +47,12 @@ def borrow_and_add(outer, text):
 
 
 @kernel
+def ask_for_more(outer):
+    """Ask a tuple for a member that it has not."""
+    return borrowed(outer).inner.more
+
+
+@kernel
 def make_and_sum(size):
     """The sum of an array that is made, changed and given back here."""
     room = Inner(np.zeros(size), np.ones(size, np.int64), None)
@@ -74,6 +83,17 @@ def test_what_is_borrowed_is_changed() -> None:
     assert outer.table[1, 0] == 3.0
     assert outer.inner.numbers.tolist() == [0.0, 1.0, 0.0, 3.0]
     assert outer.inner.counts.tolist() == [2, 0]
+
+
+def test_a_tuple_is_handed_on_by_its_address() -> None:
+    kind, context = type_of_borrowed(None)(numba.typeof(arrays())), add.targetctx
+    assert context.get_value_type(kind).is_pointer and kind.instance_class is Outer
+    assert not context.get_value_type(kind.kind).is_pointer
+
+
+def test_what_a_tuple_does_not_have_is_asked_for_in_vain() -> None:
+    with pytest.raises(TypingError, match="Unknown attribute 'more'"):
+        ask_for_more(arrays())
 
 
 def test_an_array_lives_as_long_as_it_is_held() -> None:

@@ -39,6 +39,7 @@ FILES = {
     "pretend/total.py": """\
 from elsewhere import numbers
 from elsewhere.laws import Spring, of_stiffness
+from stochvi.engine.borrowed import borrowed
 from stochvi.engine.compiling import kernel
 from pretend.addend import addend
 from pretend.forces import force
@@ -52,6 +53,10 @@ def total(x):
 @kernel
 def composed(law, x):
     return force(law, x)
+
+@kernel
+def lending(law, x):
+    return composed(borrowed(law), x)
 
 @kernel
 def alone(x):
@@ -166,10 +171,13 @@ def test_a_comment_in_a_helper_has_nothing_compiled_again(load: Load, tmp_path: 
     assert called(load().total, 1.0) == (1112.0, 1)
 
 
-def test_a_kernel_of_parts_knows_the_bodies_for_its_own_classes(load: Load, tmp_path: Path):
+@pytest.mark.parametrize("name", ["composed", "lending"])  # by its numbers, and by its address
+def test_a_kernel_of_parts_knows_the_bodies_for_its_own_classes(
+    load: Load, tmp_path: Path, name: str
+):
     def composed() -> tuple[float, int]:
         module = load()
-        return called(module.composed, module.Spring(2.0), 3.0)
+        return called(getattr(module, name), module.Spring(2.0), 3.0)
 
     assert composed() == (6.0, 0) and composed() == (6.0, 1)
     edit(tmp_path, "elsewhere/laws.py", "x**3", "x**5")  # of a part that the kernel has not

@@ -14,7 +14,7 @@ from stochvi import Restitution, Viscoelastic, load_scene
 from stochvi.engine.alone import make_workspace
 from stochvi.engine.compiled_laws import functions_of, stops_of
 from stochvi.engine.pushes import responses_of
-from stochvi.engine.together import Scene, finish_together
+from stochvi.engine.together import Ends, Scene, finish_together
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.model.model import model_of
 from support import CHECKOUT
@@ -37,7 +37,7 @@ def impacts() -> np.ndarray:
     random = np.random.default_rng(1)
     y0, v0, a0 = random.uniform(-0.2, 0.9, lanes), random.uniform(0.5, 4.0, lanes), -np.ones(lanes)
     y1, v1, a1 = y0 + step * v0 - 0.5 * step**2, v0 - step, random.uniform(-1.5, -0.5, lanes)
-    ends = tuple(row.reshape(1, lanes).copy() for row in (y0, v0, a0, y1, v1, a1))
+    ends = Ends(*(row.reshape(1, lanes).copy() for row in (y0, v0, a0, y1, v1, a1)))
     places, law = np.array([[-9.0, 1.0]]), RIGID.compiled()
     stops, laws = stops_of(places, np.zeros(1), {(0, 0): law, (0, 1): law})
     series = random.uniform(0.5, 1.0, (5, terms)) / 10.0 ** np.arange(terms)
@@ -45,12 +45,12 @@ def impacts() -> np.ndarray:
     new, sums = random.normal(size=(states, lanes)), np.zeros((1, 6, lanes))
     scene = Scene(
         step, stops, functions_of(laws, lanes=True), responses, make_workspace(1, states, terms),
-        new, sums, np.zeros((lanes, 1, 2)), np.zeros(lanes, np.uint64), None, 0, 0, None,
+        ends, new, sums, np.zeros((lanes, 1, 2)), np.zeros(lanes, np.uint64), None, 0, 0, None,
     )  # fmt: skip
     index = np.flatnonzero(y1 > 1.0)
-    finish_together(index, ends, scene, None, None)
+    finish_together(index, scene, None, None)
     assert sums[0, 3].sum() > index.size // 2
-    return np.concatenate([new, ends[3], sums[0]])
+    return np.concatenate([new, ends.y1, sums[0]])
 
 
 def sums_of(scene: str) -> np.ndarray:

@@ -53,7 +53,7 @@ from stochvi.engine.law_calls import force_of
 from stochvi.engine.pushes import Responses
 from stochvi.engine.statistic_calls import NO_STATISTICS, Statistics, add_statistics
 from stochvi.engine.sums import ROWS_OF_CONTACT_PAIR, ROWS_OF_PAIR
-from stochvi.engine.together import Scene, Waiting, finish_together, make_waiting
+from stochvi.engine.together import Ends, Scene, Waiting, finish_together, make_waiting
 from stochvi.methods.monte_carlo.kernels.matrix_passes import matrix_pass, matrix_passes
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_pairs
 
@@ -586,9 +586,11 @@ def run_modes(paths, structure, laws, tables, fastest, kicks, steps, outputs, fl
 @kernel
 def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room, rows, flag):
     """`run_modes` with `Room`, and ROWS_OF_PAIR or ROWS_OF_CONTACT_PAIR."""
-    state, streams, known, lasting, sums = paths
+    state, streams, known, lasting = paths.state, paths.streams, paths.gaps, paths.peaks
+    sums = paths.sums
     first, last, stride = steps
-    record, log, largest, statistics = outputs
+    record, log, largest = outputs.record, outputs.log, outputs.largest
+    statistics = outputs.statistics
     step, modes, passes = structure.step, structure.modes, structure.passes
     stops, responses = structure.stops, structure.responses
     margins = structure.margins
@@ -707,14 +709,16 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                 added_to = hits if counted & (not recording) else hits_of_step
                 if recording:
                     of_step[:] = 0.0
+                followed = following_of(
+                    largest, start, counted, room.spare, room.forces, pull_0, pull_1
+                )
                 scene = Scene(
-                    step, stops, laws, responses, room.work, new, added_to, peaks, words0, log,
-                    start, number,
-                    following_of(largest, start, counted, room.spare, room.forces, pull_0, pull_1),
+                    step, stops, laws, responses, room.work, Ends(y0, v0, a0, y1, v1, a1), new,
+                    added_to, peaks, words0, log, start, number, followed,
                 )  # fmt: skip
                 for k in range(0, count, LANES_TOGETHER):
                     marked = index[k : min(k + LANES_TOGETHER, count)]
-                    finish_together(marked, (y0, v0, a0, y1, v1, a1), scene, fastest, room.waiting)
+                    finish_together(marked, borrowed(scene), fastest, room.waiting)
                 if recording & counted:
                     add_to(local, of_step)
                     for j in range(pairs):

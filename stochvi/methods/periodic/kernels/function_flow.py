@@ -218,7 +218,7 @@ def mobility(functions, j):
 @kernel
 def rates_of(system, modes, y, phase, work, out):
     """Rates of a state. Returns the force that holds what sticks, per unit of its reduced mass."""
-    motion, laws, functions = system
+    motion, laws, functions = system.motion, system.laws, system.functions
     n, size = motion.rows.shape[1], len(motion.generator)
     calls = functions.calls
     force_state(motion, phase, work.w)
@@ -302,7 +302,7 @@ def leap(system, modes, y, rates, phase, h, work, out):
 def edge_of(system, modes, number, y, rates, grip, work):
     """Distance beyond an edge, above 0 there, and its rate; whether it is one of a place, which
     a motion may touch. Edges that are not there are at -1, at rest."""
-    motion, laws, functions = system
+    motion, laws, functions = system.motion, system.laws, system.functions
     n, m = motion.rows.shape[1], len(modes.stops)
     if number < 2 * m:
         s, up = number // 2, number % 2
@@ -404,7 +404,7 @@ def landed(system, modes, number, top, y, rates, phase, low, high, work, out, ou
 def enter(system, modes, number, y, phase, work, rates):
     """Take a motion over an edge, in the place of its state and modes; the stop and the speed of a
     touch, and -1 for none."""
-    motion, laws, functions = system
+    motion, laws, functions = system.motion, system.laws, system.functions
     m = len(modes.stops)
     if number < 2 * m:
         s, up = number // 2, number % 2
@@ -458,7 +458,7 @@ def turn_rate(system, modes, j, y, phase, work, rates):
 @kernel
 def first_modes(system, modes, y, phase, work, rates):
     """Set the modes of a state."""
-    motion, laws, functions = system
+    motion, laws, functions = system.motion, system.laws, system.functions
     n = motion.rows.shape[1]
     for s in range(len(modes.stops)):
         deep, speed = distance_of(motion, s, y)
