@@ -164,6 +164,58 @@ class Reached:
     upper: float
 
 
+@dataclass
+class TriedPlaces:
+    """What a search for a place has seen.
+
+    Parameters
+    ----------
+    slope
+        Change of the logarithm of the rate per unit of the coordinate.
+    above, below
+        The last places with too high a rate, and with one that is shown to be low enough.
+    unknown
+        The last place at which hardly anything was seen, without showing that it keeps the target.
+    kept
+        The nearest place that is shown to keep the target.
+    closest
+        The place whose rate is closest to the wanted one, that rate, and its logarithm over it.
+    looked_near
+        Whether the nearest place of all was unknown.
+    """
+
+    slope: float
+    above: Point | None = None
+    below: Point | None = None
+    unknown: Point | None = None
+    kept: float | None = None
+    closest: tuple[float, Estimate, float] | None = None
+    looked_near: bool = False
+
+    def add(self, point: Point, most: float, nearest: bool) -> None:
+        """Add a place; `most` is the most that its rate may be, over the wanted one."""
+        if point[1] > 0.0:
+            self.above = point
+        elif most <= 1.0:
+            self.below = point
+        else:
+            self.unknown = point[0], math.log(most)
+            self.looked_near = self.looked_near or nearest
+        above, below = self.above, self.below
+        if above and below and above[0] < below[0] and math.isfinite(below[1]):
+            self.slope = (below[1] - above[1]) / (below[0] - above[0])
+
+    @property
+    def edge(self) -> Point | None:
+        """The farthest place that is not known to keep the target: one of too high a rate, or an
+        unknown one. The answer lies beyond that, if none does before it."""
+        above, below, unknown = self.above, self.below, self.unknown
+        if unknown is None or (below is not None and unknown[0] >= below[0]):
+            return above
+        before = unknown[0] > above[0] if above else self.looked_near
+        return unknown if before else above
+
+
 class SizingMethod(ABC):
     """How the risk of the gaps of one sizing is known, which the model decides: by the curve of one
     gap (`OneCurve`), or shared between the gaps of a structure (`SharedRisk`)."""
@@ -498,72 +550,72 @@ class SizingJob:
         some rough looks each is accurate, and the answer is extrapolated from farther away.
         """
         place = self.method.first_guess(wanted)
-        above: Point | None = None
-        below: Point | None = None
-        unknown: Point | None = None  # hardly anything was seen, and it is not shown to keep
-        slope = self.method.slope(place)
-        closest: tuple[float, Estimate, float] | None = None
-        kept: float | None = None  # the nearest place that is shown to keep the target
-        looked_near = False
+        known = TriedPlaces(self.method.slope(place))
         (begin, end), (near, far) = self.method.searched, self.method.ends
         for attempt in range(SEARCH.most_places):
             if attempt and self.late.passed():
                 break
             done = min(begin + 0.05 * attempt, end)
             self.stage(done, done + 0.05, self.method.words(place))
-            rough = attempt < SEARCH.rough_looks
-            roughest = min(SEARCH.rough_factor * self.rel_error, SEARCH.roughest)
-            asked = roughest if rough else self.rel_error
-            found = self.rate(place, asked, unknown is not None)
             nearest = place <= near + SEARCH.close * abs(near)
-            hidden = most_of(found) > wanted and not found.value
-            if hidden and rough and unknown is None and (above or nearest):
-                found = self.rate(place, asked, unseen=True)
-            excess, tolerance = _excess(found, wanted)
-            if abs(excess) <= (max(tolerance, SEARCH.close) if rough else SEARCH.reach):
-                found = self.rate(place, self.rel_error) if rough else found
-                excess, _ = _excess(found, wanted)
-                if abs(excess) <= SEARCH.reach:
-                    return self.extrapolated(place, found, excess, slope)
-            if abs(excess) <= SEARCH.reach and (closest is None or abs(excess) < abs(closest[2])):
-                closest = place, found, excess
+            rough = attempt < SEARCH.rough_looks
+            found, decided = self._look(place, wanted, rough, nearest, known)
+            excess, _ = _excess(found, wanted)
+            if abs(excess) <= SEARCH.reach:
+                if decided:
+                    return self.extrapolated(place, found, excess, known.slope)
+                if known.closest is None or abs(excess) < abs(known.closest[2]):
+                    known.closest = place, found, excess
             shown = most_of(found) <= wanted
-            if excess < 0.0 and nearest and (shown or kept is None):
+            if excess < 0.0 and nearest and (shown or known.kept is None):
                 return self.method.already_kept(place, found)
-            if shown and (kept is None or place < kept):
-                kept = place
+            if shown and (known.kept is None or place < known.kept):
+                known.kept = place
             point = (self.method.coordinate(place), excess)
-            if excess > 0.0:
-                above = point
-            elif shown:
-                below = point
-            else:
-                unknown = point[0], math.log(most_of(found) / wanted)
-                looked_near = looked_near or nearest
-            if above and below and above[0] < below[0] and math.isfinite(below[1]):
-                slope = (below[1] - above[1]) / (below[0] - above[0])
+            known.add(point, most_of(found) / wanted, nearest)
             if excess > 0.0 and place >= far:
                 raise self.never_kept(excess)
-            # an unknown place may exceed the limit: the answer lies beyond, if none does before it
-            edge = above
-            if unknown and (unknown[0] > above[0] if above else looked_near):
-                edge = unknown if below is None or unknown[0] < below[0] else above
-            if kept is not None and edge and edge is unknown:
-                least, most = map(self.method.length, (self.method.place_at(edge[0]), kept))
+            edge = known.edge
+            if known.kept is not None and edge and edge is known.unknown:
+                least, most = map(self.method.length, (self.method.place_at(edge[0]), known.kept))
                 if SEARCH.near_enough * most <= least < most:
-                    return self.enough(kept, above)
-            place = self.method.place_at(self._next(edge, below, point))
-        if closest is not None:
-            return self.extrapolated(*closest, slope)
-        answer = self.enough(kept, above) if kept is not None and (above or unknown) else None
+                    return self.enough(known.kept, known.above)
+            place = self.method.place_at(self._next(edge, known.below, point))
+        return self._without_decision(known, attempt)
+
+    def _look(
+        self, place: float, wanted: float, rough: bool, nearest: bool, known: TriedPlaces
+    ) -> tuple[Estimate, bool]:
+        """The rate at a place, and whether it is accurate and near the wanted one.
+
+        A rough look that saw nothing, and does not show that the place keeps the target, goes on
+        to what can be found without impacts.
+        """
+        roughest = min(SEARCH.rough_factor * self.rel_error, SEARCH.roughest)
+        asked = roughest if rough else self.rel_error
+        found = self.rate(place, asked, known.unknown is not None)
+        hidden = most_of(found) > wanted and not found.value
+        if hidden and rough and known.unknown is None and (known.above or nearest):
+            found = self.rate(place, asked, unseen=True)
+        excess, tolerance = _excess(found, wanted)
+        if abs(excess) > (max(tolerance, SEARCH.close) if rough else SEARCH.reach):
+            return found, False
+        return self.rate(place, self.rel_error) if rough else found, True
+
+    def _without_decision(self, known: TriedPlaces, tried: int) -> Reached:
+        """The answer from the closest place, where no place had the wanted rate; else raise."""
+        if known.closest is not None:
+            return self.extrapolated(*known.closest, known.slope)
+        kept = known.kept if known.above or known.unknown else None
+        answer = None if kept is None else self.enough(kept, known.above)
         sought = f"the clearance for {self.target.name} = {self.target.value:g}"
         between = ""
-        if unknown:
-            seen = self.method.words(self.method.place_at(unknown[0]))
+        if known.unknown:
+            seen = self.method.words(self.method.place_at(known.unknown[0]))
             between = f": hardly an impact beyond the limit was seen at {seen}"
         if self.deadline.passed():
             raise self.deadline.fell_short(
-                f"before {sought} was found (places tried: {attempt}){between}",
+                f"before {sought} was found (places tried: {tried}){between}",
                 "raise budget or rel_error",
                 answer,
             )
