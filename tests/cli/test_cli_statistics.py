@@ -141,8 +141,13 @@ def test_quiet_is_silent_and_a_scene_without_stops_has_no_impacts(
 
 
 def test_impacts_of_a_mission_are_the_rate_times_its_time(stochvi: Run, tmp_path: Path) -> None:
-    told = stochvi("impacts", ELASTIC, *IMPACTS[1:], "--mission", "2h", "--out", tmp_path).out
+    asked = ("impacts", ELASTIC, *IMPACTS[1:], "--mission", "2h")
+    told = stochvi(*asked, "--out", tmp_path).out
     table = pd.read_csv(tmp_path / "impacts.csv").set_index("quantity")
+    stated = one_document(stochvi(*asked, "--json", "-").out)["impact_pairs"]["stops"]
+    for quantity, key in (("rms impact speed", "speed_rms"), ("energy lost per impact", "energy")):
+        row = table.loc[quantity, ["value", "standard_error", "bias"]].to_list()
+        assert row == [stated[key][name] for name in ("value", "standard_error", "bias")]
     row = 7200.0 * table.loc["rate, both", ["value", "lower", "upper"]].astype(float)
     said = "{:.4g} ({:.4g} to {:.4g}) impacts in 2 h".format(*row)
     assert said in told
