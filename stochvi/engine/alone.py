@@ -265,7 +265,9 @@ def keep_between_stops(gaps, change, stops, laws, responses, tally):
                 if side * (gaps[Y1, j] - stop) > 0.0 and stops.rigid[j, which]:
                     taken = put_on_stop(j, stop, side, gaps, change, responses)
                     add_rest(tally, taken, stops, laws, j, which)
-                    rub_at_rest(j, which, taken, stops, gaps, change, responses, tally)
+                    rub_at_rest(
+                        stops.tangents, j, which, taken, stops, gaps, change, responses, tally
+                    )  # fmt: skip
                     gaps[Y1, j] = stop
                     moved = True
         if not moved:
@@ -313,11 +315,10 @@ def until_contact(step, span, impacts, stops, laws, responses, followed, work, t
         uniform = uniform_of(tally.word, impacts)
         rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
         add_impact(tally, pair, upper, w, rebound)
-        push, rubbed, tangent = w + rebound, 0.0, tangent_of(stops.tangents, pair)
-        if tangent >= 0:
-            rebound, push, rubbed = rub_along(
-                pair, upper, w, rebound, gaps[V0, tangent], stops, responses, tally
-            )  # fmt: skip
+        tangent = tangent_of(stops.tangents, pair)
+        rebound, push, rubbed = rub_along(
+            stops.tangents, pair, upper, w, rebound, gaps, V0, stops, responses, tally
+        )
         add_impulse(pair, -side * push, span, responses, followed, work)
         if tangent >= 0:
             add_impulse(tangent, rubbed, span, responses, followed, work)
@@ -328,7 +329,9 @@ def until_contact(step, span, impacts, stops, laws, responses, followed, work, t
             resting[pair, upper] = 1
             taken = put_on_stop(pair, stop, side, gaps, work.change, responses)
             add_rest(tally, taken, stops, laws, pair, upper)
-            rub_at_rest(pair, upper, taken, stops, gaps, work.change, responses, tally)
+            rub_at_rest(
+                stops.tangents, pair, upper, taken, stops, gaps, work.change, responses, tally
+            )  # fmt: skip
     return NO_PAIR, 0, 0.0, impacts
 
 

@@ -450,8 +450,8 @@ def rub_contacts(rubs, h, contacts, stops, responses, tally):
             total = f[0, j, which] + 2.0 * (f[1, j, which] + f[2, j, which]) + f[3, j, which]
             taken = h / 6.0 * abs(total)
             rub_contact(
-                j, which, h, gaps[V, tangent], gaps[V_END, tangent], taken, contacts, stops,
-                responses, tally,
+                j, tangent, which, h, gaps[V, tangent], gaps[V_END, tangent], taken, contacts,
+                stops, responses, tally,
             )  # fmt: skip
 
 
@@ -539,12 +539,11 @@ def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, t
     contacts.struck[0] += 1
     rebound = rebound_of(laws, kind, stops.numbers, row, w, uniform)
     add_impact(tally, pair, upper, w, rebound)
-    push, rubbed, tangent = w + rebound, 0.0, tangent_of(stops.tangents, pair)
+    tangent = tangent_of(stops.tangents, pair)
+    rebound, push, rubbed = rub_along(
+        stops.tangents, pair, upper, w, rebound, gaps, V, stops, responses, tally
+    )
     if tangent >= 0:
-        u = gaps[V, tangent]
-        rebound, push, rubbed = rub_along(
-            pair, upper, w, rebound, u, stops, responses, tally
-        )  # fmt: skip
         contacts.pushed[tangent] = 1
         contacts.moments[tangent, 0] += rubbed
     contacts.moments[pair, 0] -= side * push

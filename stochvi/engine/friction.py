@@ -96,11 +96,16 @@ def held_back(u, taken, bound):
 
 
 @kernel
-def rub_along(pair, upper, w, rebound, u, stops, responses, tally):
-    """`rub` of an impact on a stop that rubs, at the speeds w into it and u along it: the rebound,
-    the push, and the change along the stop, m/s. Its loss beyond that of the restitution goes into
-    the sums."""
-    side, tangent, series = 2.0 * upper - 1.0, tangent_of(stops.tangents, pair), responses.gaps
+def rub_along(tangents, pair, upper, w, rebound, gaps, rates, stops, responses, tally):
+    """An impact at the speed w on a stop that may rub: the rebound, the push, and the change along
+    the stop, m/s; see `Stops.tangents`. The speed along it is in the row `rates` of the gaps. The
+    loss beyond that of the restitution goes into the sums."""
+    if tangents is None:
+        return rebound, w + rebound, 0.0
+    tangent = tangents[pair]
+    if tangent < 0:
+        return rebound, w + rebound, 0.0
+    side, u, series = 2.0 * upper - 1.0, gaps[rates, tangent], responses.gaps
     along, into = side * series[pair, tangent, 1, 0], side * series[tangent, pair, 1, 0]
     ratio = stops.ratios[pair]
     restitution = rebound / w if w > 0.0 else 0.0
@@ -112,9 +117,11 @@ def rub_along(pair, upper, w, rebound, u, stops, responses, tally):
 
 
 @kernel
-def rub_at_rest(pair, upper, taken, stops, gaps, change, responses, tally):
+def rub_at_rest(tangents, pair, upper, taken, stops, gaps, change, responses, tally):
     """Friction of a mass that ends a step at rest on a stop, which takes the speed `taken`."""
-    tangent = tangent_of(stops.tangents, pair)
+    if tangents is None:
+        return
+    tangent = tangents[pair]
     if tangent < 0:
         return
     u, ratio = gaps[V1, tangent], stops.ratios[pair]
@@ -146,11 +153,10 @@ def rub_evenly(u, free, bound):
 
 
 @kernel
-def rub_contact(pair, upper, h, before, after, taken, contacts, stops, responses, tally):
+def rub_contact(pair, tangent, upper, h, before, after, taken, contacts, stops, responses, tally):
     """Friction of a contact with a compliant stop in a sub-step of h s, whose normal impulse is
     `taken`. The speeds along the stop at its ends are `before` and `after`, m/s, without this."""
-    tangent, series = tangent_of(stops.tangents, pair), responses.gaps
-    ratio = stops.ratios[pair]
+    series, ratio = responses.gaps, stops.ratios[pair]
     added, lost = rub_evenly(before, after, stops.frictions[pair, upper] * ratio * taken)
     tally.sums[tangent, 3 * upper, tally.lane] += lost / ratio
     gaps, moments, power = contacts.gaps, contacts.moments_end, added
