@@ -232,6 +232,21 @@ class ReplayAt:
             "impact_pairs": plain(self.impact_pairs),
         }
 
+    def with_bias(self, coarse: ReplayAt, step: float) -> ReplayAt:
+        """The same answer by a step, s, with the differences from that at twice the step as
+        bias."""
+        return replace(
+            self,
+            coordinates={
+                name: each.with_bias(coarse.coordinates[name], step)
+                for name, each in self.coordinates.items()
+            },
+            impact_pairs={
+                name: each.with_bias(coarse.impact_pairs[name], step)
+                for name, each in self.impact_pairs.items()
+            },
+        )
+
     def estimates(self) -> Iterator[tuple[str, str, Estimate]]:
         """Owner, name and number of every quantity that is known."""
         for group in (self.coordinates, self.impact_pairs):

@@ -163,6 +163,19 @@ def integrate(
     )
 
 
+@dataclass(frozen=True, eq=False)
+class ExactReplay:
+    """The motion of a model by power series, exact but for rounding."""
+
+    model: Model
+    keep: bool
+    parts = 1
+
+    def move(self, shaking: SampledExcitation, seed: int, parts: int = 1) -> Motion:
+        """The motion from rest under the constant loads."""
+        return integrate(self.model, shaking, rest_of(self.model), keep=self.keep, seed=seed)
+
+
 def rest_of(model: Model) -> Vector:
     """Displacements (m) at which the structure is at rest under its constant loads. A single
     coordinate rests on a stop that is in its way."""

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace as changed
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from stochvi.mathematics.frequency_response import Force
 from stochvi.mathematics.spectra import Table
 from stochvi.methods.replay.answer import CoordinateReplay, Histories, PairReplay, Replay, ReplayAt
 from stochvi.methods.replay.drives import with_drives
-from stochvi.methods.replay.march import Motion, SampledExcitation, integrate, rest_of
+from stochvi.methods.replay.march import ExactReplay, Motion, SampledExcitation
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import (
     functions_of_arrays,
@@ -37,6 +37,22 @@ from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.sizes import MOST_NUMBERS
 from stochvi.scenes.excitations import BASE, ConstantLoad, DensityNoise, RecordedNoise
 from stochvi.scenes.scene import Scene
+
+
+class Way(Protocol):
+    """A way to the motion of a model: by power series, or in `parts` steps a sample."""
+
+    @property
+    def model(self) -> Model:
+        """The model that is followed."""
+
+    @property
+    def parts(self) -> int:
+        """Number of steps in an interval of the record, of the shorter steps."""
+
+    def move(self, shaking: SampledExcitation, seed: int, parts: int) -> Motion:
+        """The motion from rest under the constant loads."""
+
 
 EXACT = "the record itself, exact steps"
 """Words in every estimate of a replay by power series on how it was found."""
@@ -90,7 +106,7 @@ def replay(
     ------
     NotApplicable
         If the scene has no record, other noise besides records, or records of different lengths; if
-        the whole spring is a function of arrays; where `simulate` has no plan for steps.
+        the whole spring is a function of arrays.
 
     See Also
     --------
@@ -124,6 +140,7 @@ def replay(
         raise ValueError(f"seed must be in [0, 2^63), got {seed}")
     model = model_of(scene)
     missing = unmet(scene, model)
+    functions = bool(nonlinear(_without_drives(model)))
     places = [None] if clearances is None else [float(each) for each in clearances]
     if clearances is not None:
         if not places or any(not 0.0 < each < math.inf for each in places if each is not None):
@@ -136,28 +153,29 @@ def replay(
                 "the scene must have one impact pair, whose law is kept while its stops move, got "
                 f"{len(model.pairs)}"
             )
-        if in_steps(model) and np.any(_force_at_zero(model)):
+        if functions and np.any(_force_at_zero(model)):
             missing.append(
                 "clearances count from the static equilibrium, which is not sought where loads act "
-                "on functions or on stops with friction; give the stops in the scene"
+                "on a spring that is a function; give the stops in the scene"
             )
     if missing:
         raise NotApplicable("replay", missing)
     segments = with_drives(scene, model, shaking_of(records_of(scene, model), model), seed)
     numbers = sum(each.forces.size for each in segments) * len(places)
-    followed = _exactly
-    if in_steps(model):
-        followed = _in_steps
-        model = _with_linear_part(model)
-    keep = followed is _in_steps or numbers <= MOST_NUMBERS
-    compile_time = _compiled(followed, model, segments[0])
+    stepped = in_steps(model)
+    keep = stepped or numbers <= MOST_NUMBERS
+    compile_time = _compiled(_way(model, segments[0], keep), segments[0])
 
     def at(clearance: float | None) -> ReplayAt:
         placed = model
         if clearance is not None:
-            rest = 0.0 if followed is _in_steps else model.mean_gaps[0]
-            placed = with_clearance(model, clearance, rest)
-        return followed(placed, clearance, segments, seed, keep)
+            placed = with_clearance(model, clearance, 0.0 if functions else model.mean_gaps[0])
+        way = _way(placed, segments[0], keep)
+        fine = _answer_at(way, clearance, segments, seed, way.parts)
+        if not stepped:
+            return fine
+        coarse = _answer_at(way, clearance, segments, seed, way.parts // 2)
+        return fine.with_bias(coarse, segments[0].step / way.parts)
 
     with ThreadPoolExecutor(threads) as pool:
         found = tuple(pool.map(at, places))
@@ -167,7 +185,7 @@ def replay(
         assumptions=(
             *assumptions_of(scene, model, len(segments), seed),
             *([_of_drives(seed)] if model.drives else []),
-            *([_of_steps(found)] if followed is _in_steps else []),
+            *([_of_steps(found)] if stepped else []),
         ),
         warnings=(
             *_without_samples(numbers, keep),
@@ -189,13 +207,6 @@ def in_steps(model: Model) -> bool:
     return bool(nonlinear(_without_drives(model))) or bool(rubbing(model))
 
 
-def _with_linear_part(model: Model) -> Model:
-    """The model whose matrices hold the linear part of its functions."""
-    from stochvi.model.linear_part import with_linear_part
-
-    return with_linear_part(model, "replay") if model.functions else model
-
-
 def _force_at_zero(model: Model) -> Vector:
     """Forces on the coordinates where nothing is displaced, N."""
     total = model.constant_force.copy()
@@ -210,54 +221,19 @@ def _without_drives(model: Model) -> Model:
     return changed(model, functions=tuple(each for each in model.functions if not each.drawn))
 
 
-def _exactly(
-    model: Model, clearance: float | None, segments: Sequence[SampledExcitation], seed: int,
-    keep: bool,
-) -> ReplayAt:  # fmt: skip
-    """The answer at one clearance by power series, of all segments together."""
-    model = _without_drives(model)
-    motions = [
-        integrate(model, each, rest_of(model), keep=keep, seed=seed + number)
-        for number, each in enumerate(segments)
-    ]
-    return _answer_at(model, clearance, motions, segments, keep)
-
-
-def _in_steps(
-    model: Model, clearance: float | None, segments: Sequence[SampledExcitation], seed: int,
-    keep: bool,
-) -> ReplayAt:  # fmt: skip
-    """The answer at one clearance in steps, whose bias shows at twice the step."""
+def _way(model: Model, shaking: SampledExcitation, keep: bool) -> Way:
+    """How a model is followed; `keep` says whether its samples are kept."""
+    if not in_steps(model):
+        return ExactReplay(_without_drives(model), keep)
     from stochvi.methods.replay.steps import SteppedReplay
 
-    stepped = SteppedReplay(model, segments[0].step)
-    fine, coarse = (
-        _answer_at(
-            stepped.model, clearance,
-            [stepped.move(each, seed + k, parts) for k, each in enumerate(segments)],
-            segments, keep,
-        )
-        for parts in (stepped.parts, stepped.parts // 2)
-    )  # fmt: skip
-    step = segments[0].step / stepped.parts
-    return changed(
-        fine,
-        coordinates={
-            name: each.with_bias(coarse.coordinates[name], step)
-            for name, each in fine.coordinates.items()
-        },
-        impact_pairs={
-            name: each.with_bias(coarse.impact_pairs[name], step)
-            for name, each in fine.impact_pairs.items()
-        },
-    )
+    return SteppedReplay(model, shaking)
 
 
-def _compiled(followed: Callable[..., ReplayAt], model: Model, shaking: SampledExcitation) -> float:
+def _compiled(way: Way, shaking: SampledExcitation) -> float:
     """Seconds in which the kernel was compiled, or loaded: it moves the model for two samples."""
     begin = time.perf_counter()
-    short = changed(shaking, forces=shaking.forces[:2], base=shaking.base[:2])
-    followed(model, None, [short], 0, False)
+    way.move(changed(shaking, forces=shaking.forces[:2], base=shaking.base[:2]), 0, way.parts)
     return time.perf_counter() - begin
 
 
@@ -355,15 +331,17 @@ def with_clearance(model: Model, clearance: float, rest: float) -> Model:
 
 
 def _answer_at(
-    model: Model,
+    way: Way,
     clearance: float | None,
-    motions: Sequence[Motion],
     segments: Sequence[SampledExcitation],
-    keep: bool,
+    seed: int,
+    parts: int,
 ) -> ReplayAt:
     """The answer at one clearance, of all segments together."""
     import pandas as pd
 
+    model = way.model
+    motions = [way.move(each, seed + number, parts) for number, each in enumerate(segments)]
     starts = np.cumsum([0.0, *(each.step * len(each.base) for each in segments)])
     for motion, begin in zip(motions, starts, strict=False):
         motion.impacts[:, 0] += begin
@@ -389,7 +367,9 @@ def _answer_at(
                 ],
             }
         ),
-        histories=_histories(model, motions, segments, starts) if keep else None,
+        histories=_histories(model, motions, segments, starts)
+        if len(motions[0].displacement)
+        else None,
     )
 
 
@@ -469,6 +449,14 @@ def _without_samples(numbers: int, keep: bool) -> list[str]:
 def _without_mean(scene: Scene, model: Model, answer: ReplayAt) -> list[str]:
     """A sentence where the mean of the record, which is taken off, would move the structure
     noticeably: that of a shock is part of it."""
+    remedy = (
+        "If the record is a shock, append zeros; an offset of the sensor or gravity needs nothing."
+    )
+    records = [each.noise.record for each in records_of(scene, model)]
+    if nonlinear(_without_drives(model)):
+        share = max(abs(each.mean) / (np.abs(each.values).max() or 1.0) for each in records)
+        told = f"The mean of a record, {100.0 * share:.2g} % of its largest value, is taken off. "
+        return [told + remedy] if share > NOTICED_MEAN else []
     force = sum(each.noise.record.mean * each.force for each in records_of(scene, model))
     moved = np.abs(np.linalg.lstsq(model.stiffness, force, rcond=None)[0])
     found = []
@@ -478,8 +466,7 @@ def _without_mean(scene: Scene, model: Model, answer: ReplayAt) -> list[str]:
             found.append(
                 f"The mean of the record is taken off. It alone would move {name} by "
                 f"{1e3 * each:.3g} mm, {100.0 * each / largest:.2g} % of its largest displacement. "
-                "If the record is a shock, append zeros; an offset of the sensor or gravity needs "
-                "nothing."
+                + remedy
             )
     return found
 

@@ -15,16 +15,20 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import rfft, rfftfreq
 
 from stochvi.engine.impact_log import Log
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
 from stochvi.methods.monte_carlo.modal_contacts import rate_of_contact
-from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan, plan_modal_tables
+from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
 from stochvi.methods.replay.kernel import PEAK, SPEED, STOP, TIME
 from stochvi.methods.replay.march import Motion, SampledExcitation, integrate
+from stochvi.model.linear_part import fastest_rate, motions_of, with_linear_part
+from stochvi.model.modal import LinearLaw
 from stochvi.model.model import Model, Pair, Stop
-from stochvi.results.errors import NotApplicable, NotConverged
+from stochvi.model.scales import PairScale
+from stochvi.results.errors import NotConverged
 from stochvi.results.sizes import MOST_RECORDED
 from stochvi.scenes.impact_laws import CompliantLaw
 
@@ -40,9 +44,15 @@ SLOWEST = 1e-7
 """Speed of the slowest impact that is listed, in units of the rms speed of the gap: chatter on a
 rigid stop ends at rest."""
 
-SETTLING = 2.0
-"""Time, in burn-ins of a simulation, in which a structure comes to rest under its constant
-loads."""
+SETTLING, MOST_SETTLING = 40.0, 2.0**21
+"""Time in which a structure comes to rest under its constant loads, in relaxation times of the
+energy; most steps of it."""
+
+FAINT = 1e-6
+"""Smallest deviation of a mode by which linear parts are chosen, in units of the largest one."""
+
+MOST_PLANNED = 2**15
+"""Largest number of samples of the record from which linear parts and steps are chosen."""
 
 AT_REST = 1e-9
 """Distance from a stop, and rate of the gap, of a mass at rest on it, in units of the largest."""
@@ -54,34 +64,46 @@ class SteppedReplay:
     Parameters
     ----------
     model
-        A model with tables in the place of its records, whose matrices hold the linear parts of
-        its functions.
-    step
-        Sampling interval, s.
-
-    Raises
-    ------
-    NotApplicable
-        Where `simulate` has no plan for the model.
+        The model.
+    shaking
+        What shakes it. Its motion without stops gives the linear parts of functions and the step.
     """
 
-    def __init__(self, model: Model, step: float) -> None:
-        try:
-            plan = plan_modal_tables(model, None, None)
-        except NotApplicable as error:
-            raise NotApplicable("replay", error.conditions) from None
+    def __init__(self, model: Model, shaking: SampledExcitation) -> None:
         rest = tuple(part for part in model.functions if part.drawn is None)
-        self.model = replace(model, functions=rest)
-        self.plan = replace(plan, model=self.model)
-        self.parts = 2 * max(FEWEST_PARTS, math.ceil(step / self._longest_step))
+        model = replace(model, functions=rest)
+
+        def law_of(linear: Model) -> LinearLaw:
+            return _law_of_record(linear, shaking)
+
+        self.model = with_linear_part(model, "replay", law_of) if rest else model
+        self.law = law_of(self.model)
+        modes, n = self.model.modal, self.model.modal.size
+        self.pairs = tuple(
+            PairScale(
+                speed=math.sqrt(self.law.variances(gap, n)),
+                pressing=_pressing(self.model, pair, gap),
+                slope=0.0,
+                curvature=0.0,
+                deviation=math.sqrt(self.law.variances(gap, 0)),
+            )
+            for pair, gap in zip(self.model.pairs, modes.gaps, strict=True)
+        )
+        self.parts = 2 * max(FEWEST_PARTS, math.ceil(shaking.step / self._longest_step))
 
     @property
     def _longest_step(self) -> float:
-        """Longest step, s, that resolves the structure and its contacts."""
-        rates = [self.plan.fastest, *(part.law.fastest for part in self.model.functions)]
-        for pair, scale in zip(self.model.pairs, self.plan.pairs, strict=True):
+        """Longest step, s, that resolves the structure, its functions and its contacts."""
+        damping = float(np.linalg.eigvalsh(self.model.modal.damping)[-1])
+        rates = [self.model.modal.fastest, damping]
+        for part, motion in zip(
+            self.model.functions, motions_of(self.model, self.law), strict=True
+        ):
+            rates.append(fastest_rate(part, motion))
+        for pair, scale in zip(self.model.pairs, self.pairs, strict=True):
             rates += [rate_of_contact(pair, stop, scale) for stop in pair.stops if not stop.rigid]
-        return min(self.plan.step, STEP_ANGLE / max(rates))
+        fastest = max(rates)
+        return STEP_ANGLE / fastest if fastest > 0.0 else math.inf
 
     def move(self, shaking: SampledExcitation, seed: int, parts: int) -> Motion:
         """The motion from rest under the constant loads, in `parts` steps a sample.
@@ -93,15 +115,17 @@ class SteppedReplay:
         """
         samples, step = (len(shaking.forces) - 1) * parts + 1, shaking.step / parts
         settling = self._settling(step)
-        if (samples + settling) * self.plan.record_width > MOST_RECORDED:
+        plan = ModalTablesPlan(
+            model=self.model, law=self.law, pairs=self.pairs, step=step, samples=samples,
+            block_length=samples * step, blocks=1, duration=samples * step,
+            burn_in=max(1, settling) * step,
+            speed_threshold=SLOWEST * max((each.speed for each in self.pairs), default=0.0),
+        )  # fmt: skip
+        if (samples + settling) * plan.record_width > MOST_RECORDED:
             raise NotConverged(
                 f"the replay takes {samples + settling:.2g} steps of {step:.2g} s, whose motion "
                 "does not fit into memory; give a shorter record"
             )
-        plan = replace(
-            self.plan, step=step, samples=samples, block_length=samples * step, blocks=1,
-            speed_threshold=SLOWEST * max(self.plan.speeds, default=0.0),
-        )  # fmt: skip
         free = np.zeros((samples + 1 + settling, plan.modes.size, 2))
         free[:samples] = self._without_stops(shaking, parts, plan.scale)
         record = np.zeros((samples, 1, plan.record_width))
@@ -117,15 +141,60 @@ class SteppedReplay:
     def _settling(self, step: float) -> int:
         """Number of steps before the record; none where nothing is loaded."""
         loaded = bool(np.any(self.model.constant_force))
-        return math.ceil(SETTLING * self.plan.burn_in / step) if loaded else 0
+        time = SETTLING * self.law.slowest if loaded else 0.0
+        return math.ceil(min(time / step, MOST_SETTLING))
 
     def _without_stops(self, shaking: SampledExcitation, parts: int, scale: float) -> Matrix:
         """Modal displacements and velocities over `scale` (samples, modes, 2) of the linear
         structure without stops and loads."""
-        free = replace(self.model, pairs=(), functions=(), constants=(), points={})
-        moved = integrate(free, shaking.refined(parts), np.zeros(len(free.coordinates)))
-        to_modes = self.model.mass @ self.model.modal.shapes
-        return np.stack([moved.displacement @ to_modes, moved.velocity @ to_modes / scale], axis=2)
+        q, p = _free_motion(self.model, shaking.refined(parts))
+        return np.stack([q, p / scale], axis=2)
+
+
+def _free_motion(model: Model, shaking: SampledExcitation) -> tuple[Matrix, Matrix]:
+    """Modal displacements and velocities (samples, modes) of a linear structure without stops and
+    loads."""
+    free = replace(model, pairs=(), functions=(), constants=(), points={})
+    moved = integrate(free, shaking, np.zeros(len(free.coordinates)))
+    to_modes = model.mass @ model.modal.shapes
+    return moved.displacement @ to_modes, moved.velocity @ to_modes
+
+
+def _law_of_record(model: Model, shaking: SampledExcitation) -> LinearLaw:
+    """Covariances of a linear structure under a record that repeats, in the place of stationary
+    ones. Displacements are at most those of a motion between the stops."""
+    modes, forces = model.modal, shaking.forces[:MOST_PLANNED]
+    n, samples = modes.size, len(forces)
+    bins = rfft(forces @ modes.shapes, axis=0)[1:] / samples
+    w = 2.0 * math.pi * rfftfreq(samples, shaking.step)[1:, None, None]
+    stiffness = np.diag(modes.squares) - w**2 * np.eye(n) + 1j * w * modes.damping
+    q = np.linalg.solve(stiffness, bins[:, :, None])[:, :, 0]
+    width = 1.0
+    for pair, gap in zip(model.pairs, modes.gaps, strict=True):
+        deviation = math.sqrt(2.0) * float(np.linalg.norm(q @ gap))
+        if pair.play is not None and deviation > 0.0:
+            width = min(width, pair.play / deviation)
+    states = np.hstack([width * q, 1j * w[:, 0] * q])
+    covariance = 2.0 * (states.T @ states.conj()).real
+    # what nothing shakes moves by rounding
+    for part in (slice(0, n), slice(n, 2 * n)):
+        own = np.sqrt(np.diag(covariance)[part])
+        covariance[part, part] += np.eye(n) * (FAINT * max(float(own.max()), FAINT)) ** 2
+    rates = np.linalg.eigvals(modes.flow[: 2 * n, : 2 * n]).real
+    slowest = max((-0.5 / rate for rate in rates if rate < 0.0), default=shaking.step)
+    return LinearLaw(
+        covariance=covariance, waves=(), mean=np.zeros(n),
+        decay=np.asarray(np.linalg.eigvalsh(modes.damping)), slowest=slowest,
+    )  # fmt: skip
+
+
+def _pressing(model: Model, pair: Pair, gap: Vector) -> float:
+    """Acceleration, m/s^2, with which loads press the mass of a pair onto a stop, or 0."""
+    held = model.modal.squares > 0.0
+    compliance = float(np.sum(gap[held] ** 2 / model.modal.squares[held]))
+    rest = float(gap @ model.modal.rest)
+    beyond = max((float(stop.deflection(rest)) for stop in pair.stops), default=0.0)
+    return max(beyond, 0.0) / (compliance * pair.mass) if compliance > 0.0 else 0.0
 
 
 def _contact_times(plan: ModalTablesPlan, sums: Matrix) -> Vector:

@@ -403,7 +403,8 @@ def test_compiling_is_no_part_of_the_time_that_a_replay_takes(
 
     now = [1000.0]
     method = importlib.import_module("stochvi.methods.replay.method")
-    monkeypatch.setattr(method, "integrate", slow_at_first)
+    march = importlib.import_module("stochvi.methods.replay.march")
+    monkeypatch.setattr(march, "integrate", slow_at_first)
     monkeypatch.setattr(method.time, "perf_counter", lambda: now[0])
     scene = scene_of(tmp_path, shaken(), Restitution(coefficient=0.5))
     cost = replay(scene, [0.002, 0.003], threads=1).cost

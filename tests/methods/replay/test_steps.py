@@ -177,7 +177,7 @@ def test_rigid_stops_rub_as_an_integrator_by_events_has_it(
 
 
 def moved(model: Any, shaking: Any, parts: int) -> Motion:
-    return SteppedReplay(model, shaking.step).move(shaking, 0, parts)
+    return SteppedReplay(model, shaking).move(shaking, 0, parts)
 
 
 @pytest.mark.parametrize("coordinates", [1, pytest.param(6, marks=pytest.mark.slow)])
@@ -204,7 +204,7 @@ def test_steps_agree_with_power_series_where_both_apply(
     model = model_of(scene)
     (shaking,) = shaking_of(records_of(scene, model), model)
     exact = integrate(model, shaking, rest_of(model))
-    stepped = SteppedReplay(model, shaking.step)
+    stepped = SteppedReplay(model, shaking)
     fine, coarse = (
         stepped.move(shaking, 0, parts) for parts in (stepped.parts, stepped.parts // 4)
     )
@@ -343,3 +343,27 @@ def test_units_with_functions_move_their_stops_from_the_equilibrium(tmp_path: Pa
     loaded = scene.replace(excitations=[*scene.excitations, ConstantLoad(force=0.5)])
     with pytest.raises(NotApplicable, match="give the stops in the scene"):
         replay(loaded, [0.2])
+
+
+@pytest.mark.parametrize("load", [0.0, 8.0])
+def test_dry_friction_beside_a_load_that_presses_on_a_stop_has_a_motion(
+    tmp_path: Path, load: float
+) -> None:
+    """What has no stationary motion under noise of its density has one under the record, and that
+    of masses and forces twenty times as large is the same."""
+
+    def found(scale: float) -> Any:
+        force = record(tmp_path, lambda t: 2.0 * scale * push(t), None)
+        scene = Scene(
+            structure=Oscillator(
+                frequency_hz=0.5, zeta=0.05, mass=2.0 * scale, damper=Coulomb(force=scale)
+            ),
+            impact_pairs=[ImpactPair(lower=-0.25, upper=0.3, law=Restitution(coefficient=0.6))],
+            excitations=[force, ConstantLoad(force=load * scale)],
+        )
+        return replay(scene)
+
+    one, twenty = found(1.0), found(20.0)
+    for name, own in one.coordinates["x"].items():
+        assert float(own) == pytest.approx(float(twenty.coordinates["x"][name]), rel=1e-6)
+    assert float(one.impact_pairs["stops"].hits) > 10
