@@ -253,7 +253,7 @@ class ModalTablesPlan(ModalContactsPlan):
             variances = np.sum(np.abs(self._waves_of(row)) ** 2, axis=1)
             stops, rest = () if pair is None else pair.stops, float(row @ self.modes.rest)
             beyond = {stop.name: stop.side * (stop.position - rest) for stop in stops}
-            found = expected_of_free_motion(variances, relative, self.step, beyond)
+            found = expected_of_free_motion(variances, relative, self.samples, self.step, beyond)
             kept = list(found)[0 if _has_moments(pair) else 2 :]
             known |= {(owner, name): found[name] for name in kept}
         return known

@@ -260,7 +260,7 @@ class TabulatedPlan:
         beyond = {
             stop.name: stop.side * (stop.position - self.model.rest) for stop in self.model.stops
         }
-        return expected_of_free_motion(variances, relative, self.step, beyond)
+        return expected_of_free_motion(variances, relative, self.samples, self.step, beyond)
 
     def coarser(self) -> TabulatedPlan:
         """The same paths at half the sampling rate; bins that both plans have keep their
@@ -629,18 +629,19 @@ class TabulatedPaths(Underway):
 
 
 def expected_of_free_motion(
-    variances: NDArray[np.float64], relative: float, step: float, beyond: Mapping[str, float]
-) -> dict[str, float]:
+    variances: NDArray[np.float64], relative: float, samples: int, step: float,
+    beyond: Mapping[str, float],
+) -> dict[str, float]:  # fmt: skip
     """Expected averages of `add_free_motion`, by name.
 
     Parameters
     ----------
     variances
-        Variance of each synthesised bin up to half the sampling rate, m^2.
+        Variance of each synthesised bin, m^2, up to half the sampling rate at most.
     relative
         Frequency of the first bin over the one by which velocities are divided.
-    step
-        Sampling interval, s.
+    samples, step
+        Number of samples of a block, and their interval, s.
     beyond
         Distance of each stop from the mean position by its name, m; negative where the mean
         position lies beyond the stop.
@@ -649,7 +650,7 @@ def expected_of_free_motion(
     variance = float(np.sum(variances))
     speeds = float(np.sum((relative * bins) ** 2 * variances))
     found = {"free xx": variance, "free vv": speeds}
-    turned = np.sin(0.5 * np.pi * bins / (len(bins) + 1)) ** 2
+    turned = np.sin(np.pi * bins / samples) ** 2
     change = 2.0 * float(np.sum(variances * turned))
     for stop, distance in beyond.items():
         moments = moments_of_rises(distance, variance, change / variance)

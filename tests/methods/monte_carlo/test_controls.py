@@ -78,7 +78,7 @@ def quantities(plan: Plan):
 @quick_cases(
     "case",
     [(-2.0, 1.5), (None, 1.0), (-2.0, -0.5), (-2.0, 2.0, True)],
-    keep={0, 1, 3},
+    keep={0, 1, 2, 3},
     ids=str,
 )
 def test_controls_have_the_values_that_are_expected_of_them(case: tuple) -> None:
