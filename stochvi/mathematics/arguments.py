@@ -6,7 +6,7 @@ import functools
 import inspect
 import numbers
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -72,8 +72,20 @@ def _all_real(array: np.ndarray[Any, Any]) -> bool:
 
 def _check_row(name: str, value: object) -> None:
     _check_numbers(name, value)
+    if np.ndim(value) != 1:  # type: ignore[arg-type]
+        raise _wrong(name, "a list of numbers", value)
+
+
+def _check_rows(name: str, value: object) -> None:
+    _check_numbers(name, value)
     if np.ndim(value) == 0:  # type: ignore[arg-type]
         raise _wrong(name, "a list of numbers", value)
+
+
+def _check_texts(name: str, value: object) -> None:
+    several = isinstance(value, Sequence) and not isinstance(value, str)
+    if not several or not all(isinstance(each, str) for each in value):  # type: ignore[attr-defined]
+        raise _wrong(name, "a list of texts", value)
 
 
 def _is_a(kind: type | tuple[type, ...], wanted: str) -> Callable[[str, object], None]:
@@ -112,7 +124,8 @@ CHECKS: dict[str, Callable[[str, Any], None]] = {
     "str": _is_a(str, "a text"),
     "ArrayLike": _check_numbers,
     "Sequence[float]": _check_row,
-    "Sequence[float] | Matrix": _check_row,
+    "Sequence[float] | Matrix": _check_rows,
+    "Sequence[str]": _check_texts,
     "str | Path": _is_a((str, os.PathLike), "the name of a file"),
     "Progress": _check_callable,
     "Mapping[str, Sequence[float]]": _check_table,
