@@ -68,7 +68,9 @@ def with_linear_part(
         Where no linear part has a stationary state.
     """
     law_of = law_of or _rough_law
-    for width in WIDTHS:
+    # a mass that friction holds has a linear part of its own: that of a motion is met from above
+    held = any(part.law.sticks and not part.law.drives for part in model.functions)
+    for width in WIDTHS[::-1] if held else WIDTHS:
         # wide motions are held by what grows, and narrow ones damped by friction
         motions = [Motion(0.0, float(width), float(width))] * len(model.functions)
         linear = with_forms(model, motions)

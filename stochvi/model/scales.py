@@ -128,13 +128,17 @@ def _shaken(modes: ModalForm, law: LinearLaw, pair: Pair, gap: Vector, method: s
     """Mean square of the speed of a gap; NotApplicable where that is rounding error only."""
     square = law.variances(gap, modes.size)
     if not square > UNSHAKEN * law.largest_variance(modes.size):
-        raise NotApplicable(
-            method,
-            [f"no excitation reaches the impact pair {pair.name!r}, or it is pressed so hard onto "
-             "a stop that it never leaves it: it is at rest; shake it, move that stop, or take the "
-             "pair out of the scene"],
-        )  # fmt: skip
+        raise _at_rest(pair, method)
     return square
+
+
+def _at_rest(pair: Pair, method: str) -> NotApplicable:
+    return NotApplicable(
+        method,
+        [f"no excitation reaches the impact pair {pair.name!r}, or it is pressed so hard onto a "
+         "stop that it never leaves it: it is at rest; shake it, move that stop, or take the pair "
+         "out of the scene"],
+    )  # fmt: skip
 
 
 def _first_guess(modes: ModalForm, pair: Pair) -> EquivalentLinear:
@@ -205,6 +209,8 @@ def _substitute(
         spread = cut if swinging == energy else _law_of_gap(pair, held, swinging, compliant)
     except ValueError:
         return None
+    if not spread.variance > 0.0:
+        raise _at_rest(pair, method)
     needed = swinging / spread.variance
     spring = max(needed - own, SOFTEST * needed)
     power = _power_of_stops(pair, cut, square)

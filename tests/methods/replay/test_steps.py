@@ -22,8 +22,10 @@ from stochvi import (
     RecordedNoise,
     Restitution,
     Scene,
+    TabulatedNoise,
     Viscoelastic,
     replay,
+    simulate,
 )
 from stochvi.methods.replay.march import Motion, integrate, rest_of
 from stochvi.methods.replay.method import records_of, shaking_of
@@ -367,3 +369,37 @@ def test_dry_friction_beside_a_load_that_presses_on_a_stop_has_a_motion(
     for name, own in one.coordinates["x"].items():
         assert float(own) == pytest.approx(float(twenty.coordinates["x"][name]), rel=1e-6)
     assert float(one.impact_pairs["stops"].hits) > 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("load", [0.0, 8.0])
+def test_a_long_record_has_the_moments_of_a_simulation(tmp_path: Path, load: float) -> None:
+    """Of a mass with dry friction, also where a load presses it onto its stop."""
+    samples, rate, band, size = 160_000, 80.0, 8.0, 12.0
+    noise = np.fft.rfft(np.random.default_rng(5).normal(size=samples))
+    noise[np.fft.rfftfreq(samples, 1.0 / rate) > band] = 0.0
+    values = np.fft.irfft(noise, samples)
+    values *= size / values.std()
+    file = tmp_path / "long.txt"
+    np.savetxt(file, values, fmt="%.17g")
+    loads = [ConstantLoad(force=load)] if load else []
+    scene = Scene(
+        structure=Oscillator(frequency_hz=0.5, zeta=0.05, mass=2.0, damper=Coulomb(force=4.0)),
+        impact_pairs=[ImpactPair(lower=-0.25, upper=0.3, law=Restitution(coefficient=0.6))],
+        excitations=[RecordedNoise(file=str(file), unit="N", fs=rate), *loads],
+    )
+    flat = TabulatedNoise(
+        frequency_hz=[1e-3, band], density=[size**2 / band] * 2, unit="N2/Hz"
+    )  # fmt: skip
+    noisy = scene.replace(excitations=[flat, *loads])
+    known = simulate(noisy, paths=128, duration=300.0, seed=1)
+    replayed = replay(scene).histories
+    assert replayed is not None
+    parts = replayed.displacement["x"][800:].reshape(-1, 3184)
+    for name, power in (("displacement_mean", 1), ("displacement_mean_square", 2)):
+        own, other = np.mean(parts**power, axis=1), known.coordinates["x"][name]
+        error = math.hypot(own.std(ddof=1) / math.sqrt(len(own)), other.standard_error)
+        assert abs(own.mean() - other.value) < 4.5 * error + other.bias, name
+    free = noisy.replace(structure=Oscillator(frequency_hz=0.5, zeta=0.05, mass=2.0))
+    without = simulate(free, paths=128, duration=300.0, seed=1).coordinates["x"]
+    assert abs(own.mean() - without["displacement_mean_square"].value) > 10.0 * error
