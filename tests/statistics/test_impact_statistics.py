@@ -127,6 +127,9 @@ def test_vanmarcke_at_one_stop_is_far_closer_than_rice() -> None:
 def test_overdispersion_and_what_the_interval_rests_on(elastic) -> None:
     pair = elastic.pairs["stops"]
     assert pair.dispersion.value > 1.0 + 10.0 * pair.dispersion.standard_error
+    assert pair.dispersion.bias == 0.0  # any step samples elastic stops exactly
+    lossy = impacts(scene(0.5, -1.0, 1.0), paths=64, duration=200.0, threads=1).pairs["stops"]
+    assert lossy.dispersion.bias is None
     assert {each.interval for each in pair.rates.values()} == {"paths"}
     assert "clusters" in elastic.summary()
 

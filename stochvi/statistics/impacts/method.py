@@ -410,6 +410,8 @@ def _pair(
     hits = float(numbers.sum())
     how = f"{len(numbers)} paths of {plan.duration:.4g} s{step.how}"
     spread = dispersion(tally.windows, grid.window) if hits >= FEWEST_HITS else None
+    if spread is not None and not plan.source.elastic:
+        spread = replace(spread, bias=None)  # that of the step is not known
     poisson = passes_for_poisson(spread)
     cluster = plan.source.hits_in_a_cluster
     rates: dict[str, Rate] = {}
