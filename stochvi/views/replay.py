@@ -83,13 +83,18 @@ def print_replay(console: Console, found: Replay, record: RecordVerdict | None) 
 
 
 def _print_one(console: Console, each: ReplayAt) -> None:
-    table = new_table("the record itself", ["of", "quantity", "value"], ["of", "quantity"])
+    biased = any(own.bias for *_, own in each.estimates())
+    columns = ["of", "quantity", "value", *(["bias"] if biased else [])]
+    table = new_table("the record itself", columns, ["of", "quantity"])
     for group in (each.coordinates, each.impact_pairs):
         for owner, quantities in group.items():
             for name, value in quantities.items():
                 if name in ROWS and value is not None:
                     words, quantity = ROWS[name]
-                    table.add_row(owner, quantity.heading(words), f"{quantity(float(value)):.5g}")
+                    own = [owner, quantity.heading(words), f"{quantity(float(value)):.5g}"]
+                    if biased:
+                        own.append(UNKNOWN if value.bias is None else f"{quantity(value.bias):.2g}")
+                    table.add_row(*own)
     print_table(console, table)
 
 

@@ -62,7 +62,7 @@ def with_linear_part_at_stops(model: Model) -> Model:
     usual, at_stops = _longest_of(statistical)
     if at_stops >= usual:
         return statistical
-    meeting = _meeting_stops(model, statistical)
+    meeting = meeting_stops(model, statistical)
     return meeting if min(_longest_of(meeting)) > at_stops else statistical
 
 
@@ -189,7 +189,7 @@ def _density(model: Model, pair: Pair, scale: PairScale) -> tuple[Vector, Vector
     return y, density / (density.sum() * (y[1] - y[0]))
 
 
-def _meeting_stops(model: Model, usual: Model) -> Model:
+def meeting_stops(model: Model, usual: Model) -> Model:
     """The model whose springs along gaps have linear parts that meet their forces at the stops;
     the linear parts of all others are those of the `usual` model."""
     forms = []

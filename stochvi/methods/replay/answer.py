@@ -75,7 +75,7 @@ class PairReplay(_OfReplay):
     ----------
     hits, hits_lower, hits_upper
         Number of impacts; on compliant stops, number of contacts that began. Chatter on a rigid
-        stop is counted until the mass rests.
+        stop is counted until the mass rests: in steps, down to the speed that forces bring in one.
     impact_speed_max, impact_speed_mean
         Largest and mean impact speed, m/s; None without an impact.
     peak_force

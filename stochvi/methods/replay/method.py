@@ -57,6 +57,11 @@ class Way(Protocol):
 EXACT = "the record itself, exact steps"
 """Words in every estimate of a replay by power series on how it was found."""
 
+LARGEST = (
+    "displacement_max", "displacement_min", "acceleration_max", "impact_speed_max", "peak_force",
+)  # fmt: skip
+"""Numbers by which a replay in steps says how far it depends on them."""
+
 NOTICED_MEAN = 0.01
 """Smallest displacement by the mean of a record that is told, as a share of the largest one."""
 
@@ -140,7 +145,7 @@ def replay(
         raise ValueError(f"seed must be in [0, 2^63), got {seed}")
     model = model_of(scene)
     missing = unmet(scene, model)
-    functions = bool(nonlinear(_without_drives(model)))
+    springs = any(not part.law.is_damper for part in _without_drives(model).functions)
     places = [None] if clearances is None else [float(each) for each in clearances]
     if clearances is not None:
         if not places or any(not 0.0 < each < math.inf for each in places if each is not None):
@@ -153,7 +158,7 @@ def replay(
                 "the scene must have one impact pair, whose law is kept while its stops move, got "
                 f"{len(model.pairs)}"
             )
-        if functions and np.any(_force_at_zero(model)):
+        if springs and np.any(_force_at_zero(model)):
             missing.append(
                 "clearances count from the static equilibrium, which is not sought where loads act "
                 "on a spring that is a function; give the stops in the scene"
@@ -169,7 +174,7 @@ def replay(
     def at(clearance: float | None) -> ReplayAt:
         placed = model
         if clearance is not None:
-            placed = with_clearance(model, clearance, 0.0 if functions else model.mean_gaps[0])
+            placed = with_clearance(model, clearance, 0.0 if springs else model.mean_gaps[0])
         way = _way(placed, segments[0], keep)
         fine = _answer_at(way, clearance, segments, seed, way.parts)
         if not stepped:
@@ -485,11 +490,12 @@ def _of_steps(found: Sequence[ReplayAt]) -> str:
         for owner, name, own in each.estimates():
             how = own.how
             share = (own.bias or 0.0) / abs(own.value) if own.value else 0.0
-            if share > worst:
+            if name in LARGEST and share > worst:
                 worst, which = share, f" ({name} of {owner})"
     return (
         f"Functions of the motion and friction at stops are followed in steps ({how}). At twice "
-        f"the step no number differs by more than {100.0 * worst:.2g} %{which}."
+        f"the step the largest motions, forces and speeds differ by {100.0 * worst:.2g} % at most"
+        f"{which}."
     )
 
 

@@ -9,22 +9,29 @@ step.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft, rfftfreq
+from scipy.ndimage import binary_opening
 
 from stochvi.engine.impact_log import Log
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
 from stochvi.methods.monte_carlo.modal_contacts import rate_of_contact
 from stochvi.methods.monte_carlo.modal_tables import ModalTablesPlan
+from stochvi.methods.monte_carlo.steps_of_functions import meeting_stops
 from stochvi.methods.replay.kernel import PEAK, SPEED, STOP, TIME
 from stochvi.methods.replay.march import Motion, SampledExcitation, integrate
-from stochvi.model.linear_part import fastest_rate, motions_of, with_linear_part
+from stochvi.model.linear_part import (
+    fastest_rate,
+    is_positive,
+    motions_of,
+    with_linear_part,
+)
 from stochvi.model.modal import LinearLaw
 from stochvi.model.model import Model, Pair, Stop
 from stochvi.model.scales import PairScale
@@ -32,17 +39,16 @@ from stochvi.results.errors import NotConverged
 from stochvi.results.sizes import MOST_RECORDED
 from stochvi.scenes.impact_laws import CompliantLaw
 
-STEP_ANGLE = 0.1
-"""Longest step times the fastest rate of the structure or of a contact, rad: sampled peaks of a
-contact are then within 0.13 % of the largest force."""
+STEP_ANGLE = 0.05
+"""Longest step times the fastest rate of the structure or of a contact, rad, of the longer steps of
+two."""
 
-FEWEST_PARTS = 4
+FEWEST_PARTS = 8
 """Fewest steps in an interval of the record, of the longer steps of two: a cubic then follows what
-the record brings up to a quarter of its sampling rate to 1e-5."""
+the record brings up to a quarter of its sampling rate to 1e-6."""
 
-SLOWEST = 1e-7
-"""Speed of the slowest impact that is listed, in units of the rms speed of the gap: chatter on a
-rigid stop ends at rest."""
+BEYOND = 1e-6
+"""Largest distance beyond a rigid stop at the end of a step, relative to the largest gap."""
 
 SETTLING, MOST_SETTLING = 40.0, 2.0**21
 """Time in which a structure comes to rest under its constant loads, in relaxation times of the
@@ -54,8 +60,8 @@ FAINT = 1e-6
 MOST_PLANNED = 2**15
 """Largest number of samples of the record from which linear parts and steps are chosen."""
 
-AT_REST = 1e-9
-"""Distance from a stop, and rate of the gap, of a mass at rest on it, in units of the largest."""
+FEWEST_AT_REST = 4
+"""Fewest ends of steps in a row, on a rigid stop and slow, that are a rest."""
 
 
 class SteppedReplay:
@@ -76,7 +82,7 @@ class SteppedReplay:
         def law_of(linear: Model) -> LinearLaw:
             return _law_of_record(linear, shaking)
 
-        self.model = with_linear_part(model, "replay", law_of) if rest else model
+        self.model = _with_linear_part(model, law_of) if rest else model
         self.law = law_of(self.model)
         modes, n = self.model.modal, self.model.modal.size
         self.pairs = tuple(
@@ -118,8 +124,7 @@ class SteppedReplay:
         plan = ModalTablesPlan(
             model=self.model, law=self.law, pairs=self.pairs, step=step, samples=samples,
             block_length=samples * step, blocks=1, duration=samples * step,
-            burn_in=max(1, settling) * step,
-            speed_threshold=SLOWEST * max((each.speed for each in self.pairs), default=0.0),
+            burn_in=max(1, settling) * step, speed_threshold=0.0,
         )  # fmt: skip
         if (samples + settling) * plan.record_width > MOST_RECORDED:
             raise NotConverged(
@@ -158,6 +163,14 @@ def _free_motion(model: Model, shaking: SampledExcitation) -> tuple[Matrix, Matr
     moved = integrate(free, shaking, np.zeros(len(free.coordinates)))
     to_modes = model.mass @ model.modal.shapes
     return moved.displacement @ to_modes, moved.velocity @ to_modes
+
+
+def _with_linear_part(model: Model, law_of: Callable[[Model], LinearLaw]) -> Model:
+    """The model with linear parts of its functions that meet the forces of springs at stops. There
+    kicks would change the speed of impacts. The usual ones stand where these hold nothing."""
+    usual = with_linear_part(model, "replay", law_of)
+    meeting = meeting_stops(model, usual)
+    return meeting if is_positive(meeting.stiffness) else usual
 
 
 def _law_of_record(model: Model, shaking: SampledExcitation) -> LinearLaw:
@@ -241,6 +254,17 @@ class _Moved:
             for number, pair in enumerate(self.model.pairs)
             for stop in pair.stops
         ]
+        # a mass whose impacts are slower than what forces bring in a step is at rest
+        pressing = (shaking.forces + self.model.constant_force) @ modes.shapes @ modes.gaps.T
+        self.slow = self.step * np.abs(pressing).max(axis=0, initial=0.0)
+        for number, _, stop in self.stops:
+            beyond = float(stop.deflection(self.y[:, number]).max())
+            if stop.rigid and beyond > BEYOND * float(np.abs(self.y[:, number]).max()):
+                raise NotConverged(
+                    f"the {stop.name} stop of {self.model.pairs[number].name} is hit too often in "
+                    f"a step of {self.step:.2g} s; check the unit of the record, or give a larger "
+                    "clearance"
+                )
 
     def motion(self, sums: NDArray[np.float64]) -> Motion:
         """The motion at the samples of the record; `sums` (stops,) are the times in contact with
@@ -255,18 +279,20 @@ class _Moved:
             displacement=self.x[kept], velocity=self.v[kept], acceleration=a[kept],
             force=force[kept],
             powers=np.stack([np.sum(self.x[kept] ** k, axis=0) for k in range(1, 5)], axis=1),
-            highest=self._highest(1.0, impacts), lowest=-self._highest(-1.0, impacts),
-            largest_acceleration=np.abs(a).max(axis=0), impacts=impacts,
+            highest=self._highest(1.0), lowest=-self._highest(-1.0),
+            largest_acceleration=self._largest(a), impacts=impacts,
             contact_time=sums + self.step * rest.sum(axis=1),
-            rests=np.sum(rest[:, 1:] & ~rest[:, :-1], axis=1).astype(float),
+            rests=np.sum(rest[:, 1:] & ~rest[:, :-1], axis=1) + rest[:, 0].astype(float),
         )  # fmt: skip
 
     def _rests_on(self, number: int, pair: Pair, stop: Stop) -> NDArray[np.bool_]:
         """Whether the gap of a pair rests on a rigid stop, at the ends of the steps."""
-        y, rate = self.y[:, number], self.rate[:, number]
-        near = np.abs(y - stop.position) <= AT_REST * np.abs(y).max()
-        slow = np.abs(rate) <= AT_REST * np.abs(rate).max()
-        return np.asarray(near & slow & stop.rigid)
+        if not stop.rigid:
+            return np.zeros(len(self.x), dtype=np.bool_)
+        slow = 2.0 * self.slow[number]
+        near = np.abs(self.y[:, number] - stop.position) <= slow * self.step
+        still = near & (np.abs(self.rate[:, number]) <= slow)
+        return np.asarray(binary_opening(still, np.ones(FEWEST_AT_REST, dtype=np.bool_)))
 
     def _force_of(self, number: int, pair: Pair, stop: Stop) -> Vector:
         """Force of a compliant stop, N; not known (nan) of a rigid one."""
@@ -281,13 +307,13 @@ class _Moved:
         found = []
         for which, (number, _, stop) in enumerate(self.stops):
             log = self.logs[number]
-            own = stop.side * log.speed > 0.0
+            own = stop.side * log.speed > (self.slow[number] if stop.rigid else 0.0)
             time = np.maximum(log.time[own] - self.step, 0.0)
             rows = np.zeros((len(time), 4))
             rows[:, TIME], rows[:, STOP], rows[:, SPEED] = time, which, np.abs(log.speed[own])
             if len(time) and not stop.rigid:
                 first = np.minimum((time / self.step).astype(int), len(force) - 1)
-                rows[:, PEAK] = np.maximum.reduceat(force[:, which], first)
+                rows[:, PEAK] = np.maximum.reduceat(_tops(force[:, which]), first)
             found.append(rows)
         rows = np.concatenate([np.zeros((0, 4)), *found])
         return rows[np.argsort(rows[:, TIME], kind="stable")]
@@ -337,16 +363,70 @@ class _Moved:
         means = beside[at] / count[at, None]
         return np.stack([np.interp(every, at, each) for each in means.T], axis=1)
 
-    def _highest(self, side: float, impacts: Matrix) -> Vector:
+    @cached_property
+    def _flights(self) -> list[tuple[NDArray[np.int64], Vector]]:
+        """The ends of steps from which the motion without jumps leads to impacts on rigid stops,
+        and the times to them, s: forwards to each first one in a step, and backwards to each last
+        one."""
+        found = []
+        times = [
+            self.logs[number].time[stop.side * self.logs[number].speed > 0.0] - self.step
+            for number, _, stop in self.stops
+            if stop.rigid
+        ]
+        struck = np.sort(np.concatenate([np.zeros(0), *times]))
+        struck = struck[(struck >= 0.0) & (struck < self.step * (len(self.x) - 1))]
+        steps = (struck / self.step).astype(int)
+        for way, beside in ((1, -1), (-1, 1)):
+            _, which = np.unique(steps[::way], return_index=True)
+            at, time = steps[::way][which], struck[::way][which]
+            inside = (at + beside >= 0) & (at + beside < len(self._smooth))
+            at, time = at[inside], time[inside]
+            calm = self._smooth[at + beside]
+            ends = at[calm] + (way < 0)
+            found.append((ends, time[calm] - ends * self.step))
+        return found
+
+    def _at_impacts(self, values: Matrix) -> Matrix:
+        """Values (impacts, outputs) before and after impacts on rigid stops, by the line through
+        those at the last two ends of steps."""
+        found = [np.zeros((0, values.shape[1]))]
+        for (ends, time), before in zip(self._flights, (-1, 1), strict=True):
+            slope = (values[ends] - values[ends + before]) / (-before * self.step)
+            found.append(values[ends] + time[:, None] * slope)
+        return np.concatenate(found)
+
+    def _largest(self, a: Matrix) -> Vector:
+        """Largest absolute accelerations of the outputs, m/s^2, also beside impacts."""
+        tops = np.stack([_tops(each) for each in np.abs(a).T], axis=1)
+        calm = np.ones(len(a), dtype=np.bool_)
+        calm[1:] &= self._smooth
+        calm[:-1] &= self._smooth
+        sampled = np.where(calm[:, None], tops, np.abs(a)).max(axis=0)
+        beside = np.abs(self._at_impacts(a)).max(axis=0, initial=0.0)
+        return np.asarray(np.maximum(sampled, beside))
+
+    def _highest(self, side: float) -> Vector:
         """Largest side * x of each output, m: at the ends of steps, between them, and at
         impacts."""
         x, v = side * self.x, side * self.v
         turns = (v[:-1] > 0.0) & (v[1:] < 0.0) & self._smooth[:, None]
         rise = 0.5 * self.step * v[:-1] ** 2 / np.where(turns, v[:-1] - v[1:], 1.0)
-        highest = np.maximum(
-            x.max(axis=0), np.max(x[:-1] + turns * rise, axis=0, initial=-math.inf)
-        )
-        first = np.minimum((impacts[:, TIME] / self.step).astype(int), len(x) - 1)
-        later = (impacts[:, TIME] - first * self.step)[:, None]
-        at_impacts = np.max(x[first] + later * v[first], axis=0, initial=-math.inf)
-        return np.asarray(np.maximum(highest, at_impacts))
+        between = np.max(x[:-1] + turns * rise, axis=0, initial=-math.inf)
+        highest = np.maximum(x.max(axis=0), between)
+        for (ends, time), before in zip(self._flights, (-1, 1), strict=True):
+            bend = (v[ends] - v[ends + before]) / (-before * self.step)
+            t = time[:, None]
+            there = x[ends] + t * (v[ends] + 0.5 * t * bend)
+            highest = np.maximum(highest, there.max(axis=0, initial=-math.inf))
+        return np.asarray(highest)
+
+
+def _tops(values: Vector) -> Vector:
+    """Values with those at local maxima replaced by the tops of the parabolas through three."""
+    found = values.copy()
+    left, middle, right = values[:-2], values[1:-1], values[2:]
+    bend = 2.0 * middle - left - right
+    top = (middle >= left) & (middle >= right) & (bend > 0.0) & (np.minimum(left, right) > 0.0)
+    found[1:-1] += np.where(top, (right - left) ** 2 / np.where(top, 8.0 * bend, 1.0), 0.0)
+    return found

@@ -266,7 +266,7 @@ def test_functions_between_stops_move_as_an_integrator_of_the_equation_has_it(
     assert found.histories is not None
     begin = found.histories.displacement["x"][0]
     # dry friction holds the mass at any place near that of a spring alone
-    assert abs(stiffness * begin + cubic * begin**3 - load) <= dry + 1e-6
+    assert abs(stiffness * begin + cubic * begin**3 - load) <= dry + 1e-4
     t, s, known, hits = 0.0, np.array([begin, 0.0]), np.full(len(TIMES), begin), 0
     while t < TIMES[-1]:
         solved = solve_ivp(
