@@ -51,7 +51,7 @@ from stochvi.engine.batch import (
 from stochvi.engine.borrowed import borrowed
 from stochvi.engine.compiled_laws import Stops
 from stochvi.engine.compiling import kernel
-from stochvi.engine.contacts import PUSHES, Following, Tally, followed_of
+from stochvi.engine.contacts import APART, PUSHES, Following, Tally, followed_of
 from stochvi.engine.friction import tangent_of
 from stochvi.engine.impact_log import Log, page_of
 from stochvi.engine.lanes import memory_of, rows_of
@@ -231,10 +231,13 @@ def wait(lane, pair, upper, span, touches, scene, fastest, queue, count):
 @kernel
 def hold_contact(pair, upper, scene):
     """Note that a stop is in contact, which was touched now or in the step before."""
-    work = scene.work
-    count, _, _ = find_contacts(work.gaps, work.contacts, scene.stops, scene.laws)
-    if count == 0:
-        work.contacts.inside[pair, upper] = PUSHES
+    work, inside = scene.work, scene.work.contacts.inside
+    find_contacts(work.gaps, work.contacts, scene.stops, scene.laws)
+    if inside[pair, upper] == APART:
+        # it is touched now; another one at the same place may seem to be inside by rounding
+        for j in range(inside.shape[0]):
+            inside[j, 0] = inside[j, 1] = APART
+        inside[pair, upper] = PUSHES
 
 
 @kernel

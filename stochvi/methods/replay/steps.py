@@ -47,9 +47,6 @@ FEWEST_PARTS = 8
 """Fewest steps in an interval of the record, of the longer steps of two: a cubic then follows what
 the record brings up to a quarter of its sampling rate to 1e-6."""
 
-BEYOND = 1e-6
-"""Largest distance beyond a rigid stop at the end of a step, relative to the largest gap."""
-
 SETTLING, MOST_SETTLING = 40.0, 2.0**21
 """Time in which a structure comes to rest under its constant loads, in relaxation times of the
 energy; most steps of it."""
@@ -257,14 +254,6 @@ class _Moved:
         # a mass whose impacts are slower than what forces bring in a step is at rest
         pressing = (shaking.forces + self.model.constant_force) @ modes.shapes @ modes.gaps.T
         self.slow = self.step * np.abs(pressing).max(axis=0, initial=0.0)
-        for number, _, stop in self.stops:
-            beyond = float(stop.deflection(self.y[:, number]).max())
-            if stop.rigid and beyond > BEYOND * float(np.abs(self.y[:, number]).max()):
-                raise NotConverged(
-                    f"the {stop.name} stop of {self.model.pairs[number].name} is hit too often in "
-                    f"a step of {self.step:.2g} s; check the unit of the record, or give a larger "
-                    "clearance"
-                )
 
     def motion(self, sums: NDArray[np.float64]) -> Motion:
         """The motion at the samples of the record; `sums` (stops,) are the times in contact with

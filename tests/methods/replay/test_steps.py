@@ -403,3 +403,22 @@ def test_a_long_record_has_the_moments_of_a_simulation(tmp_path: Path, load: flo
     free = noisy.replace(structure=Oscillator(frequency_hz=0.5, zeta=0.05, mass=2.0))
     without = simulate(free, paths=128, duration=300.0, seed=1).coordinates["x"]
     assert abs(own.mean() - without["displacement_mean_square"].value) > 10.0 * error
+
+
+@pytest.mark.parametrize("friction", [False, True])
+def test_a_mass_that_a_load_holds_on_its_stop_rests_all_the_time(
+    tmp_path: Path, friction: bool
+) -> None:
+    """Beside dry friction in the mount, or on a stop that rubs."""
+    if friction:
+        scene = rubbing(tmp_path, Restitution(coefficient=0.6, friction=0.3), 2, 0.3)
+    else:
+        mount = Oscillator(frequency_hz=0.5, zeta=0.05, mass=2.0, damper=Coulomb(force=1.0))
+        stops = ImpactPair(lower=-0.25, upper=0.3, law=Restitution(coefficient=0.6))
+        scene = Scene(
+            structure=mount, impact_pairs=[stops], excitations=[record(tmp_path, push, None)]
+        )
+    load = ConstantLoad(force=200.0, **({"on": "x"} if friction else {}))
+    found = replay(scene.replace(excitations=[*scene.excitations, load])).impact_pairs["stops"]
+    assert float(found.hits) == 0.0 and float(found.rests) == 1.0
+    assert float(found.contact_time) == pytest.approx(12.0, rel=2e-3)
