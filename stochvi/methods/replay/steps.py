@@ -141,9 +141,10 @@ class SteppedReplay:
         )
 
     def _settling(self, step: float) -> int:
-        """Number of steps before the record; none where nothing is loaded."""
+        """Number of steps before the record; none where the linear structure rests as it is."""
         loaded = bool(np.any(self.model.constant_force))
-        time = SETTLING * self.law.slowest if loaded else 0.0
+        moves = self.model.functions or any(each.pressing > 0.0 for each in self.pairs)
+        time = SETTLING * self.law.slowest if loaded and moves else 0.0
         return math.ceil(min(time / step, MOST_SETTLING))
 
     def _without_stops(self, shaking: SampledExcitation, parts: int, scale: float) -> Matrix:

@@ -236,7 +236,9 @@ def test_steps_agree_with_power_series_where_both_apply(
     assert np.abs(coarse.displacement - exact.displacement).max() > 0.0
 
 
-@pytest.mark.parametrize(("cubic", "dry"), [(8.0, 0.0), (0.0, 0.2)])
+@pytest.mark.parametrize(
+    ("cubic", "dry"), [(8.0, 0.0), pytest.param(0.0, 0.2, marks=pytest.mark.slow)]
+)
 def test_functions_between_stops_move_as_an_integrator_of_the_equation_has_it(
     tmp_path: Path, cubic: float, dry: float
 ) -> None:
@@ -347,7 +349,7 @@ def test_units_with_functions_move_their_stops_from_the_equilibrium(tmp_path: Pa
         replay(loaded, [0.2])
 
 
-@pytest.mark.parametrize("load", [0.0, 8.0])
+@pytest.mark.parametrize("load", [0.0, pytest.param(8.0, marks=pytest.mark.slow)])
 def test_dry_friction_beside_a_load_that_presses_on_a_stop_has_a_motion(
     tmp_path: Path, load: float
 ) -> None:
@@ -405,13 +407,13 @@ def test_a_long_record_has_the_moments_of_a_simulation(tmp_path: Path, load: flo
     assert abs(own.mean() - without["displacement_mean_square"].value) > 10.0 * error
 
 
-@pytest.mark.parametrize("friction", [False, True])
+@pytest.mark.parametrize("friction", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_mass_that_a_load_holds_on_its_stop_rests_all_the_time(
     tmp_path: Path, friction: bool
 ) -> None:
     """Beside dry friction in the mount, or on a stop that rubs."""
     if friction:
-        scene = rubbing(tmp_path, Restitution(coefficient=0.6, friction=0.3), 2, 0.3)
+        scene = rubbing(tmp_path, Restitution(coefficient=0.6, friction=0.3), 2, 0.0)
     else:
         mount = Oscillator(frequency_hz=0.5, zeta=0.05, mass=2.0, damper=Coulomb(force=1.0))
         stops = ImpactPair(lower=-0.25, upper=0.3, law=Restitution(coefficient=0.6))
