@@ -171,23 +171,19 @@ def passage_layout(model: Model, lower: float, upper: float, start: Start) -> La
     The scale of speed is the largest of three: that of the stationary distribution, the speed that
     takes a path to a barrier, and the speed that noise adds on the way there.
     """
-    ends = box_ends(model, lower, upper)
-    given = lower, upper
-    base = lowest(model, *ends)
-    lower, upper = _relevant_barriers(model, lower, upper, base)
-    # a barrier out of reach is no end of the box, a stop is
-    ends = (
-        lower if math.isfinite(given[0]) else ends[0],
-        upper if math.isfinite(given[1]) else ends[1],
-    )
+    turning = turning_stops(model, lower, upper)
+    base = lowest(model, *box_ends(model, lower, upper))
+    low, high = lower, upper = _relevant_barriers(model, lower, upper, base)
+    for stop in turning:  # it ends the box, which a barrier out of reach does not
+        low, high = (low, stop.position) if stop.side == UPPER else (stop.position, high)
     barriers = [x for x in (lower, upper) if math.isfinite(x)]
     climb = math.sqrt(max(2.0 * max(rise(model, x, base) for x in barriers), 0.0))
-    length = ends[1] - ends[0]
+    length = high - low
     if not math.isfinite(length):
         length = max(abs(barriers[0] - base), abs(_place(start) - barriers[0]))
     native = max(climb, math.cbrt(model.intensity / 2.0 * length))
     law = _rms_speed(model)
-    energy = _start_energy(model, start, *ends, base)
+    energy = _start_energy(model, start, low, high, base)
     slow = min(law, native)
     # the energy that noise may add before the path reaches a barrier that it has the energy for
     gained = climb + EXTENT.reach * _layer(model, length)
@@ -196,12 +192,12 @@ def passage_layout(model: Model, lower: float, upper: float, start: Start) -> La
         math.sqrt(2.0 * max(energy, 0.0)) + EXTENT.start_margin * slow,
     )
     speed = max(min(law, max(slow, fastest / EXTENT.flattest)), fastest / EXTENT.widest)
-    left = lower if math.isfinite(lower) else max(ends[0], _end(model, base, fastest, -1.0))
-    right = upper if math.isfinite(upper) else min(ends[1], _end(model, base, fastest, 1.0))
+    left = lower if math.isfinite(lower) else max(low, _end(model, base, fastest, -1.0))
+    right = upper if math.isfinite(upper) else min(high, _end(model, base, fastest, 1.0))
     middle = (left + right) / 2.0
     off_centre = abs(model.load - model.omega**2 * middle) * (right - left)
     halved = len(barriers) == 2 and off_centre <= SYMMETRIC * speed**2
-    back = restitutions(turning_stops(model, *given))
+    back = restitutions(turning)
     walls = EndConditions(
         1.0 if halved else back.left if math.isinf(lower) else None,
         back.right if math.isinf(upper) else None,

@@ -318,7 +318,8 @@ def _check_start(start: Start, lower: float, upper: float, turning: Sequence[Sto
         if (beyond := start.beyond(*ends)) > MOST_BEYOND:
             raise ValueError(
                 f"start must lie between the {stop.name} stop and the barrier, got a probability "
-                f"of {beyond:.2g} beyond the stop; start from rest or a point"
+                f"of {beyond:.2g} beyond the stop; start from rest, or in Python at an "
+                "InitialState"
             )
 
 

@@ -169,7 +169,7 @@ class ExactReplay:
 
     model: Model
     keep: bool
-    parts = 1
+    runs = (1,)
 
     def move(self, shaking: SampledExcitation, seed: int, parts: int = 1) -> Motion:
         """The motion from rest under the constant loads."""

@@ -40,15 +40,16 @@ from stochvi.scenes.scene import Scene
 
 
 class Way(Protocol):
-    """A way to the motion of a model: by power series, or in `parts` steps a sample."""
+    """A way to the motion of a model: by power series, or in steps."""
 
     @property
     def model(self) -> Model:
         """The model that is followed."""
 
     @property
-    def parts(self) -> int:
-        """Number of steps in an interval of the record, of the shorter steps."""
+    def runs(self) -> tuple[int, ...]:
+        """Steps in an interval of the record, of each run: that of the answer, and one at twice the
+        step where there is a bias."""
 
     def move(self, shaking: SampledExcitation, seed: int, parts: int) -> Motion:
         """The motion from rest under the constant loads."""
@@ -169,21 +170,21 @@ def replay(
     numbers = sum(each.forces.size for each in segments) * len(places)
     stepped = in_steps(model)
     keep = stepped or numbers <= MOST_NUMBERS
-    compile_time = _compiled(_way(model, segments[0], keep), segments[0])
 
-    def at(clearance: float | None) -> ReplayAt:
+    def way_at(clearance: float | None) -> Way:
         placed = model
         if clearance is not None:
             placed = with_clearance(model, clearance, 0.0 if springs else model.mean_gaps[0])
-        way = _way(placed, segments[0], keep)
-        fine = _answer_at(way, clearance, segments, seed, way.parts)
-        if not stepped:
-            return fine
-        coarse = _answer_at(way, clearance, segments, seed, way.parts // 2)
-        return fine.with_bias(coarse, segments[0].step / way.parts)
+        return _way(placed, segments[0], keep)
 
+    def at(way: Way, clearance: float | None) -> ReplayAt:
+        own, *coarse = (_answer_at(way, clearance, segments, seed, parts) for parts in way.runs)
+        return own.with_bias(coarse[0], segments[0].step / way.runs[0]) if coarse else own
+
+    ways = [way_at(each) for each in places]
+    compile_time = _compiled(ways[0], segments[0])
     with ThreadPoolExecutor(threads) as pool:
-        found = tuple(pool.map(at, places))
+        found = tuple(pool.map(at, ways, places))
     return Replay(
         clearances=found,
         duration=float(sum(each.step * len(each.base) for each in segments)),
@@ -199,7 +200,7 @@ def replay(
         cost=Cost(
             wall_time=time.perf_counter() - begin - compile_time,
             compile_time=compile_time,
-            steps=sum(len(each.base) for each in segments) * len(places),
+            steps=sum(len(each.base) for each in segments) * sum(sum(way.runs) for way in ways),
             impacts=sum(len(each.impacts) for each in found),
             paths=len(places),
         ),
@@ -238,7 +239,7 @@ def _way(model: Model, shaking: SampledExcitation, keep: bool) -> Way:
 def _compiled(way: Way, shaking: SampledExcitation) -> float:
     """Seconds in which the kernel was compiled, or loaded: it moves the model for two samples."""
     begin = time.perf_counter()
-    way.move(changed(shaking, forces=shaking.forces[:2], base=shaking.base[:2]), 0, way.parts)
+    way.move(changed(shaking, forces=shaking.forces[:2], base=shaking.base[:2]), 0, way.runs[0])
     return time.perf_counter() - begin
 
 

@@ -40,16 +40,15 @@ from stochvi.results.sizes import MOST_RECORDED
 from stochvi.scenes.impact_laws import CompliantLaw
 
 STEP_ANGLE = 0.05
-"""Longest step times the fastest rate of the structure or of a contact, rad, of the longer steps of
-two."""
+"""Longest step of the coarser run times the fastest rate of the structure or of a contact, rad."""
 
 FEWEST_PARTS = 8
-"""Fewest steps in an interval of the record, of the longer steps of two: a cubic then follows what
-the record brings up to a quarter of its sampling rate to 1e-6."""
+"""Smallest number of steps of the coarser run in an interval of the record: a cubic then follows
+what the record brings up to a quarter of its sampling rate to 1e-6."""
 
 SETTLING, MOST_SETTLING = 40.0, 2.0**21
-"""Time in which a structure comes to rest under its constant loads, in relaxation times of the
-energy; most steps of it."""
+"""Time before the record, in relaxation times of the energy, in which constant loads bring a
+structure to rest, and its largest number of steps."""
 
 FAINT = 1e-6
 """Smallest deviation of a mode by which linear parts are chosen, in units of the largest one."""
@@ -58,7 +57,7 @@ MOST_PLANNED = 2**15
 """Largest number of samples of the record from which linear parts and steps are chosen."""
 
 FEWEST_AT_REST = 4
-"""Fewest ends of steps in a row, on a rigid stop and slow, that are a rest."""
+"""Smallest number of successive steps that end slowly on a rigid stop, for a mass to rest there."""
 
 
 class SteppedReplay:
@@ -92,7 +91,8 @@ class SteppedReplay:
             )
             for pair, gap in zip(self.model.pairs, modes.gaps, strict=True)
         )
-        self.parts = 2 * max(FEWEST_PARTS, math.ceil(shaking.step / self._longest_step))
+        parts = max(FEWEST_PARTS, math.ceil(shaking.step / self._longest_step))
+        self.runs = 2 * parts, parts
 
     @property
     def _longest_step(self) -> float:
@@ -128,17 +128,17 @@ class SteppedReplay:
                 f"the replay takes {samples + settling:.2g} steps of {step:.2g} s, whose motion "
                 "does not fit into memory; give a shorter record"
             )
+        fine = shaking.refined(parts)
         free = np.zeros((samples + 1 + settling, plan.modes.size, 2))
-        free[:samples] = self._without_stops(shaking, parts, plan.scale)
+        free[:samples] = _free_motion(self.model, fine, plan.scale)
         record = np.zeros((samples, 1, plan.record_width))
 
         def follow(log: Log) -> NDArray[np.float64]:
             return plan.follow(free, log, None, settling, record=record, seed=seed)
 
         sums, impacts = logged_impacts(follow, [pair.name for pair in self.model.pairs])
-        return _Moved(plan, shaking, parts, record[:, 0], list(impacts.values())).motion(
-            _contact_times(plan, sums[:, :, 0])
-        )
+        moved = _Moved(self.model, fine, record[:, 0], list(impacts.values()))
+        return moved.motion(_contact_times(plan, sums[:, :, 0]), parts)
 
     def _settling(self, step: float) -> int:
         """Number of steps before the record; none where the linear structure rests as it is."""
@@ -147,25 +147,20 @@ class SteppedReplay:
         time = SETTLING * self.law.slowest if loaded and moves else 0.0
         return math.ceil(min(time / step, MOST_SETTLING))
 
-    def _without_stops(self, shaking: SampledExcitation, parts: int, scale: float) -> Matrix:
-        """Modal displacements and velocities over `scale` (samples, modes, 2) of the linear
-        structure without stops and loads."""
-        q, p = _free_motion(self.model, shaking.refined(parts))
-        return np.stack([q, p / scale], axis=2)
 
-
-def _free_motion(model: Model, shaking: SampledExcitation) -> tuple[Matrix, Matrix]:
-    """Modal displacements and velocities (samples, modes) of a linear structure without stops and
-    loads."""
+def _free_motion(model: Model, shaking: SampledExcitation, scale: float) -> NDArray[np.float64]:
+    """Modal displacements, and velocities over `scale`, of the linear structure without stops and
+    loads (samples, modes, 2)."""
     free = replace(model, pairs=(), functions=(), constants=(), points={})
     moved = integrate(free, shaking, np.zeros(len(free.coordinates)))
     to_modes = model.mass @ model.modal.shapes
-    return moved.displacement @ to_modes, moved.velocity @ to_modes
+    return np.stack([moved.displacement @ to_modes, moved.velocity @ to_modes / scale], axis=2)
 
 
 def _with_linear_part(model: Model, law_of: Callable[[Model], LinearLaw]) -> Model:
     """The model with linear parts of its functions that meet the forces of springs at stops. There
-    kicks would change the speed of impacts. The usual ones stand where these hold nothing."""
+    kicks would change the speed of impacts. Where such a structure is not held, they are the usual
+    ones."""
     usual = with_linear_part(model, "replay", law_of)
     meeting = meeting_stops(model, usual)
     return meeting if is_positive(meeting.stiffness) else usual
@@ -187,7 +182,7 @@ def _law_of_record(model: Model, shaking: SampledExcitation) -> LinearLaw:
             width = min(width, pair.play / deviation)
     states = np.hstack([width * q, 1j * w[:, 0] * q])
     covariance = 2.0 * (states.T @ states.conj()).real
-    # what nothing shakes moves by rounding
+    # linear parts divide by deviations, also by that of a mode which nothing shakes
     for part in (slice(0, n), slice(n, 2 * n)):
         own = np.sqrt(np.diag(covariance)[part])
         covariance[part, part] += np.eye(n) * (FAINT * max(float(own.max()), FAINT)) ** 2
@@ -225,10 +220,8 @@ class _Moved:
 
     Parameters
     ----------
-    plan
-        The plan by which it was followed.
-    shaking, parts
-        What shakes the model, and the number of steps in an interval of its samples.
+    model, shaking
+        The model, and what shakes it, a sample for the end of each step.
     record
         (steps, record_width), the states at the ends of all steps.
     logs
@@ -236,11 +229,10 @@ class _Moved:
     """
 
     def __init__(
-        self, plan: ModalTablesPlan, shaking: SampledExcitation, parts: int, record: Matrix,
-        logs: Sequence[ImpactLog],
-    ) -> None:  # fmt: skip
-        self.model, self.step, self.parts, self.shaking = plan.model, plan.step, parts, shaking
-        modes, n = plan.modes, plan.modes.size
+        self, model: Model, shaking: SampledExcitation, record: Matrix, logs: Sequence[ImpactLog]
+    ) -> None:
+        self.model, self.shaking, self.step = model, shaking, shaking.step
+        modes, n = model.modal, model.modal.size
         rows = self.model.output_rows @ modes.shapes
         self.q, self.p, self.rows, self.logs = record[:, :n], record[:, n : 2 * n], rows, logs
         self.x = self.q @ rows.T + rows @ modes.rest
@@ -256,22 +248,21 @@ class _Moved:
         pressing = (shaking.forces + self.model.constant_force) @ modes.shapes @ modes.gaps.T
         self.slow = self.step * np.abs(pressing).max(axis=0, initial=0.0)
 
-    def motion(self, sums: NDArray[np.float64]) -> Motion:
-        """The motion at the samples of the record; `sums` (stops,) are the times in contact with
-        compliant stops, s."""
+    def motion(self, contact_time: Vector, parts: int) -> Motion:
+        """The motion at every so many ends of steps, the samples of the record; `contact_time`
+        (stops,) is that with compliant stops, s."""
         rest = np.array([self._rests_on(*each) for each in self.stops]).reshape(-1, len(self.x))
         force = np.array([self._force_of(*each) for each in self.stops]).reshape(-1, len(self.x)).T
         a, impacts = self._accelerations(force), self._impacts(force)
-        kept = slice(None, None, self.parts)
+        kept = slice(None, None, parts)
         return Motion(
-            samples=len(self.shaking.forces),
-            duration=self.shaking.step * (len(self.shaking.forces) - 1),
+            samples=len(self.x[kept]), duration=self.step * (len(self.x) - 1),
             displacement=self.x[kept], velocity=self.v[kept], acceleration=a[kept],
             force=force[kept],
             powers=np.stack([np.sum(self.x[kept] ** k, axis=0) for k in range(1, 5)], axis=1),
             highest=self._highest(1.0), lowest=-self._highest(-1.0),
             largest_acceleration=self._largest(a), impacts=impacts,
-            contact_time=sums + self.step * rest.sum(axis=1),
+            contact_time=contact_time + self.step * rest.sum(axis=1),
             rests=np.sum(rest[:, 1:] & ~rest[:, :-1], axis=1) + rest[:, 0].astype(float),
         )  # fmt: skip
 
@@ -309,23 +300,33 @@ class _Moved:
         return rows[np.argsort(rows[:, TIME], kind="stable")]
 
     @cached_property
+    def _struck(self) -> tuple[Vector, NDArray[np.int64]]:
+        """Times of all impacts on rigid stops, s, in their order, and the number of their steps."""
+        times = [
+            self.logs[number].time[stop.side * self.logs[number].speed > 0.0] - self.step
+            for number, _, stop in self.stops
+            if stop.rigid
+        ]
+        struck = np.sort(np.concatenate([np.zeros(0), *times]))
+        steps = np.floor(struck / self.step).astype(np.int64)
+        inside = (steps >= 0) & (steps < len(self.x) - 1)
+        return struck[inside], steps[inside]
+
+    @cached_property
     def _smooth(self) -> NDArray[np.bool_]:
         """Whether no rigid stop is hit in each step between two ends."""
         found = np.ones(len(self.x) - 1, dtype=np.bool_)
-        for number, _, stop in self.stops:
-            log = self.logs[number]
-            struck = log.time[(stop.side * log.speed > 0.0) & stop.rigid] - self.step
-            found[np.clip((struck / self.step).astype(int), 0, len(found) - 1)] = False
+        found[self._struck[1]] = False
         return found
 
     def _accelerations(self, force: Matrix) -> Matrix:
-        """Absolute accelerations (steps, outputs), m/s^2, under the known forces and the rest.
+        """Absolute accelerations (steps, outputs), m/s^2.
 
-        The rest is that of friction, rigid stops and springs with a memory. It follows from the
-        change of the velocities over the steps beside an end, and is interpolated where they jump
-        in both.
+        The motion gives the known forces. What friction, rigid stops and springs with a memory add
+        follows from the change of the velocities over the steps beside an end. It is interpolated
+        where they jump in both.
         """
-        shaking, modes = self.shaking.refined(self.parts), self.model.modal
+        shaking, modes = self.shaking, self.model.modal
         known = shaking.forces @ modes.shapes - self.q * modes.squares - self.p @ modes.damping.T
         for which, (number, _, stop) in enumerate(self.stops):
             if not stop.rigid:
@@ -336,9 +337,9 @@ class _Moved:
                 own = part.force_left_out((self.q + modes.rest) @ row, self.p @ row)
                 known -= np.outer(own, row)
         base = shaking.base @ self.model.base_rows.T @ self.model.output_rows.T
-        return np.asarray((known + self._rest_of_forces(known)) @ self.rows.T + base)
+        return np.asarray((known + self._unknown(known)) @ self.rows.T + base)
 
-    def _rest_of_forces(self, known: Matrix) -> Matrix:
+    def _unknown(self, known: Matrix) -> Matrix:
         """Modal accelerations (steps, modes) beyond the `known` ones."""
         smooth = self._smooth[:, None]
         beyond = np.diff(self.p, axis=0) / self.step - 0.5 * (known[1:] + known[:-1])
@@ -355,18 +356,13 @@ class _Moved:
 
     @cached_property
     def _flights(self) -> list[tuple[NDArray[np.int64], Vector]]:
-        """The ends of steps from which the motion without jumps leads to impacts on rigid stops,
-        and the times to them, s: forwards to each first one in a step, and backwards to each last
-        one."""
+        """Ends of steps beside impacts on rigid stops, and the times from there to the impacts, s.
+
+        The first ends precede the first impact of a step, and the second ones follow the last, at
+        negative times. The motion does not jump in the step on the other side of an end.
+        """
         found = []
-        times = [
-            self.logs[number].time[stop.side * self.logs[number].speed > 0.0] - self.step
-            for number, _, stop in self.stops
-            if stop.rigid
-        ]
-        struck = np.sort(np.concatenate([np.zeros(0), *times]))
-        struck = struck[(struck >= 0.0) & (struck < self.step * (len(self.x) - 1))]
-        steps = (struck / self.step).astype(int)
+        struck, steps = self._struck
         for way, beside in ((1, -1), (-1, 1)):
             _, which = np.unique(steps[::way], return_index=True)
             at, time = steps[::way][which], struck[::way][which]

@@ -63,8 +63,9 @@ class Replayed:
     """The place of equipment under the records of a scene."""
 
     def __init__(self, scene: Scene, model: Model, place: str, equipment: Equipment) -> None:
-        if missing := unmet(scene, model) + nonlinear(model) + rubbing(model):
-            raise NotApplicable("damage by the record itself", missing)
+        missing = dict.fromkeys(unmet(scene, model) + nonlinear(model) + rubbing(model))
+        if missing:
+            raise NotApplicable("damage by the record itself", list(missing))
         self.model, self.place, self.equipment = model, place, equipment
         segments = shaking_of(records_of(scene, model), model)
         self.duration = float(sum(each.step * (len(each.base) - 1) for each in segments))

@@ -208,7 +208,7 @@ def test_steps_agree_with_power_series_where_both_apply(
     exact = integrate(model, shaking, rest_of(model))
     stepped = SteppedReplay(model, shaking)
     fine, coarse = (
-        stepped.move(shaking, 0, parts) for parts in (stepped.parts, stepped.parts // 4)
+        stepped.move(shaking, 0, parts) for parts in (stepped.runs[0], stepped.runs[0] // 4)
     )
     assert len(exact.impacts) > 8
     # chatter is listed until the mass rests, the last impacts at 1e-7 of the speeds of others
@@ -225,7 +225,7 @@ def test_steps_agree_with_power_series_where_both_apply(
         # samples beside a jump lie on either side of it
         jumps = name == "acceleration" or law.rigid
         apart = np.quantile(np.abs(one - known), 0.99 if jumps else 1.0, axis=0)
-        rounded = fine.rests / FS / stepped.parts if name == "contact_time" else 0.0
+        rounded = fine.rests / FS / stepped.runs[0] if name == "contact_time" else 0.0
         assert np.all(apart <= 2.0 * told + 1e-6 * size + rounded), name
         assert np.all(apart <= 5e-3 * size), name
     assert fine.rests.tolist() == exact.rests.tolist()
