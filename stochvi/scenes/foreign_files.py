@@ -89,6 +89,8 @@ def _read_apart(path: str, kind: str, _: tuple[int, ...]) -> tuple[Foreign, ...]
     reason = answer.get("error")
     if reason == "version":
         raise SceneError(f"{path} is of MATLAB 7.3; save it with the option -v7")
+    if reason == "short":
+        raise SceneError(f"{path} ends before the numbers that it claims to hold; write it again")
     if reason == "memory":
         raise _refusal(path, kind, f"holds more than {MOST_NUMBERS:.0e} numbers, or claims to")
     if reason == "crash" and ended.returncode == -getattr(signal, "SIGXCPU", math.inf):

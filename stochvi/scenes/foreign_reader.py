@@ -42,6 +42,8 @@ def main(kind: str, path: str, modules: str) -> None:
         arrays = list(within_limit(READERS[kind](path)))
     except MemoryError:
         answer: dict[str, Any] = {"error": "memory"}
+    except EOFError:
+        answer = {"error": "short"}
     except NotImplementedError:
         answer = {"error": "version"}
     except Exception as error:  # libraries raise errors of many kinds when they parse
@@ -133,14 +135,18 @@ def uff(path: str) -> Iterator[dict[str, Any]]:
         if int(kind) != 58:
             continue
         entry = file.read_sets(number)
-        y = np.asarray(entry["data"])
+        held = int(entry["num_pts"])  # zeros or blanks may fill the last line
+        x, y = np.asarray(entry["x"])[:held], np.asarray(entry["data"])[:held]
+        if len(y) < held:
+            raise EOFError
         turned = bool(np.iscomplexobj(y) and np.any(y.imag))
         facts = {key: str(entry.get(key) or "") for key in (*(f"id{n}" for n in range(1, 6)),)}
         yield {
             "name": str(number + 1), "type": int(entry["func_type"]), "complex": turned, **facts,
             "label": str(entry.get("ordinate_axis_lab") or ""),
             "unit": str(entry.get("ordinate_axis_units_lab") or ""),
-            "x": np.asarray(entry["x"]).real.astype(float), "y": y.real.astype(float),
+            "x_unit": str(entry.get("abscissa_axis_units_lab") or ""),
+            "x": x.real.astype(float), "y": y.real.astype(float),
         }  # fmt: skip
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from stochvi.mathematics.arguments import shown
 from stochvi.mathematics.arrays import Vector
-from stochvi.mathematics.units import UNITS, Unit, listed_units, unit
+from stochvi.mathematics.units import DENSITIES, UNITS, Unit, listed_units, unit
 from stochvi.results.errors import SceneError
 from stochvi.scenes.foreign_files import LARGEST_DATA_FILE, Foreign, read_foreign, read_numpy
 from stochvi.scenes.text_headings import unit_in
@@ -111,9 +111,8 @@ def read_columns(
 def _read_text(
     path: Path, names: Sequence[str], column: int | str | None, function_type: int
 ) -> Columns:
-    record = function_type == TIME_RESPONSE
+    record, quantity = function_type == TIME_RESPONSE, _abscissa(function_type)
     table = read_text_table(path, names, LARGEST_DATA_FILE if record else None)
-    quantity = "time" if record else "frequency"
     count = len(table.headings)
     chosen = None if column is None else table.column_called(column)
     x = _column_of(table, quantity, chosen, needed=len(names) > 1)
@@ -137,8 +136,8 @@ def _read_text(
         )
     found = table.columns(*((place,) if x is None else (x, place)))
     known, line = table.headings[place].unit, table.headings[place].line
-    if known is None and not record:
-        known, line = table.stated, table.stated_line
+    if known is None and (not record or count <= len(names)):
+        known, line = table.stated(*(("acceleration", "force") if record else DENSITIES))
     times = found[0] if x is not None else None
     if times is not None and x is not None and not table.is_stamp(x):
         heading = table.headings[x]
@@ -243,6 +242,11 @@ def _check_first_column(path: Path, table: TextTable, names: Sequence[str]) -> N
         )
 
 
+def _abscissa(function_type: int) -> str:
+    """Quantity of the first column of a record or of a density."""
+    return "time" if function_type == TIME_RESPONSE else "frequency"
+
+
 def _label(label: str) -> Unit | None:
     """The unit in a label that an instrument wrote; None if it is not a unit of a quantity here."""
     try:
@@ -276,11 +280,19 @@ def _read_uff(path: Path, names: Sequence[str], dataset: int | None, function_ty
         raise SceneError(
             [("dataset", f"{dataset} of {path} is complex, expected the real column {names[-1]}")]
         )
+    over, quantity = _label(entry.facts["x_unit"].strip()), _abscissa(function_type)
+    x = entry.x
+    if x is not None and over is not None:
+        if over.quantity != quantity:
+            raise SceneError(
+                [("dataset", f"{dataset} of {path} is over {over.name}, expected {quantity}")]
+            )
+        x = over.to_si(x)
     # a character that is not UTF-8 is the raised 2 of an older encoding
     label = entry.facts["unit"].replace("\ufffd", "²").strip()
     known = _label(label)
     return Columns(
-        x=entry.x, y=entry.y, unit=known, stated_in=f"dataset {dataset} of {path}",
+        x=x, y=entry.y, unit=known, stated_in=f"dataset {dataset} of {path}",
         unread="" if known or label.upper() == "NONE" else label,
         remarks=[
             (f"dataset {dataset} of {path}", entry.facts[key])

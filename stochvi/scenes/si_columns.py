@@ -45,8 +45,9 @@ def _unit_of(
     table: TextTable, place: int, quantity: str, name: str | None, given: Sequence[str] | None,
     choices: str,
 ) -> Unit:  # fmt: skip
-    stated = table.headings[place].unit
-    column = f"column {place + 1} of {table.path}"
+    stated, column = table.headings[place].unit, f"column {place + 1} of {table.path}"
+    if stated is None and name is not None:
+        stated, _ = table.stated(quantity)
     if stated is None and name is None:
         raise SceneError(
             [("unit", f"must be {choices}, got none, and no unit stands above {column}")]

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from stochvi.mathematics.units import DIMENSIONS, Unit, unit
+from stochvi.mathematics.units import DENSITIES, DIMENSIONS, Unit, unit
 from stochvi.scenes.text_cells import DELIMITERS, is_number, split_cells
 
 LAST_HEADINGS = 3
@@ -34,10 +34,12 @@ NAMED_UNIT = re.compile(
 QUANTITY_OVER_UNIT = re.compile(r"[^\W\d_]+\s*/\s*(\S+)")
 """Pattern of a name over its unit, "f/kHz", the heading of a column by ISO 80000-1."""
 
-LABELLED_UNIT = re.compile(r"(?:[xy][_ ])?(?:units?|einheit)(?:[_ ]label)?\s*[:=]\s*(\S+)", re.I)
+LABELLED_UNIT = re.compile(
+    r"(?:[xy][_ ])?(?:units?|einheit(?:en)?)(?:[_ ]label)?\s*[:=]\s*(\S+)", re.I
+)
 """Pattern of a line such as "Unit: g", with the unit in it."""
 
-ROW_OF_UNITS = re.compile(r"(?:[xy][_ ])?(?:units?|einheit)\b|(?:[xy][_ ])?unit_label", re.I)
+ROW_OF_UNITS = re.compile(r"(?:[xy][_ ])?(?:units?|einheit(?:en)?)\b|(?:[xy][_ ])?unit_label", re.I)
 """Pattern of the first cell of a line of units, which LabVIEW writes far above the rows."""
 
 COUNTING = re.compile(
@@ -99,27 +101,38 @@ def headings_above(
 ) -> list[Heading]:
     """The headings of the columns.
 
-    They come from lines above the rows: the last ones with as many cells as there are columns, and
-    those that state that they hold units. `longest` is the number of cells of a row including empty
-    ones at its end, which a heading may name.
+    They come from the last lines above the rows with as many cells as there are columns, and from
+    lines farther above that name columns with their units. A line that names more columns than
+    there are is taken for those on the left, if the others have no units: an unfilled column of
+    remarks. `longest` is the number of cells of a row including empty ones at its end.
+
+    Raises
+    ------
+    MisfitHeading
+        If a line names columns with units, but not those of the rows: nothing says which is which.
     """
-    fitting: list[tuple[int, list[str]]] = []
-    for number, line in above[:-LAST_HEADINGS]:
-        cells = _heading_cells(line, delimiter, count, longest, stamped)
-        if cells and count > 1 and ROW_OF_UNITS.match(cells[0]):
-            fitting.append((number, ["", *cells[1:]]))
-    for number, line in above[-LAST_HEADINGS:]:
-        if cells := _heading_cells(line, delimiter, count, longest, stamped):
-            fitting.append((number, cells))
+    fitting: list[tuple[int, list[str], bool]] = []
+    last = len(above) - LAST_HEADINGS
+    for place, (number, line) in enumerate(above):
+        own = len(line) if place == len(above) - 1 else longest * (place >= last)
+        cells = _heading_cells(line, delimiter, count, own, stamped)
+        if cells is None or (len(cells) == count and place < last and not _names_columns(cells)):
+            continue
+        if len(cells) < count or any(map(_states_unit, cells[count:])):
+            if _one_value(cells, count):
+                continue  # `stated_unit` finds it
+            raise MisfitHeading(number, len(cells))
+        labelled = ROW_OF_UNITS.match(cells[0]) is not None and count > 1
+        cells = _without_label(cells[:count]) if labelled else cells[:count]
+        fitting.append((number, cells, labelled or all(map(_is_unit, filter(None, cells)))))
     found = []
     # lines of units come last, because the name of a column is not looked for there
     named = sorted(fitting, key=lambda each: not _holds_units(each[1]))
-    of_units = [all(map(_is_unit, filter(None, row))) for _, row in fitting]
     for place in range(count):
-        stack = tuple(row[place] for _, row in named if row[place])
+        stack = tuple(row[place] for _, row, _ in named if row[place])
         unit_line = [
             (known, number)
-            for (number, row), alone in zip(reversed(fitting), reversed(of_units), strict=True)
+            for number, row, alone in reversed(fitting)
             if (known := unit_in(row[place], alone))
         ]
         known, number = unit_line[0] if unit_line else (None, 0)
@@ -133,22 +146,88 @@ def _holds_units(cells: Sequence[str]) -> bool:
     return 2 * sum(map(_is_unit, filled)) > len(filled)
 
 
+class MisfitHeading(Exception):
+    """A heading in line `line` that names `count` columns with units, another number than the rows
+    have."""
+
+    def __init__(self, line: int, count: int) -> None:
+        self.line, self.count = line, count
+
+
 def _heading_cells(
-    line: str, delimiter: str | None, count: int, longest: int, stamped: bool
+    line: str, delimiter: str | None, count: int, own: int, stamped: bool
 ) -> list[str] | None:
-    """The cells of a heading, one for each column; None for a line with another number of cells."""
+    """The cells of a line above the rows, if there is one for each column or the line names
+    columns; otherwise None.
+
+    A line that is parted as the rows are, and has up to `own` cells, names columns unless its first
+    cell states what only the values can be in.
+    """
     text = re.sub(r"^\s*(?:#|%|//)+\s*", "", line)
     # a unit in brackets belongs to the name before it
     glued = re.sub(r"(?<!\s)\s+(?=[\[(])", GLUE, text.strip())
-    for each in (delimiter, *(other for other in DELIMITERS if other != delimiter)):
-        cells = split_cells(glued if each is None else text, each)
+    for each in sorted(DELIMITERS, key=lambda other: (other is None, other != delimiter)):
+        split = split_cells(glued if each is None else text, each)
+        cells = [cell.replace(GLUE, " ")[:LONGEST_HEADING] for cell in split]
         while len(cells) > count and not cells[-1]:
             cells.pop()
         if stamped and len(cells) == count + 1:
             cells = [f"{cells[0]} {cells[1]}", *cells[2:]]  # a date and a time of day
-        if (len(cells) == count or (each and count < len(cells) <= longest)) and any(cells):
-            return [cell.replace(GLUE, " ")[:LONGEST_HEADING] for cell in cells[:count]]
+        if len(cells) == count and any(cells):
+            return cells
+        while cells and not cells[-1]:
+            cells.pop()
+        if each is None:
+            cells = _joined(cells, count)
+        parted = each is not None and each == delimiter and count < len(cells) <= own
+        if len(cells) > 1 and (
+            _names_columns(cells)
+            or (parted and not _states_unit(cells[0]) and not any(map(is_number, cells)))
+        ):
+            return cells
     return None
+
+
+def _names_columns(cells: Sequence[str]) -> bool:
+    """Whether a line names columns: two of its cells state units, or the first one is of time or
+    frequency and another one states the unit of something else. Sentences do neither."""
+    if any(map(is_number, cells)):
+        return False
+    if ROW_OF_UNITS.match(cells[0]) or all(map(_is_unit, filter(None, cells))):
+        return len(cells) > 2
+    stated = [known for cell in cells[1:] if (known := unit_in(cell))]
+    first = Heading(cells=(cells[0],), unit=unit_in(cells[0]))
+    if any(map(first.is_of, ABSCISSAE)):
+        return bool(stated) and not any(known.quantity in ABSCISSAE for known in stated)
+    return len(stated) + (first.unit is not None) > 1
+
+
+def _states_unit(cell: str) -> bool:
+    return unit_in(cell) is not None or _is_unit(cell)
+
+
+def _without_label(cells: list[str]) -> list[str]:
+    """A line of units without the text before the first of them, "Units" or "Unit: mm"."""
+    labelled = LABELLED_UNIT.fullmatch(cells[0])
+    return [labelled[1] if labelled else "", *cells[1:]]
+
+
+def _joined(cells: list[str], count: int) -> list[str]:
+    """The words of a line with those of one name joined, if each of `count` names ends in a unit,
+    as "Frequency [Hz] PSD of run 3 [g2/Hz]"."""
+    ends = [n for n, cell in enumerate(cells, start=1) if unit_in(cell)]
+    if len(ends) != count or ends[-1] < len(cells):
+        return cells
+    return [" ".join(cells[start:end]) for start, end in zip([0, *ends], ends, strict=False)]
+
+
+def _one_value(cells: Sequence[str], count: int) -> bool:
+    """Whether the cells of a line state one unit, of what only one column can hold."""
+    units = {known.name: known for cell in cells if (known := unit_in(cell))}
+    quantities = {known.quantity for known in units.values()}
+    return len(units) == 1 and (
+        quantities <= set(DENSITIES) or (count < 3 and quantities.isdisjoint(ABSCISSAE))
+    )
 
 
 def _is_unit(cell: str) -> bool:
@@ -225,16 +304,18 @@ def _bracketed(text: str) -> list[str]:
     return found
 
 
-def stated_density(above: Sequence[tuple[int, str]]) -> tuple[Unit | None, int]:
-    """The unit of a density that the lines above the rows state, and its line; (None, 0) if they
-    state none or several."""
+def stated_unit(
+    above: Sequence[tuple[int, str]], quantities: Collection[str]
+) -> tuple[Unit | None, int]:
+    """The unit of some quantities that the lines above the rows state, and its line; (None, 0) if
+    they state none or several."""
     found: dict[tuple[str, bool], tuple[Unit, int]] = {}
     for number, line in above:
-        pieces = [*_bracketed(line), *re.split(r"[;,\t|]", line)]
+        pieces = [*_bracketed(line), *re.split(r"[;,\t|]", line.strip(" #%/"))]
         known = [unit_in(piece) or (_known(piece) if "/" in piece else None) for piece in pieces]
         if not any(known) and "dB" not in line:
             known = [_known(word.strip("[],;:")) for word in line.split() if "/" in word]
         for each in known:
-            if each and each.quantity.endswith("density"):
+            if each and each.quantity in quantities:
                 found[each.name, each.decibels] = each, number
     return next(iter(found.values())) if len(found) == 1 else (None, 0)

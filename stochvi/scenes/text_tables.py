@@ -31,7 +31,12 @@ from stochvi.scenes.text_cells import (
     is_number,
     split_cells,
 )
-from stochvi.scenes.text_headings import Heading, headings_above, stated_density
+from stochvi.scenes.text_headings import (
+    Heading,
+    MisfitHeading,
+    headings_above,
+    stated_unit,
+)
 
 LARGEST_TEXT_FILE = 10_000_000
 """Largest size of a table or scene file, bytes: such files have some kilobytes."""
@@ -141,19 +146,21 @@ MANY_ROWS = 1000
 class TextTable:
     """The rows of a text file, still text, and the headings of its columns.
 
-    `lines` are the rows with their numbers in the file, and `remarks` all other lines; `stated` is
-    the one unit of a density that the lines above the rows state, and `stated_line` the number of
-    that line.
+    `lines` are the rows with their numbers in the file, `above` the lines above them, and `remarks`
+    all other lines.
     """
 
     path: Path
     lines: Sequence[tuple[int, str]]
+    above: Sequence[tuple[int, str]]
     remarks: Sequence[tuple[int, str]]
     delimiter: str | None
     headings: Sequence[Heading]
     decimal_comma: bool
-    stated: Unit | None
-    stated_line: int
+
+    def stated(self, *quantities: str) -> tuple[Unit | None, int]:
+        """The one unit of some quantities that the lines above the rows state, and its line."""
+        return stated_unit(self.above, quantities)
 
     def column_called(self, column: int | str) -> int:
         """Place of a column, from 0, by its name or its number, which counts from 1."""
@@ -421,16 +428,21 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
     above = [(number, line) for number, line in lines if number < rows[0][0]]
     below = [(number, line) for number, line in lines[len(above) :] if not _uncommented(line)]
     some = [split_cells(line, delimiter) for _, line in rows[:SAMPLE]]
-    stated, stated_line = stated_density(above)
     _check_thousands(path, rows, delimiter)
     if count > 2:
         _check_commas(path, rows, delimiter)
-    return TextTable(
-        path=path, lines=rows, remarks=above + below, delimiter=delimiter,
-        stated=stated, stated_line=stated_line,
-        headings=headings_above(
+    try:
+        headings = headings_above(
             above, delimiter, count, len(some[0]), bool(STAMP.fullmatch(some[0][0]))
-        ),
+        )
+    except MisfitHeading as heading:
+        raise SceneError(
+            f"{path}, line {heading.line}: names {heading.count} columns with units, but the rows "
+            f"below have {count}; write one name above each column"
+        ) from None
+    return TextTable(
+        path=path, lines=rows, above=above, remarks=above + below, delimiter=delimiter,
+        headings=headings,
         decimal_comma=any("," in cell for cells in some for cell in cells if is_number(cell)),
     )  # fmt: skip
 
@@ -531,13 +543,14 @@ def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:
         whole: Counter[int] = Counter()
         part: Counter[int] = Counter()
         rows = [split_cells(line, delimiter) for line in lines]
-        # counts of cells of rows whose last cell is used, if only now and then
-        used = {
-            len(cells) for cells in rows if cells and cells[-1] and count_values(cells) > needed
-        }
+        # number of cells of a row -> how many are used, if only now and then
+        used: dict[int, int] = {}
         for cells in rows:
-            if len(cells) > needed and not cells[-1] and len(cells) not in used:
-                cells.pop()  # the delimiter ends the line
+            if count_values(cells) > needed:
+                used[len(cells)] = max(_filled(cells), used.get(len(cells), 0))
+        for cells in rows:
+            # delimiters end the line
+            del cells[max(needed, _filled(cells), used.get(len(cells), 0)) :]
             if sum(map(bool, cells)) >= needed and (delimiter is None or len(cells) > 1):
                 values = count_values(cells)
                 whole[len(cells)] += values == len(cells)
@@ -550,6 +563,11 @@ def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:
     if choice == (",", 2, True) and needed == 1 and _decimal_fractions(lines):
         return None, 1, True
     return choice
+
+
+def _filled(cells: Sequence[str]) -> int:
+    """Number of cells of a row without the empty ones at its end."""
+    return max((n for n, cell in enumerate(cells, start=1) if cell), default=0)
 
 
 def _decimal_fractions(lines: Sequence[str]) -> bool:

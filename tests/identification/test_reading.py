@@ -57,6 +57,19 @@ def test_a_drop_is_a_record(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "heading", ["deflection (mm),force (kN),remark", "Units: mm, kN", "# deflection; force in kN"]
+)
+def test_a_curve_is_not_read_in_other_units_than_its_heading_states(
+    tmp_path: Path, heading: str
+) -> None:
+    file = tmp_path / "pad.csv"
+    file.write_text(f"{heading}\n1,0.1\n2,0.21\n3,0.3\n")
+    with pytest.raises(SceneError, match=r"unit is 'mm,N', but above column 2 of .* stands 'kN'"):
+        read_test(file, "force", unit="mm,N")
+    assert read_test(file, "force", unit="mm,kN").observed.tolist() == [100.0, 210.0, 300.0]
+
+
+@pytest.mark.parametrize(
     ("text", "keys", "words"),
     [
         ("1,2\n3,4\n", {"kind": "speeds"}, "must be 'm/s,m/s', got none"),

@@ -52,6 +52,46 @@ def test_a_uff_file_that_leaves_a_choice_is_answered_with_it(tmp_path: Path) -> 
         TabulatedNoise(file=str(path), dataset=1, unit="N2/Hz")
 
 
+def padded(kind: int, count: int, unit: str, over: str, step: float) -> str:
+    """A dataset 58 of 1, 2, 3 ... over even steps from 5, with zeros that fill its last line."""
+    head = [
+        "run 7", *["NONE"] * 4,
+        f"{kind:5d}{0:10d}{0:5d}{0:10d} {'NONE':10s}{1:10d}{3:4d} {'NONE':10s}{0:10d}{0:4d}",
+        f"{2:10d}{count:10d}{1:10d}{5.0:13.5e}{step:13.5e}{0.0:13.5e}",
+        f"{17 if kind == TIME_RESPONSE else 18:10d}{0:5d}{0:5d}{0:5d} {'x':20s} {over:20s}",
+        f"{12:10d}{0:5d}{0:5d}{0:5d} {'acceleration':20s} {unit:20s}",
+        *[f"{0:10d}{0:5d}{0:5d}{0:5d} {'NONE':20s} {'NONE':20s}"] * 2,
+    ]  # fmt: skip
+    values = [float(n) for n in range(1, count + 1)] + [0.0] * (-count % 6)
+    rows = ["".join(f"{v:13.5e}" for v in values[n : n + 6]) for n in range(0, len(values), 6)]
+    return "\n".join([f"{-1:6d}", f"{58:6d}", *head, *rows, f"{-1:6d}\n"])
+
+
+@pytest.mark.parametrize("kind", [TIME_RESPONSE, 9])
+def test_numbers_that_fill_the_last_line_of_a_uff_file_are_no_samples(
+    tmp_path: Path, kind: int
+) -> None:
+    path = tmp_path / "run.uff"
+    path.write_text(padded(kind, 13, "g", "s" if kind == TIME_RESPONSE else "Hz", 0.5))
+    columns = read_columns(path, NAMES, function_type=kind)
+    assert columns.y.tolist() == list(range(1, 14))
+    assert columns.x is not None and columns.x.tolist() == [5.0 + 0.5 * n for n in range(13)]
+    path.write_text(padded(kind, 13, "g", "", 0.5).replace(f"{13:10d}{1:10d}", f"{19:10d}{1:10d}"))
+    with pytest.raises(SceneError, match=r"run\.uff ends before the numbers that it claims"):
+        read_columns(path, NAMES, function_type=kind)
+
+
+def test_times_and_frequencies_of_a_uff_file_are_in_the_unit_that_it_states(tmp_path: Path) -> None:
+    path = tmp_path / "run.uff"
+    for kind, over, factor in ((TIME_RESPONSE, "ms", 1e-3), (9, "kHz", 1e3), (9, "NONE", 1.0)):
+        path.write_text(padded(kind, 12, "g", over, 1.0))
+        found = read_columns(path, NAMES, function_type=kind).x
+        assert found is not None and found.tolist() == [factor * (5.0 + n) for n in range(12)]
+    path.write_text(padded(9, 12, "g", "s", 1.0))
+    with pytest.raises(SceneError, match=r"dataset 1 of \S+ is over s, expected frequency"):
+        read_columns(path, NAMES)
+
+
 def test_an_auto_spectrum_is_no_density_unless_it_is_asked_for(tmp_path: Path) -> None:
     path = write_uff(tmp_path / "run.unv", SPECTRUM)
     with pytest.raises(SceneError, match=r"dataset must say .* auto spectrum \(function type 2\)"):

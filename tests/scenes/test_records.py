@@ -420,14 +420,12 @@ def test_columns_are_listed_by_their_names_not_by_the_units_below(tmp_path: Path
     assert TabulatedNoise(file=str(path), column="PSD").density_unit == "(m/s2)2/Hz"
 
 
-def test_a_heading_that_falls_into_no_columns_is_shown_with_how_to_write_its_unit(
-    tmp_path: Path,
-) -> None:
+def test_words_of_a_heading_between_blanks_belong_to_the_unit_that_follows(tmp_path: Path) -> None:
     path = tmp_path / "spec.txt"
     path.write_text("# shaker, grms=2.1\nFreq(Hz)  Level dB(m/s^2)^2/Hz\n5 -10\n50 -3\n")
-    with pytest.raises(SceneError, match=r"stands 'Freq\(Hz\) Level .*unit = \"dB re 1"):
-        TabulatedNoise(file=str(path))
-    assert TabulatedNoise(file=str(path), unit="dB re 1 (m/s2)2/Hz").table.density[0] == 0.1
+    assert TabulatedNoise(file=str(path)).table.density[0] == 0.1
+    path.write_text("Frequency [kHz]  PSD of run 3 [g^2/Hz]\n0.005 0.1\n0.05 0.2\n")
+    assert TabulatedNoise(file=str(path)).table.frequency_hz.tolist() == [5.0, 50.0]
 
 
 def test_fs_agrees_with_times_or_is_refused_and_stands_for_them(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stochvi import SceneError, TabulatedNoise
+from stochvi import RecordedNoise, SceneError, TabulatedNoise
 from stochvi.scenes.text_headings import unit_in
 from stochvi.scenes.text_tables import read_table, read_text, read_text_table
 
@@ -62,6 +62,64 @@ def test_a_missing_file_is_answered_with_one_of_nearly_its_name(tmp_path: Path) 
         read_table(tmp_path / "wheel.uff")
     with pytest.raises(SceneError, match=r"there is no folder \S+/run$"):
         read_table(tmp_path / "run" / "floor.csv")
+
+
+@pytest.mark.parametrize(
+    "heading",
+    [
+        "time (ms),acc (mg),comment",
+        "time (ms);acc (mg);remark;file",
+        "# time (ms), acc (mg), ok?",
+        "t(ms) a(mg) remark",
+        "time [ms] acc of run [mg]",
+        "time,acc,comment\nms,mg,",
+        "time,acc,comment\nms,mg",
+        "Units: ms, mg\ntime,acc,comment",
+        "time (ms),acc (mg),comment\n# run 4\n# sensor 5\n# calibrated in May\n# by Ann",
+    ],
+)
+def test_a_heading_keeps_its_units_where_a_column_of_remarks_is_not_filled(
+    tmp_path: Path, heading: str
+) -> None:
+    (tmp_path / "run.csv").write_text(f"{heading}\n0.0,1.5\n2.5,-0.5\n5.0,0.25\n")
+    time, values = read_text_table(tmp_path / "run.csv", ("time", "acceleration")).headings
+    assert time.unit is not None and time.unit.name == "ms"
+    assert values.unit is not None and values.unit.name == "mg"
+
+
+@pytest.mark.parametrize(
+    "heading",
+    ["Run;time (ms);acc (mg)", "time (ms),run,acc (mg)", "Unit;ms;mg",
+     "time (ms);acc (mg);temp (m)"],
+)  # fmt: skip
+@pytest.mark.parametrize("rows", ["0.0,1.5\n2.5,-0.5\n", "1,2,0.0,1.5\n2,2,2.5,-0.5\n"])
+def test_a_heading_with_units_that_may_be_those_of_other_columns_is_refused(
+    tmp_path: Path, heading: str, rows: str
+) -> None:
+    (tmp_path / "run.csv").write_text(f"{heading}\n{rows}")
+    count = 1 + rows.split()[0].count(",")
+    with pytest.raises(SceneError, match=f"line 1: names 3 columns .* rows below have {count}; "):
+        read_text_table(tmp_path / "run.csv", ("time", "acceleration"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["Acceleration in mg, all runs, by Ann", "Unit: mg", "# acc (mg)", "# column 2: a (mg)"],
+)
+def test_a_unit_that_a_sentence_states_is_that_of_the_values(tmp_path: Path, text: str) -> None:
+    rows = "\n".join(f"{0.01 * n:.2f},{n % 7}" for n in range(300))
+    (tmp_path / "run.csv").write_text(f"{text}\n{rows}\n")
+    noise = RecordedNoise(file=str(tmp_path / "run.csv"))
+    assert noise.record.peak == pytest.approx(3e-3 * 9.80665, rel=0.01)
+    with pytest.raises(SceneError, match=r"unit is 'g', but line 1 of .* says 'mg'"):
+        RecordedNoise(file=str(tmp_path / "run.csv"), unit="g")
+
+
+def test_delimiters_that_fill_a_row_are_no_columns(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("f (kHz);PSD (g2/Hz)\n1;0,5;;;\n2;0,7;;;\n")
+    frequency, density = read_text_table(tmp_path / "run.csv", ("f", "G")).headings
+    assert frequency.unit is not None and frequency.unit.name == "kHz"
+    assert density.unit is not None and density.unit.name == "g2/Hz"
 
 
 def test_binary_data_is_no_text(tmp_path: Path) -> None:
