@@ -101,7 +101,7 @@ class Stops(NamedTuple):
     """Numbers of the m stops: phi (m, n), phi . phi (m,), side, place (m), kind, and the numbers of
     the law per reduced mass (m, rows, 3): rigid (R), pieces (start, force, slope) with unused rows
     that start at infinity, damped (K, c), Hertz (k). Forces that are functions, and restitutions
-    that are asked of each impact (m,), have addresses and numbers of their own, (m, 3) and
+    that are asked of each impact (m,), have addresses and numbers of their own, (m, 4) and
     (m, columns); see `engine.law_calls`. `laws` then holds a restitution that stands for all."""
 
     gaps: np.ndarray
@@ -528,20 +528,42 @@ def next_change(span, last, stops, touch, series, scratch):
 
 
 @kernel
+def push_on(r, structure, stops, force, moving):
+    """Acceleration onto stop r of a motion that the stop does not hold."""
+    q, v = moving
+    push = 0.0
+    for i in range(len(q)):
+        a = force[i] - structure.squares[i] * q[i] - dot(structure.damping[i], v)
+        push += stops.sides[r] * stops.gaps[r, i] * a
+    return push
+
+
+@kernel
+def take_off(r, speed, stops, v):
+    """Take a speed onto stop r off the velocities, by an impulse of the stop."""
+    for i in range(len(v)):
+        v[i] -= stops.sides[r] * speed / stops.levers[r] * stops.gaps[r, i]
+
+
+@kernel
 def strike(s, structure, stops, touch, force, tick, moving):
     """An impact on rigid stop s, and on those at which it throws a mass that rested on them."""
-    q, v = moving
+    v = moving.v
     moved = True
     for attempt in range(MOST_PASSES):
         for r in range(len(touch.state)):
             if stops.kinds[r] != RIGID or not (r == s or touch.state[r] == 0):
                 continue
             speed = stops.sides[r] * dot(stops.gaps[r], v)
-            if r != s and speed <= 0.0:
-                if speed < 0.0:  # pulled off by the impact on another stop
-                    touch.state[r] = FREE
-                    touch.zeros[r, 1] = 1
-                continue
+            if r != s:
+                if 2.0 * abs(speed) <= tick * push_on(r, structure, stops, force, moving):
+                    take_off(r, speed, stops, v)  # back within a tick: rounding moved it
+                    continue
+                if speed <= 0.0:
+                    if speed < 0.0:  # pulled off by the impact on another stop
+                        touch.state[r] = FREE
+                        touch.zeros[r, 1] = 1
+                    continue
             if r == s and attempt > 0 and speed <= 0.0:
                 continue
             restitution = stops.laws[r, 0, 0]
@@ -551,18 +573,13 @@ def strike(s, structure, stops, touch, force, tick, moving):
                 uniform = uniform_of(touch.draws[0], touch.draws[1])
                 touch.draws[1] += np.uint64(1)
                 rebound = rebound_of(stops.functions, r, stops.numbers, r, speed, uniform)
-            for i in range(len(q)):
-                v[i] -= stops.sides[r] * (speed + rebound) / stops.levers[r] * stops.gaps[r, i]
-            push = 0.0
-            for i in range(len(q)):
-                a = force[i] - structure.squares[i] * q[i] - dot(structure.damping[i], v)
-                push += stops.sides[r] * stops.gaps[r, i] * a
+            take_off(r, speed + rebound, stops, v)
+            push = push_on(r, structure, stops, force, moving)
             ends = push > 0.0 and 2.0 * rebound <= tick * push * (1.0 - restitution)
             rests = ends or (rebound == 0.0 and push >= 0.0) or attempt == MOST_PASSES - 1
             if rests:
                 touch.tally[r, RESTS] += 1.0 if touch.state[r] != 0 else 0.0
-                for i in range(len(q)):
-                    v[i] += stops.sides[r] * rebound / stops.levers[r] * stops.gaps[r, i]
+                take_off(r, -rebound, stops, v)
             touch.state[r] = 0 if rests else FREE
             touch.zeros[r, 0] = 0
             touch.zeros[r, 1] = 1 if rebound > 0.0 else 2

@@ -234,7 +234,9 @@ def _stops(model: Model) -> kernel.Stops:
     # laws without a form of their own are functions, or have a restitution that varies
     own = {s: law.compiled() for s, law in enumerate(unit) if forms[s] is None}
     width = max([len(row_of_numbers(law)) for law in own.values()], default=1)
-    called = [functions_of([own[s]])[0] if s in own else (0, 0, 0) for s in range(len(unit))]
+    called = functions_of(list(own.values()))
+    functions = np.zeros((len(found), called.shape[1]), called.dtype)
+    functions[list(own)] = called
     table = np.zeros((len(found), width))
     for s, law in own.items():
         table[s, : len(row_of_numbers(law))] = row_of_numbers(law)
@@ -246,7 +248,7 @@ def _stops(model: Model) -> kernel.Stops:
         places=np.array([stop.position for stop in stops], dtype=float),
         kinds=np.array([kind for kind, _ in numbers], dtype=np.int64),
         laws=laws,
-        functions=np.array(called) if called else np.zeros((0, 2), np.int64),
+        functions=functions,
         numbers=table,
         asked=asked,
     )
