@@ -7,6 +7,8 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from scipy.special import i0e
+from scipy.stats import binom
 
 from stochvi import (
     Elastic,
@@ -27,7 +29,7 @@ from stochvi import (
     impacts,
     screen,
 )
-from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.methods.monte_carlo.history_plans import plan_histories
 from stochvi.methods.monte_carlo.kernels.equipment import STACK, count_turn, open_cycles
@@ -410,6 +412,134 @@ def test_largest_of_rayleigh_windows_is_known() -> None:
         if windows == 3200.0:
             with pytest.raises(AssertionError):
                 assert_agrees(answer, 1.5 * truth)
+
+
+def _crests(levels: Vector, weights: Vector, number: float) -> Vector:
+    """Expected number of windows' crests beyond r, Gaussian about each level."""
+    return number * (weights[:, None] * np.exp(-0.5 * (R / levels[:, None]) ** 2)).sum(axis=0)
+
+
+def _beside_a_sine(amplitude: float, number: float) -> Vector:
+    """The same beside a sine: 1 less S. O. Rice's distribution of an envelope."""
+    density = R * np.exp(-0.5 * (R - amplitude) ** 2) * i0e(R * amplitude)
+    return number * np.cumsum(density[::-1])[::-1] * (R[1] - R[0])
+
+
+R = np.linspace(1e-4, 60.0, 200_000)
+LAWS = {
+    "Gaussian": _crests(np.ones(1), np.ones(1), 25.0),
+    "narrow": _crests(np.ones(1), np.ones(1), 5.0),
+    "beside a sine": _beside_a_sine(1.0, 25.0),
+    "beside a large sine": _beside_a_sine(5.0, 25.0),
+    "struck": _crests(np.array([1.0, 2.4]), np.array([25.0, 0.3]), 1.0),
+    "exponential": 10.0 * np.exp(-R),
+}
+"""Expected number of louder responses in a window, by level R: six laws of the largest response."""
+
+
+def _missions(law: str, windows: float, paths: int, runs: int) -> tuple[Vector, ...]:
+    """Whether the truth lies below and above each interval; the risk of the upper end; and whether
+    it lies outside of half the interval."""
+    louder = LAWS[law]
+    truth = float(np.sum(-np.expm1(-windows * louder))) * (R[1] - R[0])
+    draws = np.random.default_rng(7).exponential(size=(paths, 8, runs))
+    peaks = np.interp(-np.log(draws), -np.log(np.maximum(louder, 1e-300)), R)
+    found = largest_of_mission(peaks, windows, (0.025, 0.975))
+    reach = 1.96 * found.standard_error + found.bias
+    risk = -np.expm1(-windows * np.interp(found.levels[1], R, louder))
+    away = found.value - truth
+    return away > reach, away < -reach, risk, np.abs(away) > 0.5 * reach
+
+
+def _hold(found: list[tuple[Vector, ...]]) -> float:
+    """Intervals hold as often as they say, and the upper end over all laws; the number of misses
+    that are likely."""
+    high, low, risk, _ = (np.concatenate(each) for each in zip(*found, strict=True))
+    most = float(binom.ppf(0.975, len(low), 0.05))
+    assert high.sum() + low.sum() <= most
+    # a run draws the same numbers for all laws: they are one sample
+    runs = np.mean([each[2] for each in found], axis=0)
+    assert_agrees(
+        Estimate(
+            value=max(float(risk.mean()), 0.025),
+            standard_error=float(runs.std(ddof=1)) / math.sqrt(len(runs)),
+        ),
+        0.025,
+    )
+    return most
+
+
+def test_intervals_of_the_largest_response_hold_as_often_as_they_say() -> None:
+    """Known laws of the largest response of a window: missions of 47 windows from 512 of them."""
+    found = [_missions(law, 47.0, 64, 30) for law in ("Gaussian", "beside a sine", "struck")]
+    most = _hold(found)
+    # the control: half of each interval holds too seldom
+    assert sum(half.sum() for *_, half in found) > most
+
+
+@pytest.mark.verify
+@pytest.mark.parametrize("windows", [10.0, 47.0, 470.0])
+def test_intervals_of_the_largest_response_hold_for_all_laws(windows: float) -> None:
+    _hold([_missions(law, windows, 64, 60) for law in LAWS])
+
+
+MISSION, EQUIPMENT = 60.0, (20.0, 49.3, 121.6)
+ROAD = {"frequency_hz": [5.0, 10.0, 30.0, 60.0], "density": [2.0, 5.0, 2.0, 0.3]}
+
+
+def own_missions(number: int, seed: int) -> Matrix:
+    """Largest responses of equipment on a mount beside two sines, by sums of waves in time."""
+    rate = 1024.0
+    random, size = np.random.default_rng(seed), int(MISSION * rate)
+    f, time = np.fft.rfftfreq(size, 1.0 / rate), np.arange(size) / rate
+    inside = (f >= 5.0) & (f <= 60.0)
+    density = np.zeros(len(f))
+    density[inside] = np.exp(
+        np.interp(np.log(f[inside]), np.log(ROAD["frequency_hz"]), np.log(ROAD["density"]))
+    )
+
+    def carried(at: Vector, natural: float, zeta: float) -> Vector:
+        ratio = at / natural
+        return (1.0 + 2j * zeta * ratio) / (1.0 - ratio**2 + 2j * zeta * ratio)
+
+    found = np.empty((number, len(EQUIPMENT)))
+    for mission in range(number):
+        waves = random.standard_normal(len(f)) + 1j * random.standard_normal(len(f))
+        waves *= np.sqrt(0.25 * density * rate * size) * carried(f, 12.0, 0.1)
+        phases = random.uniform(0.0, 2.0 * np.pi, 2)
+        for k, natural in enumerate(EQUIPMENT):
+            y = np.fft.irfft(waves * carried(f, natural, 0.05), size)
+            for amplitude, tone, phase in zip((6.0, 3.0), (20.0, 49.0), phases, strict=True):
+                gain = carried(np.array(tone), 12.0, 0.1) * carried(np.array(tone), natural, 0.05)
+                turning = np.exp(1j * (2.0 * np.pi * tone * time + phase))
+                y += amplitude * np.real(gain * turning)
+            found[mission, k] = np.abs(y).max()
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("seeds", "missions"), [(2, 120), pytest.param(30, 600, marks=pytest.mark.verify)]
+)
+def test_the_largest_response_beside_sines_is_that_of_missions(seeds: int, missions: int) -> None:
+    """A mission of a minute beside two sines: its intervals hold the mean of own missions, and
+    few of these exceed the upper end of 95 of 100."""
+    sines = [Sine(amplitude=a, frequency_hz=f, on="base") for a, f in ((6.0, 20.0), (3.0, 49.0))]
+    noise = TabulatedNoise(unit="(m/s2)2/Hz", **ROAD)
+    scene = Scene(structure=MOUNT, excitations=[noise, *sines])
+    largest = own_missions(missions, 3)
+    mean, error = largest.mean(axis=0), largest.std(axis=0, ddof=1) / math.sqrt(missions)
+    missed, beyond = [], []
+    for seed in range(seeds):
+        found = damage(scene, mission=MISSION, equipment=EQUIPMENT, seed=seed, budget=None)
+        response = found.with_stops.extreme_response
+        reach = np.hypot(response.half_width_95(), 1.96 * error)
+        missed.append(np.abs(response.value - mean) > reach)
+        beyond.append(np.mean(largest > found.with_stops.extreme_upper, axis=0))
+    count = 3 * seeds
+    assert np.sum(missed) <= binom.ppf(0.975, count, 0.05)
+    # missions of one seed share its waves over all equipment
+    assert np.mean(beyond) < 0.025 + 3.0 * math.sqrt(0.025 / missions)
 
 
 # Stops -----------------------------------------------------------------------------------------

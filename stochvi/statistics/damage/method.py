@@ -44,7 +44,7 @@ from stochvi.statistics.damage.clusters import (
 )
 from stochvi.statistics.damage.equipment import SAMPLES_PER_PERIOD, Equipment
 from stochvi.statistics.damage.equivalent import equivalent_values
-from stochvi.statistics.damage.extremes import largest_of_mission
+from stochvi.statistics.damage.extremes import ENOUGH_WINDOWS, largest_of_mission
 from stochvi.statistics.damage.gaussian import GaussianAcceleration, GaussianEquipment
 from stochvi.statistics.damage.hits import Hits, Records, hits_of_clusters
 from stochvi.statistics.damage.phases import of_phases
@@ -317,9 +317,19 @@ class _Question:
         check_price([plan.plan], self.run.seed, self.run.deadline)
         scatter = scatter_of_impacts(self.equipment.exponent)
         error = partial(_median_error, scatter) if model.pairs else _error_of_damage
-        return sampler, self.run.to_accuracy(
-            sampler, FEWEST_PATHS, error, self.run.accuracy, MOST_UNSEEN, needed=2
+
+        def error_with_tail(pieces: list[RecordPiece]) -> float:
+            seen = sum(len(piece.hits) for piece in pieces) * sampler.windows
+            return max(error(pieces), self.run.accuracy * math.sqrt(ENOUGH_WINDOWS / seen))
+
+        taken = self.run.to_accuracy(
+            sampler, FEWEST_PATHS, error_with_tail, self.run.accuracy, MOST_UNSEEN, needed=2
         )
+        # time that ends before there are enough windows leaves a wider interval, no refusal
+        enough = sampler.paths(taken.sample) >= FEWEST_PATHS and (
+            error(taken.sample) <= self.run.accuracy
+        )
+        return sampler, replace(taken, enough=taken.enough or enough)
 
     def of_records(self, sampler: DamageSampler, sample: RecordPiece) -> EquipmentSpectra:
         """Spectra by records."""
