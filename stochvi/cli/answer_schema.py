@@ -114,7 +114,7 @@ WARNINGS_ALONE = dict.fromkeys(name for name in COMMON if name != "warnings")
 RECORD = {"record": RecordVerdict}
 
 ONE_OR_SEVERAL = Change(
-    METHOD | {"verdict": str, "made": RoundedClearance | Mapping[str, RoundedClearance]},
+    METHOD | {"verdict": str, "made": RoundedClearance | None | Mapping[str, RoundedClearance]},
     {"clearance": Clearance, "clearances": Mapping[str, Clearance]},
     {"clearances": None},
 )
@@ -175,7 +175,9 @@ CHANGES = {
         {"faster_hits": COLUMNS, "impacts": COLUMNS, "transmissibility": COLUMNS},
         renamed={"scene": None},
     ),
-    "MissionSizing": ONE_OR_SEVERAL,
+    "MissionSizing": ONE_OR_SEVERAL._replace(
+        added=dict(ONE_OR_SEVERAL.added) | {"record": RecordVerdict | None}
+    ),
     "Production": Change(
         METHOD | {"summary": str, "made": Mapping[str, RoundedClearance]}, renamed={"method": "by"}
     ),

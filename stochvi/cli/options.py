@@ -375,16 +375,20 @@ def judged_record(scene: Scene) -> RecordVerdict | None:
 
 
 def judged_phase(scene: Scene) -> tuple[RecordVerdict | None, str]:
-    """The verdict on the record of a scene, or of the first phase whose record disagrees, and the
-    words that name this phase."""
+    """The verdict on the record of a scene, or of the phase whose record must be known first, and
+    the words that name this phase."""
     phases = {f"phase {each.name}: ": each.of(scene) for each in scene.phases} or {"": scene}
     verdicts = {
         name: verdict
         for name, each in phases.items()
         if (verdict := judged_record(each)) is not None
     }
-    where = min(verdicts, key=lambda name: verdicts[name].agrees, default="")
-    return verdicts.get(where), where
+    if not verdicts:
+        return None, ""
+    from stochvi.isolators.record_verdict import most_alarming
+
+    where = most_alarming(verdicts) or ""
+    return verdicts[where], where
 
 
 def fail_unless_gaussian(record: RecordVerdict | None) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from stochvi.cli.options import Common, band, fail_unless_gaussian, shown
+from stochvi.cli.options import Common, band, fail_unless_gaussian, judged_record, shown
 
 if TYPE_CHECKING:
     from stochvi.isolators.record_verdict import RecordVerdict
@@ -87,18 +87,20 @@ def _left(given: dict[str, Any]) -> dict[str, Any]:
 def _show(
     options: Common, title: str, solve: Callable[..., Any], given: dict[str, Any],
     tell: Callable[..., None], draw: Callable[[Any], Any], report_of: str | None = None,
+    record: RecordVerdict | None = None,
 ) -> None:  # fmt: skip
     """Find an answer and show it; its files have the name `title`. A clearance also gets a report,
-    that of the scene file `report_of`."""
-    judged: list[RecordVerdict] = []
+    that of the scene file `report_of`; the `record` of an answer that does not judge it itself
+    stands before it."""
+    judged: list[RecordVerdict | None] = []
 
     def found() -> Any:
         with options.progress(title) as report:
             return solve(progress=report, **options.sampling, **given)
 
     def show(answer: Any) -> None:
-        judged.extend((getattr(answer, "doubtful", None) or {}).values())
-        options.show(answer, tell, title)
+        judged.append(getattr(answer, "record", None))
+        options.show(answer, tell, title, record=record)
         options.draw(title, lambda: draw(answer))
         if options.out is not None and report_of is not None:
             from stochvi.views.report import write_clearance_report
@@ -122,7 +124,7 @@ def _show_map(
     solve = partial(bumper_map, loaded, limits=kept, **_ranges(loaded, wanted))  # type: ignore[arg-type]
     _show(
         options, "map", solve, given, print_bumper_map,
-        lambda answer: draw_bumper_map(answer, loaded.title),
+        lambda answer: draw_bumper_map(answer, loaded.title), record=judged_record(loaded),
     )  # fmt: skip
 
 

@@ -161,6 +161,11 @@ class RecordVerdict:
         """Whether the record was judged, and nothing contradicts the Gaussian model."""
         return self.judged and not self.contradicts
 
+    @property
+    def gaps(self) -> tuple[RecordVerdict, ...]:
+        """The verdicts on all gaps, this one first."""
+        return (self, *self.others.values())
+
     def to_dict(self) -> dict[str, Any]:
         """The JSON document."""
         return {name: plain(getattr(self, name)) for name in self.__dataclass_fields__}
@@ -214,6 +219,17 @@ class RecordVerdict:
             f"{self.peak_in_sigma:.3g} sigma (expected {self.expected_peak_in_sigma:.3g}) with a "
             f"kurtosis of {self.kurtosis:.3g} (3 +- {self.kurtosis_error:.2g}); {needs}"
         )
+
+
+def most_alarming(verdicts: Mapping[str, RecordVerdict]) -> str | None:
+    """The name of the verdict of several that a reader must know first: one that contradicts, then
+    one that was not judged, then the one that needs most; None without any."""
+
+    def alarm(name: str) -> tuple[bool, bool, float]:
+        found = verdicts[name]
+        return found.contradicts, not found.agrees, max(each.clearance for each in found.gaps)
+
+    return max(verdicts, key=alarm, default=None)
 
 
 def record_verdict(scene: Scene) -> RecordVerdict | None:

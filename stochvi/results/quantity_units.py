@@ -1,5 +1,14 @@
 """Units of the quantities of a response."""
 
+from stochvi.mathematics.shown_units import (
+    ACCELERATION,
+    LENGTH,
+    MILLIRADIANS,
+    SPEED,
+    ShownQuantity,
+    shown_as,
+)
+
 QUANTITY_UNITS = {
     "displacement_mean": "m",
     "displacement_std": "m",
@@ -35,6 +44,21 @@ def in_angles(owner: str, unit: str) -> str:
     ('m/s', 'rad^2/s^2')
     """
     return unit.replace("m", "rad", 1) if owner in ROTATIONS else unit
+
+
+ANGULAR = {
+    LENGTH: MILLIRADIANS, SPEED: shown_as("rad/s"), ACCELERATION: shown_as("rad/s^2")
+}  # fmt: skip
+"""Quantities of an angle by those of a displacement."""
+
+
+def of_angle(owner: str, quantity: ShownQuantity) -> ShownQuantity:
+    """A quantity of a coordinate as it is shown: that of an angle where the coordinate is one.
+
+    >>> of_angle("rx", LENGTH).text(0.0036), of_angle("x", LENGTH).text(0.0036)
+    ('3.6 mrad', '3.6 mm')
+    """
+    return ANGULAR.get(quantity, quantity) if owner in ROTATIONS else quantity
 
 
 def unit_of(owner: str, name: str) -> str:

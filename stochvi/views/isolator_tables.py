@@ -34,7 +34,12 @@ from stochvi.views.tables import (
     value_with_error,
     with_headings,
 )
-from stochvi.views.words import clearances_of_changes, places_of_stops, way_in_words
+from stochvi.views.words import (
+    WITHOUT_TOLERANCES,
+    clearances_of_changes,
+    places_of_stops,
+    way_in_words,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -127,6 +132,7 @@ def _print_one(console: Console, sizing: Sizing) -> None:
     for line in places_of_stops(sizing).splitlines():
         print_line(console, line)
     print_line(console, sizing.calculated())
+    _print_tolerances(console, sizing)
     if sizing.worst_case is not None:
         _print_changes(console, sizing.worst_case, "within the tolerances, each row sized anew")
     three, mission = sizing.three_sigma, spoken_mission(sizing.mission)
@@ -157,6 +163,12 @@ def _print_one(console: Console, sizing: Sizing) -> None:
         f"probability of any impact in {mission}",
     )
     _print_hits(console, sizing)
+
+
+def _print_tolerances(console: Console, sizing: Sizing) -> None:
+    """Say that nothing is taken to differ from the scene, where that is so."""
+    if not sizing.varies:
+        print_line(console, WITHOUT_TOLERANCES)
 
 
 def _print_changes(console: Console, table: pd.DataFrame, title: str) -> None:
@@ -190,6 +202,7 @@ def _print_pairs(console: Console, sizing: Sizing) -> None:
     mission = spoken_mission(sizing.mission)
     print_frame(console, places_in_rows(sizing), places_heading(sizing))
     print_line(console, sizing.calculated())
+    _print_tolerances(console, sizing)
     print_frame(console, pairs_in_words(sizing), f"pair by pair, as calculated, in {mission}")
     table = new_table(
         f"probability that any pair is hit in {mission}", ["stops", "probability", "95 % interval"]

@@ -62,7 +62,7 @@ def places_in_rows(sizing: Sizing) -> pd.DataFrame:
     are left out where a record contradicts the noise for which they hold."""
     import pandas as pd
 
-    table, made = sizing.placed(), sizing.each_made
+    table, made = sizing.placed(), sizing.rounded
     stops = {
         side: [f"{side} = {place:.9g}" if place == place else "none" for place in table[side]]
         for side in ("lower", "upper")
@@ -70,7 +70,9 @@ def places_in_rows(sizing: Sizing) -> pd.DataFrame:
     found = pd.DataFrame(
         {
             "pair": table["pair"],
-            "clearance to make": [str(made[name]) for name in table["pair"]],
+            "clearance to make" if sizing.each_made else "clearance": [
+                str(made[name]) for name in table["pair"]
+            ],
             f"equilibrium ({LENGTH})": [
                 f"{LENGTH(round(mean, NANOMETRES)) + 0.0:.4g}" for mean in table["mean_gap"]
             ],
@@ -78,12 +80,14 @@ def places_in_rows(sizing: Sizing) -> pd.DataFrame:
             "": stops["upper"],
         }
     )
-    return found if sizing.doubtful is None else found.iloc[:, :-2]
+    return found if sizing.each_made else found.iloc[:, :-2]
 
 
 def places_heading(sizing: Sizing) -> str:
     """The heading of the table of places."""
-    return PLACES if sizing.doubtful is None else PLACES_FOR_NOISE
+    if sizing.doubtful is not None:
+        return PLACES_FOR_NOISE
+    return PLACES if sizing.each_made else PLACES_TRIED
 
 
 NANOMETRES = 9
@@ -96,7 +100,9 @@ PLACES = (
 PLACES_FOR_NOISE = (
     "for Gaussian noise alone: clearances count from the static equilibrium, rounded up"
 )
-"""Headings of the table of places, the second where a record contradicts Gaussian noise."""
+PLACES_TRIED = "tried, and not shown to keep the target"
+"""Headings of the table of places: of those to make, of those where a record does not agree with
+Gaussian noise, and of those that are not shown to keep the target."""
 
 
 UNSEEN = "unknown"

@@ -11,10 +11,13 @@ from stochvi.mathematics.shown_units import (
     DENSITY,
     FORCE,
     LENGTH,
+    MILLIRADIANS,
     NUMBER,
     SPEED,
     TIME,
+    shown_as,
 )
+from stochvi.results.quantity_units import ROTATIONS, of_angle
 from stochvi.views.axes import (
     add_grid,
     around_shock,
@@ -23,7 +26,7 @@ from stochvi.views.axes import (
     seconds_of,
     thinned,
 )
-from stochvi.views.colours import COLOURS, OWNERS
+from stochvi.views.colours import COLOURS, OWNERS, owner_colours
 from stochvi.views.tables import new_table, print_frame, print_line, print_table
 from stochvi.views.words import UNKNOWN, four_digits, spoken_length
 
@@ -90,7 +93,7 @@ def _print_one(console: Console, each: ReplayAt) -> None:
         for owner, quantities in group.items():
             for name, value in quantities.items():
                 if name in ROWS and value is not None:
-                    words, quantity = ROWS[name]
+                    words, quantity = ROWS[name][0], of_angle(owner, ROWS[name][1])
                     own = [owner, quantity.heading(words), f"{quantity(float(value)):.5g}"]
                     if biased:
                         own.append(UNKNOWN if value.bias is None else f"{quantity(value.bias):.2g}")
@@ -138,11 +141,21 @@ def _plot_shock(each: ReplayAt, ax: Axes, *, whole: bool = False, legend: bool =
     assert kept is not None
     first = next(iter(kept.displacement.values()))
     part = slice(0, len(first)) if whole else around_shock(kept.time, first, _shock(each))
-    size = max(float(np.max(np.abs(x[part]))) for x in kept.displacement.values())
+    moving = [x for owner, x in kept.displacement.items() if owner not in ROTATIONS]
+    size = max((float(np.max(np.abs(x[part]))) for x in moving), default=0.0)
     unit, name = length_unit(size)
-    for colour, (owner, x) in zip(OWNERS, kept.displacement.items(), strict=False):
+    width, angles = 0.5 if whole else 1.1, None
+    colours = owner_colours(len(kept.displacement))
+    for colour, (owner, x) in zip(colours, kept.displacement.items(), strict=True):
         t, y = thinned(TIME(kept.time[part]), x[part])
-        ax.plot(t, y / unit, color=colour, linewidth=0.5 if whole else 1.1, label=owner)
+        if owner not in ROTATIONS:
+            ax.plot(t, y / unit, color=colour, linewidth=width, label=owner)
+            continue
+        if angles is None:
+            angles = ax.twinx()
+            angles.set_ylabel(f"rotation ({MILLIRADIANS}), dashed")
+        angles.plot(t, MILLIRADIANS(y), "--", color=colour, linewidth=width)
+        ax.plot([], [], "--", color=colour, label=owner)
     if len(kept.displacement) == 1:
         begin, end = kept.time[part][0], kept.time[part][-1]
         for number, (stop, place) in enumerate(each.stops.items()):
@@ -177,15 +190,15 @@ def plot_waterfall(each: ReplayAt, ax: Axes | None = None) -> Axes:
     assert kept is not None
     ax = axes_or_new(ax, (9.6, 4.2))
     spectra = kept.short_time_spectra()
-    density = DENSITY(np.maximum(spectra.density, np.finfo(float).tiny))
+    owner = next(iter(kept.acceleration))
+    unit = shown_as("(rad/s^2)^2/Hz") if owner in ROTATIONS else DENSITY
+    density = unit(np.maximum(spectra.density, np.finfo(float).tiny))
     norm = LogNorm(density.max() / DECADES, density.max(), clip=True)
     mesh = ax.pcolormesh(
         TIME(spectra.time), spectra.frequency_hz, density, norm=norm, cmap="viridis",
         shading="nearest", rasterized=True,
     )  # fmt: skip
-    ax.figure.colorbar(
-        mesh, ax=ax, label=f"acceleration of {next(iter(kept.acceleration))} ({DENSITY})"
-    )
+    ax.figure.colorbar(mesh, ax=ax, label=f"acceleration of {owner} ({unit})")
     if len(each.impacts):
         times = TIME(np.asarray(each.impacts["time"]))
         ax.plot(times, np.full(len(times), 1.02), "v", markersize=4.5, clip_on=False,

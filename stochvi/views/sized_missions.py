@@ -21,7 +21,7 @@ from stochvi.views.tables import (
     print_line,
     with_headings,
 )
-from stochvi.views.words import chance_in_words, line_to_copy
+from stochvi.views.words import WITHOUT_TOLERANCES, chance_in_words, line_to_copy
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,6 +39,22 @@ def _print_clearance(console: Console, found: ClearanceAnswer) -> None:
     if stops := found.stops_to_copy():
         print_line(console, line_to_copy(stops))
     print_line(console, found.calculated())
+    print_line(console, WITHOUT_TOLERANCES)
+
+
+def _mark(ax: Axes, found: ClearanceAnswer, label: str) -> None:
+    """Mark the calculated clearance and, where a record does not agree with the noise for which it
+    holds, what the record itself needs."""
+    place, record = LENGTH(found.clearance.value), found.record
+    if not found.doubtful or record is None:
+        ax.axvline(place, color=CLEARANCES["recommended"], label=label)
+        return
+    ax.axvline(place, color=COLOURS["stop"], label=f"for Gaussian noise: {label}")
+    largest = max(record.gaps, key=lambda each: each.clearance)
+    ax.axvline(
+        LENGTH(largest.clearance), color=CLEARANCES["record"],
+        label=f"the record itself: {largest.needed}",
+    )  # fmt: skip
 
 
 def phases_table(found: MissionSizing) -> pd.DataFrame:
@@ -92,9 +108,9 @@ def plot_mission_sizing(found: MissionSizing, ax: Axes | None = None) -> Axes:
         color=COLOURS["simulate"],
         label="all phases" if len(found.phases) > 1 else None,
     )
-    ax.axvline(
-        LENGTH(found.clearance.value), color=CLEARANCES["recommended"],
-        label=f"{LENGTH.text(found.clearance.value)} keeps {spoken_percent(found.target.value)}",
+    _mark(
+        ax, found,
+        f"{LENGTH.text(found.clearance.value)} keeps {spoken_percent(found.target.value)}",
     )  # fmt: skip
     ax.set_yscale("log")
     ax.set_ylim(top=1.5)
@@ -128,10 +144,7 @@ def plot_damage_sizing(found: DamageSizing, ax: Axes | None = None) -> Axes:
         color=COLOURS["simulate"], label="damage that stops add, 95 %",
     )  # fmt: skip
     ax.axhline(found.ratio - 1.0, color=COLOURS["stop"], linestyle="--", label="accepted")
-    ax.axvline(
-        LENGTH(found.clearance.value), color=CLEARANCES["recommended"],
-        label=LENGTH.text(found.clearance.value),
-    )  # fmt: skip
+    _mark(ax, found, LENGTH.text(found.clearance.value))
     ax.set_yscale("log")
     plain_ticks(ax)
     ax.set_xlabel(f"clearance per side{found.of_widest} ({LENGTH})")

@@ -23,6 +23,9 @@ NO_TOLERANCES = (
 )
 """Sentence of a page whose clearance holds no tolerances."""
 
+WITHOUT_TOLERANCES = "no tolerances: mount, level and stops are exactly as the scene states them"
+"""The same on a terminal."""
+
 OF_ONE_MOUNT = (
     "One direction of motion; no rocking, and no coupling of directions.",
     "A linear spring and a viscous damper: filled rubber is stiffer at small amplitudes, and "

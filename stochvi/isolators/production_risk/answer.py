@@ -118,7 +118,7 @@ class Production(Result):
             shown, keep = f"clearances: {places_in_words(self.made)}", "keep"
         return (
             f"{shown} per side from the static equilibrium {keep} the probability of any impact in "
-            f"{mission} at {spoken_percent(self.target)} {over}"
+            f"{mission} at or below {spoken_percent(self.target)} {over}"
         )
 
     def dearest(self) -> str:

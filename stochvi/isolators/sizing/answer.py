@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from stochvi.isolators.production_risk.answer import Production
+    from stochvi.scenes.scene import ImpactPair
 
 
 SIDES = ("lower", "upper")
@@ -83,9 +84,10 @@ class Target:
         """The target in a mission (s), in words."""
         spoken = spoken_mission(mission)
         if self.name == "probability":
-            return f"the probability of any impact in {spoken} at {spoken_percent(self.value)}"
+            chance = spoken_percent(self.value)
+            return f"the probability of any impact in {spoken} at or below {chance}"
         if self.name == "rate":
-            return f"the impacts at {RATE(self.value):.3g} per {RATE.time}"
+            return f"the impacts at or below {RATE(self.value):.3g} per {RATE.time}"
         assert self.exceedance is not None
         return (
             f"every {self.name.replace('_', ' ')} of {spoken} below {self.limit} but "
@@ -198,12 +200,21 @@ class ClearanceAnswer(Result):
     @property
     def made(self) -> RoundedClearance | None:
         """The clearance to make, rounded up; that of the widest gap, where there are several. None
-        where it was not found."""
-        return max(self.each_made.values(), key=lambda each: each.value, default=None)
+        where it was not found or not shown to keep the target, or where a record does not agree
+        with the Gaussian noise for which it was found."""
+        return widest_of(self.each_made)
 
     @property
     def each_made(self) -> Mapping[str, RoundedClearance]:
-        """The clearance to make of each pair, rounded up; empty where they were not found."""
+        """The clearance to make of each pair, rounded up; empty where they were not found or not
+        shown to keep the target, or where a record does not agree with the Gaussian noise for which
+        they were found."""
+        return {} if self.doubtful or not self.shown_to_keep else self.rounded
+
+    @property
+    def rounded(self) -> Mapping[str, RoundedClearance]:
+        """The clearance of each pair for Gaussian noise, rounded up; empty where they were not
+        found."""
         return {name: RoundedClearance.of(c.value) for name, c in self.clearances.items()}
 
     @property
@@ -225,13 +236,13 @@ class ClearanceAnswer(Result):
     def to_make(self) -> str:
         """The clearances to make in words, with the verb that follows."""
         first, keep = ("clearances", "keep") if self.several else ("clearance", "keeps")
-        places = self._places() if self.several else str(self.made)
+        places = self._places() if self.several else str(self.widest)
         sides = "" if not self.several and len(self.sides) == 1 else " per side"
         return f"{first}: {places}{sides} from the static equilibrium{self._beside()} {keep}"
 
     def _places(self) -> str:
         """The clearances of several pairs to make, in words."""
-        return places_in_words(self.each_made)
+        return places_in_words(self.rounded)
 
     def _beside(self) -> str:
         """What stays as it is, in words."""
@@ -267,9 +278,20 @@ class ClearanceAnswer(Result):
         return None
 
     @property
+    def record(self) -> RecordVerdict | None:
+        """The verdict on the record that a reader must know first; None without records."""
+        return None
+
+    @property
     def shown_to_keep(self) -> bool:
         """Whether the target was shown to be kept at the clearance."""
         return True
+
+    @property
+    def widest(self) -> RoundedClearance | None:
+        """The clearance of the widest gap for Gaussian noise, rounded up; None where it was not
+        found."""
+        return widest_of(self.rounded)
 
     def sized(self, clearance: float | None = None) -> Scene:
         """The scene with the stops of the widest gap at a clearance (m), by default the calculated
@@ -278,8 +300,19 @@ class ClearanceAnswer(Result):
         return self._at([place * c.value / self.clearance.value for c in self.clearances.values()])
 
     def as_made(self) -> Scene:
-        """The scene with its stops at the clearances to make."""
-        return self._at([each.value for each in self.each_made.values()])
+        """The scene with its stops at the clearances to make; as it is where there are none."""
+        made, rests = self.each_made, self.rests
+
+        def placed(pair: ImpactPair) -> ImpactPair:
+            if pair.name not in made:
+                return pair
+            stated, own, rest = dict(pair), made[pair.name], rests[pair.name]
+            sides = [side for side, _ in pair.stops()]
+            places = {side: moved(stated[side], own.position(rest, side)) for side in sides}
+            return pair.model_copy(update=places)
+
+        pairs = [placed(pair) for pair in self.scene.expanded.impact_pairs]
+        return self.scene.replace(impact_pairs=pairs) if made else self.scene
 
     def _at(self, clearances: Sequence[float]) -> Scene:
         """The scene with its stops at the clearances of its pairs."""
@@ -296,11 +329,22 @@ class ClearanceAnswer(Result):
         where that clearance is not known, or not shown to keep the target.
         """
         made = self.made
-        if self.doubtful or self.several or made is None or not self.shown_to_keep:
+        if self.several or made is None:
             return ""
         return _stops_in_toml(
             self.scene, {side: made.position(self.rest, side) for side in self.sides}
         )
+
+    def _after_record(self) -> str:
+        """The verdicts on records that do not agree with the noise of the sizing, in front of what
+        was found for that noise; empty without any."""
+        found = self.doubtful
+        if not found:
+            return ""
+        if isinstance(found, RecordVerdict):
+            return f"{found.sentence()}. For Gaussian noise of its spectrum: "
+        judged = ". ".join(f"phase {name}: {each.sentence()}" for name, each in found.items())
+        return f"{judged}. For Gaussian noise of their spectra: "
 
     def verdict(self) -> str:
         """The clearance to make and what it keeps, in one sentence."""
@@ -316,7 +360,7 @@ class ClearanceAnswer(Result):
 
     def _document(self) -> dict[str, Any]:
         found = super()._document()
-        made: object = self.each_made
+        made: object = self.each_made or None
         if not self.several:
             made = self.made
             del found["clearances"]
@@ -586,10 +630,10 @@ class Sizing(ClearanceAnswer):
         return None if self.record is None or self.record.agrees else self.record
 
     @property
-    def each_made(self) -> Mapping[str, RoundedClearance]:
-        """The clearance to make of each sized pair: the calculated one or, where tolerances were
-        asked for, the largest within them, rounded up; for a production the one that its mean risk
-        needs. Empty where the largest were not found."""
+    def rounded(self) -> Mapping[str, RoundedClearance]:
+        """The clearance of each sized pair: the calculated one or, where tolerances were asked for,
+        the largest within them, rounded up; for a production the one that its mean risk needs.
+        Empty where the largest were not found."""
         if self.production is not None:
             return self.production.made
         needed = {name: each.value for name, each in self.clearances.items()}
@@ -608,9 +652,9 @@ class Sizing(ClearanceAnswer):
         return gap_of(self)
 
     def placed(self) -> pd.DataFrame:
-        """Where the stops of the sized pairs go: one row per pair.
+        """Where the stops of the sized pairs go, for Gaussian noise: one row per pair.
 
-        `pair`, its `mean_gap` in the static equilibrium, the `clearance` to make from there, and
+        `pair`, its `mean_gap` in the static equilibrium, the `clearance` from there, and
         `lower` and `upper` as a scene file has them, from the unloaded mounts; all in m, NaN where
         the scene has no stop.
         """
@@ -618,7 +662,7 @@ class Sizing(ClearanceAnswer):
 
         rows, rests = [], self.rests
         for pair in self.scene.impact_pairs:
-            if (made := self.each_made.get(pair.name)) is not None:
+            if (made := self.rounded.get(pair.name)) is not None:
                 stated = {side for side, _ in pair.stops()}
                 mean = rests[pair.name]
                 places = [made.position(mean, s) if s in stated else math.nan for s in SIDES]
@@ -628,15 +672,13 @@ class Sizing(ClearanceAnswer):
     def verdict(self) -> str:
         """The clearances to make and the risk that they keep, in one sentence, after a record that
         does not agree with Gaussian noise."""
-        record = self.doubtful
-        first = f"{record.sentence()}. For Gaussian noise of its spectrum: " if record else ""
-        return first + self._to_make()
+        return self._after_record() + self._to_make()
 
     def _to_make(self) -> str:
         """The clearances to make and the risk that they keep, in words."""
         if self.production is not None:
             return self.production.summary()
-        made, target, mission, within = self.made, self.target, self.mission, self.within
+        made, target, mission, within = self.widest, self.target, self.mission, self.within
         if made is None:
             return f"the clearance that keeps the target{within} was not found; raise budget"
         if self.worst_case is not None and self.worst_case["note"].iloc[-1]:
@@ -663,8 +705,8 @@ class Sizing(ClearanceAnswer):
         return f"{self.to_make} {target.kept(mission)}{within}"
 
     def _places(self) -> str:
-        """The clearances to make; one number where all sized pairs have it in common."""
-        made = self.each_made
+        """The clearances, rounded up; one number where all sized pairs have it in common."""
+        made = self.rounded
         in_common = (
             set(made) == set(self.common) and len({str(each) for each in made.values()}) == 1
         )
@@ -775,6 +817,8 @@ class Sizing(ClearanceAnswer):
             own = {"clearance_in_sigma": self.clearance.value / self.sigma, "gap": self.gap}
             own |= {"sigma": self.sigma}
         by = found.pop("method")
+        if self.production is not None and self.doubtful is not None:
+            own["production"] = self.production.to_dict() | {"made": {}}
         return {"method": "size", "by": by, **found, **own}
 
 
@@ -830,6 +874,11 @@ def spoken_mission(seconds: float) -> str:
 MOST_NAMED = 3
 """Most pairs whose clearances a sentence lists; beyond that it names the smallest and the
 largest."""
+
+
+def widest_of(made: Mapping[str, RoundedClearance]) -> RoundedClearance | None:
+    """The largest of several clearances; None of none."""
+    return max(made.values(), key=lambda each: each.value, default=None)
 
 
 def places_in_words(made: Mapping[str, RoundedClearance]) -> str:

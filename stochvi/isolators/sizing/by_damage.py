@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Unpack
 import numpy as np
 
 from stochvi.isolators.moved_stops import at_clearances
+from stochvi.isolators.record_verdict import record_verdict
 from stochvi.isolators.sizing.answer import Clearance
 from stochvi.isolators.sizing.damage_answer import DamageSizing
 from stochvi.model.calculations import calculation
@@ -169,7 +170,7 @@ def size_by_damage(
     }
     answer = DamageSizing(
         scene=scene, ratio=ratio, mission=mission, sigma=sigma, clearances=clearances,
-        tried=pd.DataFrame(rows), damage=nearest.found,
+        tried=pd.DataFrame(rows), damage=nearest.found, record=record_verdict(scene),
         warnings=[*nearest.found.warnings, *scene.at_means()],
         cost=run.cost(), provenance=provenance(scene.document(), run.seed),
     )  # fmt: skip

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stochvi.isolators.record_verdict import RecordVerdict
 from stochvi.isolators.sizing.answer import (
     ClearanceAnswer,
     spoken_mission,
@@ -39,6 +40,8 @@ class DamageSizing(ClearanceAnswer):
         `standard_error`, the `frequency_hz` where it is, and `by`, "clusters" or "simulation".
     damage
         The answer of `damage` at the clearance nearest to the one that was found.
+    record
+        Whether a measured record moves the gaps as Gaussian noise would; None without a record.
 
     See Also
     --------
@@ -50,6 +53,12 @@ class DamageSizing(ClearanceAnswer):
     sigma: float
     tried: pd.DataFrame
     damage: Damage
+    record: RecordVerdict | None = None
+
+    @property
+    def doubtful(self) -> RecordVerdict | None:
+        """The verdict on the record, if it does not agree with the Gaussian noise of the sizing."""
+        return None if self.record is None or self.record.agrees else self.record
 
     def to_frame(self) -> pd.DataFrame:
         """The clearances that were tried."""
@@ -59,7 +68,7 @@ class DamageSizing(ClearanceAnswer):
         """The clearance to make and what it keeps, in one sentence."""
         f = self.damage.equipment_frequency_hz
         band = f"{f[0]:.4g} Hz" if len(f) == 1 else f"{f[0]:.4g} to {f[-1]:.4g} Hz"
-        return (
+        return self._after_record() + (
             f"{self.to_make} the damage of equipment at {band} within {self.ratio:.4g} times that "
             "without stops"
         )

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stochvi.isolators.record_verdict import RecordVerdict
+from stochvi.isolators.record_verdict import RecordVerdict, most_alarming
 from stochvi.isolators.sizing.answer import (
     ClearanceAnswer,
     Target,
@@ -68,6 +68,12 @@ class MissionSizing(ClearanceAnswer):
         """The verdicts on records that do not agree with the Gaussian noise of the sizing."""
         return {name: each for name, each in self.records.items() if not each.agrees}
 
+    @property
+    def record(self) -> RecordVerdict | None:
+        """The verdict on the record that a reader must know first; None without records."""
+        name = most_alarming(self.records)
+        return None if name is None else self.records[name]
+
     def densities(self) -> dict[str, list[Table]]:
         """The densities of the accelerations in each phase, level included."""
         return {
@@ -92,11 +98,7 @@ class MissionSizing(ClearanceAnswer):
     def verdict(self) -> str:
         """The clearance to make and the risk that it keeps, in one sentence."""
         over = f", over {len(self.phases)} phases" if len(self.phases) > 1 else ""
-        made = f"{self.to_make} {self.target.kept(self.mission)}{over}"
-        judged = [f"phase {name}: {each.sentence()}" for name, each in self.doubtful.items()]
-        return (
-            f"{'. '.join(judged)}. For Gaussian noise of their spectra: {made}" if judged else made
-        )
+        return f"{self._after_record()}{self.to_make} {self.target.kept(self.mission)}{over}"
 
     def calculated(self) -> str:
         """The clearance before rounding, and the phase that decides."""
@@ -110,7 +112,7 @@ class MissionSizing(ClearanceAnswer):
         )
 
     def _document(self) -> dict[str, Any]:
-        return {"method": "size", **super()._document()}
+        return {"method": "size", **super()._document(), "record": self.record}
 
 
 def as_stated(scene: Scene) -> Scene:

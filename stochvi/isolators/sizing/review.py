@@ -266,7 +266,7 @@ class Review:
     hits: Mapping[str, HitsAt | None]
     comparisons: tuple[Comparison, ...]
     motion: MotionBetweenStops | None
-    recommended: RoundedClearance
+    recommended: RoundedClearance | None
     worst: RoundedClearance | None
     tolerances: Tolerances
     worst_case: pd.DataFrame | None
@@ -327,7 +327,7 @@ def review(
         hits=_hits(sizing),
         comparisons=_comparisons(sizing),
         motion=motion,
-        recommended=RoundedClearance.of(sizing.clearance.value),
+        recommended=None if sizing.doubtful else RoundedClearance.of(sizing.clearance.value),
         worst=None if sizing.allowed == Tolerances() else sizing.made,
         tolerances=sizing.allowed,
         worst_case=sizing.worst_case,

@@ -12,6 +12,7 @@ from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.shown_units import LENGTH, SPEED, TIME
 from stochvi.results.base import Result
 from stochvi.results.estimates import Estimate
+from stochvi.results.quantity_units import of_angle
 from stochvi.results.response import Quantities
 from stochvi.scenes.structures.rigid_body import AXES
 
@@ -65,6 +66,11 @@ class CoordinateReplay(_OfReplay):
     displacement_std: Estimate
     displacement_kurtosis: Estimate | None
     acceleration_max: Estimate
+
+    def reach(self, name: str) -> str:
+        """The smallest and the largest displacement, in words, of a coordinate of this name."""
+        ends = float(self.displacement_min), float(self.displacement_max)
+        return of_angle(name, LENGTH).span(*ends)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -331,10 +337,7 @@ class Replay(Result):
                 for each in self.clearances
             ]
             return f"replay of {self.duration:.4g} s of record: impacts {', '.join(hits)} per side"
-        moved = [
-            f"{name} from {LENGTH.span(float(each.displacement_min), float(each.displacement_max))}"
-            for name, each in self.coordinates.items()
-        ]
+        moved = [f"{name} from {each.reach(name)}" for name, each in self.coordinates.items()]
         hit = [_impacts_in_words(name, each) for name, each in self.impact_pairs.items()]
         return f"replay of {self.duration:.4g} s of record: {'; '.join([*moved, *hit])}"
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
 from stochvi.absorbers.design import BestBox, Design
 from stochvi.absorbers.performance import AbsorberReport, Performance
 from stochvi.absorbers.sine import AbsorberSine
@@ -114,6 +116,7 @@ def performance_page(found: AbsorberReport, origin: Origin) -> Page:
 def sine_page(found: AbsorberSine, origin: Origin) -> Page:
     """The page of an absorber under a sine."""
     curve = found.frequency
+    left = curve.worst * curve.without  # nan where nothing lasts
     return Page(
         title=found.scene.title or "Impact absorber under a sine",
         subtitle=f"Residual vibration of {found.carrier!r} with loose masses in boxes",
@@ -123,7 +126,7 @@ def sine_page(found: AbsorberSine, origin: Origin) -> Page:
             Fact("Without", spoken_length(float(curve.without.max())), "largest displacement"),
             Fact(
                 "With",
-                spoken_length(float((curve.worst * curve.without).max())),
+                UNKNOWN if np.isnan(left).all() else spoken_length(float(np.nanmax(left))),
                 "the largest displacement that may last",
             ),
         ],

@@ -22,6 +22,7 @@ from stochvi.views.colours import OWNERS
 from stochvi.views.damage import draw_damage
 from stochvi.views.report.environment import excitation_facts
 from stochvi.views.report.pages import Fact, Grid, Page, Section, sentence, shown, write_page
+from stochvi.views.report.records import record_cards
 from stochvi.views.schematic import draw_problem
 from stochvi.views.sized_missions import (
     damage_table,
@@ -29,7 +30,7 @@ from stochvi.views.sized_missions import (
     plot_damage_sizing,
     plot_mission_sizing,
 )
-from stochvi.views.words import line_to_copy, spoken_length
+from stochvi.views.words import WITHOUT_TOLERANCES, line_to_copy, spoken_length
 
 
 def write_clearance_report(
@@ -43,8 +44,7 @@ def write_clearance_report(
 def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
     """The page of a clearance: what to make, what decides, where the stops stand."""
     subtitle, evidence = _evidence(found)
-    stops, made = found.stops_to_copy(), found.made
-    assert made is not None
+    stops, own = found.stops_to_copy(), record_cards(found.record, getattr(found, "records", None))
     return Page(
         title=found.scene.title or "Clearance",
         subtitle=subtitle,
@@ -54,17 +54,8 @@ def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
             sentence(found.calculated()),
         ],
         cards=[
-            Fact(
-                "Clearance to make", str(made),
-                f"per side{found.of_widest}, from the static equilibrium; rounded up to "
-                f"{made.step_in_words}",
-            ),
-            Fact(
-                "Calculated", spoken_length(found.clearance.value),
-                f"{LENGTH.span(found.clearance.lower, found.clearance.upper)}, 95 %"
-                f"{found.of_widest}",
-            ),
-            *_cards(found),
+            *(own if found.doubtful else []), *_clearance_cards(found),
+            *([] if found.doubtful else own), *_cards(found),
         ],
         alarm=bool(found.doubtful),
         warnings=list(found.warnings),
@@ -72,6 +63,24 @@ def clearance_page(found: ClearanceAnswer, origin: Origin) -> Page:
         origin=origin,
         footer=[f"Calculated in {found.cost.wall_time:.3g} s. size.json holds all numbers."],
     )  # fmt: skip
+
+
+def _clearance_cards(found: ClearanceAnswer) -> list[Fact]:
+    """The clearance of the widest gap: to make, or for Gaussian noise alone where a record does not
+    agree with it; and as calculated."""
+    name = "Clearance for Gaussian noise alone" if found.doubtful else "Clearance to make"
+    made, span = found.widest, LENGTH.span(found.clearance.lower, found.clearance.upper)
+    assert made is not None
+    return [
+        Fact(
+            name, str(made),
+            f"per side{found.of_widest}, from the static equilibrium; rounded up to "
+            f"{made.step_in_words}",
+        ),
+        Fact(
+            "Calculated", spoken_length(found.clearance.value), f"{span}, 95 %{found.of_widest}"
+        ),
+    ]  # fmt: skip
 
 
 def _evidence(found: ClearanceAnswer) -> tuple[str, list[Section]]:
@@ -94,10 +103,12 @@ def _evidence(found: ClearanceAnswer) -> tuple[str, list[Section]]:
 def _cards(found: ClearanceAnswer) -> list[Fact]:
     if isinstance(found, MissionSizing):
         worst = found.phases.iloc[int(np.argmax(found.phases["share"]))]
+        noise = ", for Gaussian noise alone" if found.doubtful else ""
         return [
             Fact(
                 "Probability of any impact", spoken_percent(found.target.value),
-                f"in the whole mission of {spoken_mission(found.mission)}",
+                f"at the calculated clearance{noise}, in the whole mission of "
+                f"{spoken_mission(found.mission)}",
             ),
             Fact(
                 "Phase that decides", str(worst["phase"]),
@@ -211,8 +222,10 @@ def _damage(found: DamageSizing) -> Section:
 
 
 def _stops(found: ClearanceAnswer) -> Section:
-    """Where the stops stand, with the drawing of the scene."""
+    """Where the stops stand, with the drawing of the scene: at the clearance to make, or as the
+    scene has them where there is none."""
     made = found.as_made()
+    where = "at the clearance to make" if found.each_made else "as the scene file states them"
     return Section(
         title="Gap and stops",
         lead="A clearance is the distance of a stop from the static equilibrium, where the mass "
@@ -222,7 +235,8 @@ def _stops(found: ClearanceAnswer) -> Section:
             Fact(
                 f"{side.capitalize()} stop{f' of {pair.name}' if found.several else ''}",
                 spoken_length(getattr(pair, side)),
-                f"from the unloaded spring; {law.phrase()}",
+                f"{'' if found.each_made else 'of the scene; '}from the unloaded spring; "
+                f"{law.phrase()}",
             )
             for pair in made.impact_pairs
             for side, law in pair.stops()
@@ -230,7 +244,7 @@ def _stops(found: ClearanceAnswer) -> Section:
         pictures=[
             shown(
                 lambda: draw_problem(made, found.rests),
-                "The scene with its stops at the clearance to make; not to scale.",
+                f"The scene with its stops {where}; not to scale.",
                 wide=True,
             )
         ],
@@ -242,5 +256,5 @@ def _limits(found: ClearanceAnswer) -> Section:
     return Section(
         title="Limits",
         lead="Assumptions of this report.",
-        notes=[sentence(text) for text in (*found.hanging.assumptions(), *own)],
+        notes=[sentence(text) for text in (*found.hanging.assumptions(), *own, WITHOUT_TOLERANCES)],
     )

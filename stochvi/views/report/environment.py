@@ -151,7 +151,7 @@ def gap_section(review: Review) -> Section:
     facts = [
         Fact(
             f"Clearance of the {side} stop, to make",
-            str(sizing.made),
+            str(sizing.widest),
             f"in the scene file {side} = {place:.9g} (m)",
         )
         for side, place in found.recommended.items()

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import NEAR_ONE, spoken_mission, spoken_percent
-from stochvi.mathematics.shown_units import ACCELERATION, LENGTH, SPEED
+from stochvi.mathematics.shown_units import ACCELERATION, SPEED
 from stochvi.results.base import plain
 from stochvi.results.origin import Origin, origin_of
+from stochvi.results.quantity_units import of_angle
 from stochvi.scenes.structures import Isolator
 from stochvi.views.axes import PAGE, axes_or_new, label_for_page
 from stochvi.views.colours import COLOURS
@@ -17,6 +18,7 @@ from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history, 
 from stochvi.views.report.changes import production_section
 from stochvi.views.report.environment import excitation_facts
 from stochvi.views.report.pages import Fact, Grid, Page, Picture, Section, shown, write_page
+from stochvi.views.report.records import record_cards
 from stochvi.views.schematic import draw_problem
 from stochvi.views.shapes import draw_shapes, has_shape
 from stochvi.views.statistics_tables import SURELY
@@ -25,7 +27,6 @@ from stochvi.views.words import (
     OF_ONE_MOUNT,
     UNKNOWN,
     count_of,
-    four_digits,
     spoken_length,
     way_in_words,
 )
@@ -88,6 +89,7 @@ def reliability_page(
         missing.append(f"{name.replace('_', ' ')}: {what}, {why}")
     doubtful = record is not None and not record.agrees
     first = f"{record.sentence()}. " if record is not None and doubtful else ""
+    noise = "; for Gaussian noise alone" if doubtful else ""
     return Page(
         title=scene.title or "Reliability of a mission",
         subtitle=f"Probabilities in a mission of {mission}, {_start(found)}",
@@ -97,8 +99,9 @@ def reliability_page(
         if found.hits is None
         else [f"Expected impacts in {mission}: {_hits(found)}."],
         cards=[
+            *(record_cards(record) if doubtful else []),
             *(
-                Fact(f"Probability of {_event(each)}", _value(each), _interval(each))
+                Fact(f"Probability of {_event(each)}", _value(each), f"{_interval(each)}{noise}")
                 for each in chances
             ),
             Fact(
@@ -390,7 +393,7 @@ def replay_page(
             for each in found.clearances
             for pair in each.impact_pairs.values()
         ),
-        cards=[*_needs_card(record), *_replay_cards(found)],
+        cards=[*record_cards(record), *_replay_cards(found)],
         warnings=list(found.warnings),
         sections=[
             Section(
@@ -421,8 +424,7 @@ def _replay_cards(found: Replay) -> list[Fact]:
     cards = [
         Fact(
             f"Motion of {name}",
-            f"{four_digits(LENGTH(float(each.displacement_min)))} to "
-            f"{spoken_length(float(each.displacement_max))}",
+            each.reach(name),
             "from the unloaded spring",
         )
         for name, each in found.coordinates.items()
@@ -434,20 +436,6 @@ def _replay_cards(found: Replay) -> list[Fact]:
     return cards
 
 
-def _needs_card(record: RecordVerdict | None) -> list[Fact]:
-    """The clearance that the record needs, if it was judged."""
-    if record is None:
-        return []
-    sides = record.needed_on_each_side or "per side"
-    return [
-        Fact(
-            "The record itself needs",
-            record.needed,
-            f"{sides}; from the static equilibrium",
-        )
-    ]
-
-
 def _replay_grid(found: Replay) -> Grid:
     """A row per quantity, a column per clearance."""
     rows = []
@@ -457,7 +445,7 @@ def _replay_grid(found: Replay) -> Grid:
             for name, _ in quantities.items():
                 if name not in ROWS:
                     continue
-                words, quantity = ROWS[name]
+                words, quantity = ROWS[name][0], of_angle(owner, ROWS[name][1])
                 values = [getattr(each, group)[owner][name] for each in found.clearances]
                 if all(value is None for value in values):
                     continue  # the speed of no impact, the force of a rigid stop

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from stochvi.isolators.sizing.answer import MOST_NAMED, spoken_mission, spoken_percent
+from stochvi.isolators.sizing.answer import (
+    MOST_NAMED,
+    places_in_words,
+    spoken_mission,
+    spoken_percent,
+)
 from stochvi.mathematics.shown_units import LENGTH
 from stochvi.views.box import modes_in_rows, one_axis_in_rows, plot_box
 from stochvi.views.pairs import (
@@ -23,6 +28,7 @@ from stochvi.views.pairs import (
 from stochvi.views.report.pages import Fact, Grid, Section, capital, shown
 from stochvi.views.report.records import record_cards
 from stochvi.views.schematic import draw_gaps
+from stochvi.views.words import UNKNOWN
 
 if TYPE_CHECKING:
     from stochvi.isolators.screening import Screening
@@ -41,7 +47,8 @@ def pairs_cards(sizing: Sizing) -> list[Fact]:
         Fact(
             "Probability of any impact",
             spoken_percent(any_hit.value),
-            f"{interval_in_words(any_hit)}, 95 %; as calculated",
+            f"{interval_in_words(any_hit)}, 95 %; as calculated"
+            + ("" if sizing.doubtful is None else ", for Gaussian noise alone"),
         ),
         *(
             [Fact("Expected impacts", sizing.expected_in_words(), f"in {mission}")]
@@ -67,9 +74,8 @@ def pairs_section(sizing: Sizing) -> Section:
         ],
         pictures=[
             shown(
-                lambda: draw_gaps(sizing.scene.impact_pairs, sizing.rests),
-                "Stops as they stand in the scene file, and clearances from the static "
-                "equilibrium.",
+                lambda: draw_gaps(sizing.as_made().impact_pairs, sizing.rests),
+                f"Stops {_where(sizing)}, from the unloaded mounts.",
             ),
             shown(lambda: plot_pairs_clearances(sizing), "Clearances and the rule of three sigma."),
             shown(
@@ -78,6 +84,13 @@ def pairs_section(sizing: Sizing) -> Section:
             ),
         ],
     )
+
+
+def _where(sizing: Sizing) -> str:
+    """Where the stops of the drawing stand."""
+    if not sizing.each_made:
+        return "as the scene file states them"
+    return "at the clearances to make, as a scene file has them"
 
 
 def _shared(sizing: Sizing) -> str:
@@ -119,11 +132,16 @@ def pairs_tolerances_section(sizing: Sizing) -> Section:
 
 def _clearance_cards(sizing: Sizing) -> list[Fact]:
     """The clearance of each pair to make; for many pairs the smallest and the largest."""
-    made = sizing.each_made
+    made = sizing.rounded
     purpose = "to make" if sizing.doubtful is None else "for Gaussian noise alone"
+    tried = "" if sizing.shown_to_keep else " were tried, and not shown to keep the target"
+    if not made or tried:
+        text = f"{places_in_words(made)}{tried}" if made else "none was found within the tolerances"
+        return [Fact(f"Clearances {purpose}", UNKNOWN, f"{text}; raise the budget")]
     named = list(sizing.clearances)
     if len(named) > MOST_NAMED:
-        named = list(dict.fromkeys(sizing.extremes()))
+        by_size = sorted(made, key=lambda name: made[name].value)
+        named = [by_size[0], by_size[-1]]
     cards = []
     for name in named:
         each = sizing.clearances[name]
@@ -154,7 +172,9 @@ def box_sections(sizing: Sizing) -> list[Section]:
             ],
             pictures=[
                 shown(
-                    lambda: plot_box(sizing), "The box, its mounts and its snubbers, by their risk."
+                    lambda: plot_box(sizing),
+                    "The box, its mounts and its snubbers, by their risk with the stops of the "
+                    "scene.",
                 )
             ],
         )

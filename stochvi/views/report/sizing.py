@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import spoken_mission, spoken_percent
 from stochvi.isolators.sizing.chance_at_stops import two_sided
-from stochvi.isolators.sizing.changes import Tolerances
 from stochvi.mathematics.shown_units import ACCELERATION, LENGTH, RATE, SPEED
 from stochvi.results.base import plain
 from stochvi.results.column_units import named_with_units
@@ -205,9 +204,9 @@ def _statements(review: Review) -> list[str]:
 
 def _rounded(sizing: Sizing) -> str:
     """How the clearance to make is rounded, in a sentence; empty where it was not found."""
-    if sizing.made is None or sizing.several:
+    if sizing.widest is None or sizing.several:
         return ""
-    return f" The clearance to make is rounded up to {sizing.made.step_in_words}."
+    return f" The clearance is rounded up to {sizing.widest.step_in_words}."
 
 
 def _hits_statement(review: Review) -> str:
@@ -305,16 +304,17 @@ def _cards(review: Review) -> list[Fact]:
 
 def _clearance_card(sizing: Sizing) -> Fact:
     """The clearance to make."""
-    made = sizing.made
+    made = sizing.widest
     name = "Clearance to make" if sizing.doubtful is None else "Clearance for Gaussian noise alone"
     sides = "per side, " if len(sizing.sides) > 1 else ""
     if made is None:
         return Fact(name, UNKNOWN, "what the target needs within the tolerances was not found")
+    if not sizing.shown_to_keep:
+        return Fact(name, UNKNOWN, f"{made} was not shown to keep the target; raise the budget")
     within = f"within {sizing.allowed.in_words()}; " if sizing.worst_case is not None else ""
     enough = ""
     if sizing.kept_with is not None:
-        shown = sizing.shown_to_keep
-        enough = "enough, and less may be; " if shown else "not shown to keep the target; "
+        enough = "enough, and less may be; "
     remark = (
         f"{enough}{sides}from the static equilibrium; {within}rounded up to {made.step_in_words}"
     )
@@ -342,7 +342,8 @@ def _risk_card(review: Review) -> Fact:
     target, mission = sizing.target, spoken_mission(sizing.mission)
     hits = review.hits["recommended"]
     count = UNKNOWN if hits is None or hits.expected is None else count_of(hits.expected)
-    remark = f"at the calculated clearance; expected impacts there: {count}"
+    noise = "" if sizing.doubtful is None else ", for Gaussian noise alone"
+    remark = f"at the calculated clearance{noise}; expected impacts there: {count}"
     if target.exceedance is None:
         chance = _chance(review.chances["recommended"].any_hit)
         return Fact(f"Probability of any impact in {mission}", chance, remark)
@@ -529,7 +530,7 @@ OF_PAIRS = ("Clearances are measured from the static equilibrium.",)
 
 
 def _limits(sizing: Sizing, own: Sequence[str], assumptions: Sequence[str]) -> Section:
-    without = sizing.allowed == Tolerances()
+    without = not sizing.varies
     return Section(
         title="Limits",
         lead="Assumptions of this report, and its limits.",
