@@ -134,13 +134,15 @@ class Common:
         from stochvi.cli.program import COMMAND_LINE
         from stochvi.cli.writable_targets import inputs_of
         from stochvi.results.origin import digests, origin_of
+        from stochvi.scenes.scene import file_and_phase
         from stochvi.scenes.text_tables import read_text
 
+        file, _ = file_and_phase(Path(scene))
         return replace(
             origin_of(provenance),
             command=click.get_current_context().meta.get(COMMAND_LINE, ""),
-            listing=read_text(Path(scene)),
-            files=digests(inputs_of([Path(scene)])),
+            listing=read_text(file),
+            files=digests(inputs_of([file])),
             question=self.question,
         )
 
@@ -449,7 +451,7 @@ def _say_only(done: float, text: str) -> None:
 
 
 def _scenes(given: Mapping[str, Any]) -> list[Path]:
-    """The scene files of a command."""
+    """The scene files of a command, with the name of a phase where one is asked for."""
     named = given.get("scenes") or [given[key] for key in ("scene",) if given.get(key)]
     return [Path(name) for name in named]
 

@@ -10,9 +10,13 @@ from stochvi.cli.options import BUDGET, TIME, Common, common, shown
 from stochvi.cli.program import FAILED, main, stop
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
     from matplotlib.axes import Axes
 
     from stochvi.verification.check import Check
+    from stochvi.verification.explain import Explanation
 
 ONE_SCENE = 0.003
 """Default relative error of the Monte Carlo where one scene is checked."""
@@ -138,17 +142,37 @@ def explain(options: Common, scene: str, budget: float) -> None:
     """
     from stochvi.scenes.scene import load_scene
     from stochvi.verification.explain import explain as explain_scene
-    from stochvi.views.verification_tables import print_explanation
+    from stochvi.verification.explain import explain_phases
+    from stochvi.views.verification_tables import print_explanation, print_phases
 
     loaded = load_scene(scene)
     left = options.until(budget).rest or budget
-    found = explain_scene(loaded, threads=options.threads, budget=left)
-    options.show(found, print_explanation, "methods")
+    if loaded.phases:
+        phases = explain_phases(loaded, threads=options.threads, budget=left)
+        each = {name: answer.to_dict() for name, answer in phases.items()}
+        document = {"method": "explain", "phases": each}
+        options.show(phases, print_phases, None, document)
+        if options.out is not None:
+            _write_phases(phases, options.out)
+        found, loaded = next(iter(phases.values())), loaded.in_phase(loaded.phases[0].name)
+    else:
+        found = explain_scene(loaded, threads=options.threads, budget=left)
+        options.show(found, print_explanation, "methods")
     if options.out is not None:
         from stochvi.views.schematic import write_problem
 
         rests = {name: gap.position for name, gap in found.rest_of_gaps.items()}
         write_problem(loaded, rests, options.out)
+
+
+def _write_phases(phases: Mapping[str, Explanation], folder: Path) -> None:
+    """Write the methods that apply in each phase of a mission as one table."""
+    import pandas as pd
+
+    from stochvi.views.files import write_table
+
+    tables = [each.to_frame().assign(phase=name) for name, each in phases.items()]
+    write_table(pd.concat(tables), folder / "methods.csv")
 
 
 FILE_PATHS = 4096

@@ -14,10 +14,12 @@ from stochvi.results.origin import named_files
 
 def inputs_of(scenes: Sequence[Path]) -> list[Path]:
     """The scene files, and the files that they name. Unreadable scenes are refused elsewhere."""
+    from stochvi.scenes.scene import file_and_phase
     from stochvi.scenes.text_tables import read_text
 
     found = []
-    for scene in scenes:
+    for named in scenes:
+        scene, _ = file_and_phase(named)
         found.append(scene)
         try:
             document = tomllib.loads(read_text(scene))

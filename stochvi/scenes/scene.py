@@ -1185,7 +1185,7 @@ def load_scene(path: str | Path) -> Scene:
     ('white noise on x', 'rigid stop lower', 'rigid stop upper')
     """
     path = Path(path)
-    file, phase = _file_and_phase(path)
+    file, phase = file_and_phase(path)
     if phase is not None:
         return load_scene(file).in_phase(phase)
     text = read_text(path)
@@ -1200,13 +1200,13 @@ def load_scene(path: str | Path) -> Scene:
 
 def phase_duration(path: str | Path) -> float | None:
     """Duration of the phase in `truck.toml#road`, s; None of a file without the name of one."""
-    file, name = _file_and_phase(Path(path))
+    file, name = file_and_phase(Path(path))
     if name is None:
         return None
     return next(each.duration for each in load_scene(file).phases if each.name == name)
 
 
-def _file_and_phase(path: Path) -> tuple[Path, str | None]:
+def file_and_phase(path: Path) -> tuple[Path, str | None]:
     """The scene file, and the name of a phase behind its "#", if there is one."""
     file, mark, phase = str(path).rpartition("#")
     return (Path(file), phase) if mark and file and not path.exists() else (path, None)

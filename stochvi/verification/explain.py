@@ -186,6 +186,23 @@ def explain(scene: Scene, *, threads: int | None = None, budget: float = SECONDS
     )
 
 
+def explain_phases(
+    scene: Scene, *, threads: int | None = None, budget: float = SECONDS
+) -> dict[str, Explanation]:
+    """The explanation of each phase of a mission, by its name; the steps of a phase that moves are
+    explained by their first."""
+    deadline = Deadline.after(budget)
+    first = {phase.step_of or phase.name: phase for phase in reversed(scene.phases)}
+    phases = list(reversed(first.items()))
+    return {
+        name: explain(
+            phase.of(scene), threads=threads,
+            budget=deadline.part(1.0 / (len(phases) - done)) or LEAST_PILOT_SECONDS,
+        )
+        for done, (name, phase) in enumerate(phases)
+    }  # fmt: skip
+
+
 MOST_OF_THE_REST = 0.5
 """Largest share of the time that is left which the plan of a simulation may take."""
 

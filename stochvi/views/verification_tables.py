@@ -200,6 +200,14 @@ def print_explanation(console: Console, explanation: Explanation) -> None:
         console.print(f"note: {note}", style="yellow", highlight=False)
 
 
+def print_phases(console: Console, phases: Mapping[str, Explanation]) -> None:
+    """Print the explanation of each phase of a mission."""
+    for name, each in phases.items():
+        console.print(f"phase {name}", style="bold", highlight=False)
+        print_explanation(console, each)
+    print_line(console, "all phases together: size, reliability and damage")
+
+
 def _print_modes(console: Console, explanation: Explanation) -> None:
     """Print the modes of a structure of several coordinates, and where it rests under loads."""
     if len(explanation.modes) > 1:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 import sys
 from pathlib import Path
 
 import click
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -554,3 +556,91 @@ def test_a_part_that_stands_there_twice_is_a_list(stochvi: Run, tmp_path: Path) 
     file = tmp_path / "scene.toml"
     file.write_text("[absorber]\nmass = 1.0\n[absorber]\nmass = 2.0\n")
     assert "for several, write each as [[absorber]]" in refused(stochvi("explain", file))
+
+
+PHASES = """
+[structure]
+kind = "isolator"
+mass = 2.0
+frequency_hz = 12.0
+zeta = 0.1
+[[impact_pair]]
+clearance = 0.004
+law = { kind = "restitution", coefficient = 0.5 }
+[[excitation]]
+kind = "record"
+file = "record.csv"
+unit = "g"
+[[phase]]
+name = "road"
+duration = 60.0
+[[phase]]
+name = "rough road"
+duration = 20.0
+level_db = 2.0
+"""
+
+
+SLOW = pytest.mark.slow
+
+
+@pytest.fixture
+def in_phases(tmp_path: Path) -> Path:
+    """A scene with phases, all of them by one record."""
+    t = np.arange(4000) / 400.0
+    noise = np.random.default_rng(2).normal(size=t.size)
+    np.savetxt(tmp_path / "record.csv", np.column_stack([t, noise]), delimiter=",")
+    (tmp_path / "mission.toml").write_text(PHASES, "utf-8")
+    return tmp_path / "mission.toml"
+
+
+@pytest.mark.usefixtures("blank_pictures")
+@pytest.mark.parametrize(
+    ("command", "more"),
+    [
+        ("explain", ()), ("screen", ()), ("replay", ()),
+        pytest.param("reliability", ("--rel-error", "0.5", "--budget", "5"), marks=SLOW),
+        pytest.param(
+            "size", ("--probability", "5%", "--rel-error", "0.3", "--budget", "5"), marks=SLOW
+        ),
+    ],
+)  # fmt: skip
+def test_one_phase_of_a_file_gets_its_files_and_page(
+    command: str, more: tuple[str, ...], in_phases: Path, tmp_path: Path, stochvi: Run
+) -> None:
+    """The report lists the file of the scene, and another phase is another question."""
+    out = ("--out", tmp_path / "out", "--quiet")
+    done = stochvi(command, f"{in_phases}#rough road", *more, *out)
+    assert done.code in (0, 1) and "cannot be read" not in done.err
+    assert list((tmp_path / "out").iterdir())
+    page = tmp_path / "out" / "report.html"
+    assert page.is_file() == (command in ("replay", "reliability", "size"))
+    if page.is_file():
+        text = page.read_text("utf-8")
+        for file in ("mission.toml", "record.csv"):
+            digest = hashlib.sha256((tmp_path / file).read_bytes()).hexdigest()
+            assert digest in text, file
+        assert "level_db = 2.0" in text
+        other = stochvi(command, f"{in_phases}#road", *more, *out)
+        assert "is the report of another scene or question" in refused(other)
+    # nor is the file of the scene replaced by an answer
+    over = stochvi(command, f"{in_phases}#road", *more, "--json", in_phases)
+    assert "which this command reads" in refused(over)
+
+
+def test_a_mission_is_explained_phase_by_phase(
+    in_phases: Path, tmp_path: Path, stochvi: Run
+) -> None:
+    """As each of its phases is alone."""
+    asked = ("--json", "-", "--budget", "1")
+    whole = one_document(stochvi("explain", in_phases, *asked, "--out", tmp_path / "out").out)
+    assert list(whole["phases"]) == ["road", "rough road"]
+    for name, phase in whole["phases"].items():
+        alone = one_document(stochvi("explain", f"{in_phases}#{name}", *asked).out)
+        for key in ("effects", "methods", "natural_frequency_hz"):
+            assert phase[key] == alone[key]
+    told = stochvi("explain", in_phases, "--budget", "1").out
+    assert "phase road\n" in told and "phase rough road\n" in told
+    table = pd.read_csv(tmp_path / "out" / "methods.csv")
+    assert set(table["phase"]) == set(whole["phases"])
+    assert (tmp_path / "out" / "scene.svg").is_file()
