@@ -134,13 +134,14 @@ END_ROWS = 6
 
 
 class Followed(NamedTuple):
-    """Largest absolute accelerations of a path in contacts.
+    """Largest absolute accelerations, forces and deflections of a path in contacts.
 
     Parameters
     ----------
     ends : (END_ROWS, outputs), accelerations at both ends of what is left of the step, without the
         stops. Below stand the two that were read last, with their shares of the step.
-    largest : (outputs,), updated.
+    largest : (outputs,), updated. Where it is longer, the largest push of each pair, N/kg, and
+        its largest deflection, m, follow.
     """
 
     ends: NDArray[np.float64]
@@ -155,7 +156,7 @@ class Following(NamedTuple):
     rows : (outputs, modes), from modal forces of springs, dampers and stops to accelerations.
     before, after : (modes, lanes), modal forces at both ends of the step, without the stops.
     ends : (END_ROWS, outputs), overwritten.
-    largest : (lanes, outputs), updated.
+    largest : (lanes, columns of `Followed.largest`), updated.
     """
 
     rows: NDArray[np.float64]
@@ -399,10 +400,11 @@ def shorter_at_touch(h, contacts, stops, laws):
 
 
 @kernel
-def add_contacts(h, contacts, stops, laws, tally):
+def add_contacts(h, contacts, stops, laws, followed, tally):
     """Add impulse, dissipated energy, duration and peak force of a sub-step of all contacts."""
     gaps, a, f, v = contacts.gaps, contacts.accelerations, contacts.forces, contacts.rates
     peaks, sums, lane = tally.peaks, tally.sums, tally.lane
+    pairs = stops.places.shape[0]
     for j in range(stops.places.shape[0]):
         for which in range(2):
             if contacts.inside[j, which] != PUSHES:
@@ -423,6 +425,16 @@ def add_contacts(h, contacts, stops, laws, tally):
             )  # fmt: skip
             highest = parabola_maximum(first, middle, last)
             peaks[lane, j, which] = max(peaks[lane, j, which], highest)
+            if followed is not None:
+                outputs, largest = followed.ends.shape[1], followed.largest
+                if largest.shape[0] > outputs:
+                    place, half = stops.places[j, which], 0.5 * (y0 + y1) + 0.125 * h * (v0 - v1)
+                    deepest = parabola_maximum(
+                        side * (y0 - place), side * (half - place), side * (y1 - place)
+                    )
+                    largest[outputs + j] = max(largest[outputs + j], highest)
+                    at = outputs + pairs + j
+                    largest[at] = max(largest[at], deepest)
             target = ROWS_OF_PAIR + ROWS_OF_STOP * which
             total = f[0, j, which] + 2.0 * (f[1, j, which] + f[2, j, which]) + f[3, j, which]
             sums[j, target + IMPULSE, lane] -= side * h / 6.0 * total
@@ -469,7 +481,7 @@ def crest(a0, t0, a1, t1, a2, t2):
 @kernel
 def forget(followed):
     """Leave out what was read before: accelerations may jump at events."""
-    for output in range(followed.largest.shape[0]):
+    for output in range(followed.ends.shape[1]):
         followed.ends[EARLIER_AT, output] = followed.ends[LAST_AT, output] = math.nan
 
 
@@ -479,7 +491,7 @@ def follow(followed, share, contacts, responses):
     left of the step. A crest between the last three of them counts, too."""
     ends, largest = followed.ends, followed.largest
     series, s = responses.accelerations, contacts.moments
-    for output in range(largest.shape[0]):
+    for output in range(ends.shape[1]):
         total = ends[0, output] + share * (ends[1, output] - ends[0, output])
         for i in range(s.shape[0]):
             if contacts.pushed[i] != 0:
@@ -607,7 +619,7 @@ def integrate_contacts(
                     break
                 h = later
             ends = False
-        add_contacts(h, contacts, stops, laws, tally)
+        add_contacts(h, contacts, stops, laws, followed, tally)
         t = span if ends else t + h
         rub_contacts(stops.rubs, h, contacts, stops, responses, tally)
         for j in range(pairs):

@@ -183,12 +183,14 @@ class FirstImpacts(NamedTuple):
 
 class Followed(NamedTuple):
     """What stops make of given motions: path, pair, time and speed of each impact (4, impacts), the
-    sums of each pair (pairs, sums_of_pair, paths), and the largest accelerations (paths,
-    outputs)."""
+    sums of each pair (pairs, sums_of_pair, paths), and the largest accelerations (paths, outputs).
+    Then come the largest force (N) and deflection (m) of the stops of each pair, (paths, pairs)."""
 
     impacts: Matrix
     sums: Records
     accelerations: Matrix
+    forces: Matrix
+    deflections: Matrix
 
 
 class ClusterPaths:
@@ -398,8 +400,9 @@ class ClusterPaths:
         counted: int | None = None,
     ) -> Followed:  # fmt: skip
         """What the stops make of a motion, by `ModalTablesPlan.follow`; without `accelerations`
-        these are 0."""
-        largest = np.zeros((motion.shape[2] // 2, len(self.outputs)))
+        these, the forces and the deflections are 0."""
+        outputs, pairs = len(self.outputs), len(self.pairs)
+        largest = np.zeros((motion.shape[2] // 2, outputs + 2 * pairs))
         rows = LOGGED
         while True:
             log = Log(np.zeros((rows, COLUMNS)), np.zeros(1, np.int64), 0.0)
@@ -410,7 +413,9 @@ class ClusterPaths:
             if log.count[0] <= rows:
                 break
             rows = int(log.count[0])
-        return Followed(log.events[: log.count[0]].T, sums, largest)
+        sharpest, hardest, deepest = np.split(largest, [outputs, outputs + pairs], axis=1)
+        forces = hardest * [pair.mass for pair in self.model.pairs]  # kernels take accelerations
+        return Followed(log.events[: log.count[0]].T, sums, sharpest, forces, deepest)
 
     def fastest(self, impacts: Matrix, paths: int) -> Matrix:
         """Largest impact speeds of each pair (pairs, paths), m/s; 0 where there is no impact."""
@@ -422,7 +427,7 @@ class ClusterPaths:
     def _cluster(self, motion: Records) -> Matrix:
         """Rows of `Part.bursts` from the impacts in the first half of the window on."""
         bursts, plan = motion.shape[2] // 2, self.plans[1]
-        impacts, sums, accelerations = self.follow(motion, accelerations=True)
+        impacts, sums, accelerations, _, _ = self.follow(motion, accelerations=True)
         early = impacts[0, impacts[2] <= 0.5 * self.motion.window * plan.step].astype(int)
         of = {name: row for row, name in enumerate(plan.sums_of_pair)}
         hits, speeds = (

@@ -174,14 +174,14 @@ class ImpactTrials(Kind):
         """The scores of trials with such a motion without stops. Where no stop is hit, it is a
         negative number that rises with how close the motion comes to a stop."""
         trials, sharp = motion.shape[2] // 2, self.event == "peak_acceleration"
-        impacts, _, accelerations = self.paths.follow(
+        found = self.paths.follow(
             motion, accelerations=sharp, stride=stride, burn_in=burn_in, counted=counted
         )
         score: Vector
         if sharp:
-            score = accelerations[:, self.outputs].max(axis=1)
+            score = found.accelerations[:, self.outputs].max(axis=1)
         else:
-            score = self.paths.fastest(impacts, trials).max(axis=0)
+            score = self.paths.fastest(found.impacts, trials).max(axis=0)
         (missed,) = np.nonzero(score == 0.0)
         if len(missed):
             gaps = motion[:counted, :, 2 * missed].transpose(2, 0, 1)

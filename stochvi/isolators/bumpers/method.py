@@ -1,8 +1,8 @@
 """What impacts do to a mass over the clearance and the stiffness of its stops.
 
 At each clearance, impacts on the stops of all stiffnesses follow from the same motions
-(`trials.py`). The hardest contact of the mission is that of its fastest impact. During a contact
-the base is taken to be at rest, so that a contact is a function of its speed.
+(`trials.py`). Mount, base and stops move the mass in a contact, and the largest acceleration, force
+and deflection are those of that motion.
 """
 
 from __future__ import annotations
@@ -13,9 +13,16 @@ from typing import Unpack
 
 import numpy as np
 
+from stochvi.engine.sub_steps import CONTACT_ANGLE
 from stochvi.isolators.bumpers.answer import BumperMap
-from stochvi.isolators.bumpers.trials import ClearanceTrials, TrialPart, Trials, trials_of
-from stochvi.isolators.contact import Contact, hardest_contact
+from stochvi.isolators.bumpers.trials import (
+    ClearanceTrials,
+    Curve,
+    TrialPart,
+    Trials,
+    trials_of,
+)
+from stochvi.isolators.contact import hardest_contact
 from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.sizing.answer import Target
 from stochvi.isolators.sizing.changes import changed_stops
@@ -38,6 +45,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import UNFINISHED
 from stochvi.statistics.cluster_paths import ClusterPaths
 from stochvi.statistics.damage import SpectrumValues
+from stochvi.statistics.damage.clusters import PAST_LARGEST
 
 POINTS, MOST_POINTS = 20, 100
 """Number of clearances, and of stiffnesses, by default; and the largest number."""
@@ -46,7 +54,14 @@ NEAREST_SIGMA, SPREAD = 1.5, 10.0
 """By default the smallest clearance, in rms displacements, and the factor of the stiffness either
 way."""
 
+SPEEDS = np.concatenate([[1e-6], np.linspace(0.0, 2.0 * PAST_LARGEST, 65)[1:]])
+"""Speeds at which the contacts of a law are known, over the fastest impact that was seen."""
+
 HOUR = 3600.0
+
+BETWEEN_SUB_STEPS = CONTACT_ANGLE**2 / 24.0
+"""Mean share of a peak acceleration that is lost between two sub-steps of a contact. A cosine that
+is read every a rad lies by a^2 / 24 of its amplitude below its peak on average."""
 
 FIRST_PATHS, MOST_UNSEEN = 64, 1024
 """Number of paths of the first look; and that after which a clearance is given up at which hardly
@@ -152,7 +167,7 @@ def bumper_map(
         if not taken.enough:
             short.append(f"{1e3 * place:.3g} mm")
     peak, force, rattle, fastest, energy, hourly = _map(
-        scene, scenes, places, factors, rows, wanted, calm
+        model_of(scene), places, rows, wanted, calm, float(speed / sigma)
     )
     own = stiffness_of(scene)
     answer = BumperMap(
@@ -163,10 +178,7 @@ def bumper_map(
         energy_per_hit=energy, impacts_per_hour=hourly,
         ways=["clusters" if row[0].sampler.apart else "records" for row in rows],
         scene_without_mass=not scene.expanded.structure.knows_mass,
-        assumptions=[
-            *scene.assumptions(),
-            "the base is at rest during a contact, so that a contact follows from its speed",
-        ],
+        assumptions=scene.assumptions(),
         warnings=_warnings(rows, short), cost=run.cost(paths=paths),
         provenance=provenance(scene.document(), run.seed),
     )  # fmt: skip
@@ -179,27 +191,25 @@ def bumper_map(
 
 
 def _map(
-    scene: Scene, scenes: Sequence[Scene], places: Vector, factors: Vector,
-    rows: Sequence[Sequence[Trials]], wanted: float, calm: float,
+    model: Model, places: Vector, rows: Sequence[Sequence[Trials]], wanted: float, calm: float,
+    speed_ratio: float,
 ) -> list[SpectrumValues]:  # fmt: skip
-    """The quantities of a map, in the order of its fields."""
-    mass = float(model_of(scene).mass[0, 0])
-    # (value, error, bias), each (clearances, stiffnesses)
-    speed = np.array([[each.level(wanted) for each in row] for row in rows]).transpose(2, 0, 1)
-    peak, force, rattle = np.zeros((3, 3, len(places), len(factors)))
-    for column, each in enumerate(scenes):
-        model = model_of(at_clearances(each, float(places[0])))
-        value, error, bias = (part[:, column] for part in speed)
-        met = np.array([value, value + error, value + bias])
-        hit = _contacts(model, places, met)
-        alone = np.tile(np.minimum(calm, places), (3, 1))
-        for into, found, otherwise in (
-            (peak, hit.peak_acceleration, model.omega**2 * alone),
-            (force, mass * hit.peak_force, 0.0 * alone),
-            (rattle, places + hit.deflection, alone),
-        ):
-            found = np.where((met > 0.0) | np.isnan(met), found, otherwise)
-            into[:, :, column] = found[0], found[1] - found[0], found[2] - found[0]
+    """The quantities of a map, in the order of its fields.
+
+    Where no stop is reached, the largest displacement is `calm`, or the clearance where that is
+    less. The mount then gives omega^2 x + b v, where v has `speed_ratio` times the rms of x.
+    """
+    mass = float(model.mass[0, 0])
+    levels = np.array([_levels(places, column, wanted) for column in zip(*rows, strict=True)])
+    speed, peak, force, depth = levels.transpose(2, 3, 1, 0)
+    reached = (speed[0] > 0.0) | np.isnan(speed[0])
+    calm_places = np.minimum(calm, places)[:, None]
+    pull = math.hypot(model.omega**2, model.damping_rate * speed_ratio)
+    peak = np.where(reached, peak, [pull * calm_places, 0.0 * calm_places, 0.0 * calm_places])
+    peak[2] += np.where(reached, BETWEEN_SUB_STEPS * peak[0], 0.0)
+    rattle = depth + np.array([1.0, 0.0, 0.0])[:, None, None] * np.where(
+        reached, places[:, None], calm_places
+    )
     energy = 0.5 * mass * np.array([[each.mean_square_speed() for each in row] for row in rows])
     hourly = HOUR * np.array([[each.per_second() for each in row] for row in rows])
     overlap = np.array([[each.overlap for each in row] for row in rows])
@@ -213,23 +223,44 @@ def _map(
     ]  # fmt: skip
 
 
+def _levels(
+    places: Vector, column: Sequence[Trials], wanted: float
+) -> list[list[tuple[float, float, float]]]:
+    """Speed, acceleration, force and deflection that are exceeded `wanted` times a second, at all
+    clearances (clearances, quantities) with stops of one stiffness.
+
+    The square of a speed is exponential beyond what was seen. For the others the law of the stop
+    says what that means: they are taken as speeds of contacts on a base at rest.
+    """
+    model = column[0].sampler.models[column[0].row]
+    fastest = np.array([each.part.fastest[each.row].max() for each in column])
+    speed = SPEEDS[:, None] * np.where(fastest > 0.0, fastest, 1.0)
+    laws = [stop.law for stop in model.stops_per_unit_mass if isinstance(stop.law, CompliantLaw)]
+    contact = hardest_contact(model, [(law, places) for law in laws], speed)
+    values = (
+        contact.peak_acceleration,
+        float(model.mass[0, 0]) * contact.peak_force,
+        contact.deflection,
+    )
+    found = []
+    for k, trials in enumerate(column):
+        part = trials.part
+        largest = (part.sharpest, part.hardest, part.deepest)
+        curves = [Curve(speed[:, k], np.maximum.accumulate(each[:, k])) for each in values]
+        found.append(
+            [trials.level(part.fastest, wanted)]
+            + [trials.level(*each) for each in zip(largest, 3 * [wanted], curves, strict=True)]
+        )
+    return found
+
+
 def _values(value: Vector, error: Vector, bias: Vector) -> SpectrumValues:
     return SpectrumValues(value=value, standard_error=error, bias=np.abs(bias))
 
 
-def _contacts(model: Model, places: Vector, speeds: Vector) -> Contact:
-    """The hardest contacts at clearances (clearances,), of speeds (..., clearances); NaN for speeds
-    that are not known."""
-    laws = [stop.law for stop in model.stops_per_unit_mass if isinstance(stop.law, CompliantLaw)]
-    slowest = 1e-6 * float(np.nanmax(speeds, initial=1.0))
-    met = np.where(speeds > slowest, speeds, slowest)
-    found = hardest_contact(model, [(law, places) for law in laws], met)
-    return Contact(*(np.where(np.isnan(speeds), np.nan, each) for each in found))
-
-
 def _median_error(trials: Sequence[Trials], wanted: float) -> float:
     """Median relative standard error of the impact speed; 0 where impacts are rarer than wanted."""
-    found = [each.level(wanted) for each in trials]
+    found = [each.level(each.part.fastest, wanted) for each in trials]
     errors = [
         math.inf if math.isnan(value) else error / value
         for value, error, _ in found
@@ -292,8 +323,8 @@ def _check(scene: Scene, mission: float, exceedance: float) -> None:
         raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
     if conditions := beyond_one_oscillator(model_of(scene)):
         why = (
-            "a map takes every contact from its impact speed alone, as on one linear mass; sweep "
-            "by size or reliability over impact_pair.0.law.stiffness instead"
+            "a map is of one linear mass; sweep by size or reliability over "
+            "impact_pair.0.law.stiffness instead"
         )
         raise NotApplicable("bumper map", [*conditions[:-1], f"{conditions[-1]}; {why}"])
     check_laws(scene, Target(name="peak_acceleration", value=1.0, unit="m/s^2"))

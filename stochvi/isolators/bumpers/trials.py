@@ -37,8 +37,23 @@ LEVELS = 400
 FEWEST = 5
 """Smallest number of trials with an impact from which a speed is found."""
 
+TINY = 1e-9
+"""Smallest speed of an impact over the largest one of a `Curve`."""
+
 NEVER = 1e-300
 """Rate of events that are not seen, 1/s, so that its logarithm is finite."""
+
+
+class Curve(NamedTuple):
+    """Speeds of impacts that rise from 0, m/s, and a quantity of the contacts that would follow on
+    a base at rest."""
+
+    speed: Vector
+    value: Vector
+
+
+ROWS = 7
+"""Number of quantities of a trial, see `TrialPart`."""
 
 
 class TrialPart(NamedTuple):
@@ -50,15 +65,21 @@ class TrialPart(NamedTuple):
         Ages of its crossings, see `cluster_paths.Part`.
     path, weight
         (trials,): path of each trial, and its weight, as in `Bursts`; 1 of records.
-    fastest, hits, late, squares
-        (stiffnesses, trials): fastest impact, m/s; number of impacts, and of those in the second
-        half of the trial; and the sum of the squares of their speeds, m^2/s^2.
+    fastest, sharpest, hardest, deepest
+        (stiffnesses, trials): fastest impact, m/s; and the largest absolute acceleration (m/s^2),
+        force (N) and deflection (m) in contacts; 0 without a contact.
+    hits, late, squares
+        (stiffnesses, trials): number of impacts, and of those in the second half of the trial; and
+        the sum of the squares of their speeds, m^2/s^2.
     """
 
     ages: NDArray[np.float32]
     path: NDArray[np.int64]
     weight: Vector
     fastest: Matrix
+    sharpest: Matrix
+    hardest: Matrix
+    deepest: Matrix
     hits: Matrix
     late: Matrix
     squares: Matrix
@@ -112,7 +133,7 @@ class ClearanceTrials(TrialSampler):
         ages, chosen = clusters.first_impacts(free, first_path, WIDENING)
         size = max(1, FLOWN_SAMPLES // (2 * clusters.motion.window * clusters.model.modal.size))
         path, weight = [np.zeros(0, np.int64)], [np.zeros(0)]
-        columns = [np.zeros((4, len(self.models), 0))]
+        columns = [np.zeros((ROWS, len(self.models), 0))]
         for each in chosen:
             for one in each.parts(size):
                 starts = clusters.records.starts[one.start]
@@ -127,20 +148,21 @@ class ClearanceTrials(TrialSampler):
     def _followed(
         self, motion: NDArray[np.float64], burn_in: int = 0, counted: int | None = None
     ) -> NDArray[np.float64]:
-        """The last four rows of a part, (4, stiffnesses, trials)."""
+        """The last rows of a part, (ROWS, stiffnesses, trials)."""
         trials = motion.shape[2] // 2
-        found = np.zeros((4, len(self.models), trials))
+        found = np.zeros((ROWS, len(self.models), trials))
         for row, clusters in enumerate(self._between):
-            impacts, sums, _ = clusters.follow(
-                motion, accelerations=False, burn_in=burn_in, counted=counted
+            impacts, sums, *extremes = clusters.follow(
+                motion, accelerations=True, burn_in=burn_in, counted=counted
             )
             of = {name: k for k, name in enumerate(clusters.plans[1].sums_of_pair)}
             (pair,) = sums
-            found[0, row] = clusters.fastest(impacts, trials)[0]
-            found[1, row] = pair[of["n_lower"]] + pair[of["n_upper"]]
             late = impacts[0, impacts[2] > 0.5 * self.seconds].astype(int)
-            found[2, row] = np.bincount(late, minlength=trials)
-            found[3, row] = pair[of["f2_lower"]] + pair[of["f2_upper"]]
+            found[:, row] = (
+                clusters.fastest(impacts, trials)[0], *(each[:, 0] for each in extremes),
+                pair[of["n_lower"]] + pair[of["n_upper"]], np.bincount(late, minlength=trials),
+                pair[of["f2_lower"]] + pair[of["f2_upper"]],
+            )  # fmt: skip
         return found
 
 
@@ -176,20 +198,28 @@ class Trials:
             for group in np.array_split(paths, min(GROUPS, len(paths)))
         ]
 
-    def level(self, wanted: float) -> tuple[float, float, float]:
-        """Speed (m/s) that the trials of `wanted` times a second exceed, its standard error, and
-        its bias; 0 where impacts are rarer. NaN where too few were seen."""
-        everything = np.arange(len(self.part.path))
-        fastest = self.part.fastest[self.row]
-        if np.count_nonzero(fastest) < FEWEST:
+    def level(
+        self, largest: Matrix, wanted: float, curve: Curve | None = None
+    ) -> tuple[float, float, float]:
+        """Value that the `largest` ones (stiffnesses, trials) exceed `wanted` times a second, its
+        standard error, and its bias; 0 where impacts are rarer. NaN where too few were seen.
+
+        Speeds are extrapolated, and what is no speed as the speed that would give it by `curve`.
+        """
+        everything, own = np.arange(len(self.part.path)), largest[self.row]
+        if np.count_nonzero(own) < FEWEST:
             return math.nan, math.nan, math.nan
-        levels = np.linspace(0.0, PAST_LARGEST * float(fastest.max()), LEVELS)
+        if curve is not None:
+            least = TINY * curve.speed[-1]
+            own = np.where(own > 0.0, np.interp(own, curve.value, curve.speed).clip(least), 0.0)
+        levels = np.linspace(0.0, PAST_LARGEST * float(own.max()), LEVELS)
 
         def at(kept: NDArray[np.int64], rate: float = wanted, square: bool = True) -> float:
-            rates = np.maximum(self._rates(kept, levels, square), NEVER)
+            rates = np.maximum(self._rates(own, kept, levels, square), NEVER)
             if rates[0] < rate:
                 return 0.0
-            return float(np.interp(-math.log(rate), -np.log(rates), levels))
+            speed = float(np.interp(-math.log(rate), -np.log(rates), levels))
+            return speed if curve is None else float(np.interp(speed, curve.speed, curve.value))
 
         value = at(everything)
         error = float(jackknife_error(np.array([at(kept) for kept in self._groups])))
@@ -201,11 +231,11 @@ class Trials:
             bias += value - at(everything, wanted * (1.0 + self.overlap))
         return value, error, bias
 
-    def _rates(self, kept: NDArray[np.int64], levels: Vector, square: bool) -> Vector:
-        """Trials per second with an impact faster than each level."""
-        weight, fastest = self.part.weight[kept], self.part.fastest[self.row, kept]
-        struck = fastest > 0.0
-        share = exceedance(fastest[struck], weight[struck], levels, square)
+    def _rates(self, own: Vector, kept: NDArray[np.int64], levels: Vector, square: bool) -> Vector:
+        """Trials per second in which the largest one, of those in `own`, is beyond each level."""
+        weight, largest = self.part.weight[kept], own[kept]
+        struck = largest > 0.0
+        share = exceedance(largest[struck], weight[struck], levels, square)
         share *= weight[struck].sum() / weight.sum()
         if self.first_rate is None:
             return -np.log1p(-np.minimum(share, 1.0 - 1e-12)) / self.sampler.seconds

@@ -207,7 +207,8 @@ class Largest(NamedTuple):
     Parameters
     ----------
     rows : (outputs, modes), from modal forces of springs, dampers and stops to accelerations.
-    table : (paths, outputs), m/s^2 or rad/s^2, updated at every sub-step of a contact.
+    table : (paths, outputs), m/s^2 or rad/s^2, updated at every sub-step of a contact; or (paths,
+        outputs + 2 pairs), with the largest push (N/kg) and deflection (m) of each pair.
     """
 
     rows: NDArray[np.float64]
@@ -438,6 +439,14 @@ def outputs_of(largest):
     return largest.rows.shape[0]
 
 
+@kernel
+def columns_of_largest(largest):
+    """Number of columns of `Largest.table`."""
+    if largest is None:
+        return 0
+    return largest.table.shape[1]
+
+
 class Room(NamedTuple):
     """Arrays of a kernel: rows of numbers, with a lane for each path.
 
@@ -523,7 +532,7 @@ def sampled_of(tables, modes):
 
 @kernel
 def make_room(
-    states, rows_of_sums, width, structure, rows, waiting, accelerations, parts, sampled
+    states, rows_of_sums, width, structure, rows, waiting, accelerations, parts, sampled, followed
 ):  # fmt: skip
     """`Room` for `width` lanes, of which at most `waiting` wait for a contact."""
     passes, modes, pairs = structure.passes, structure.modes, structure.stops.places.shape[0]
@@ -547,7 +556,7 @@ def make_room(
         np.zeros((modes, width)), np.zeros((between, width)),
         np.zeros((parts, width)), np.zeros((parts, width)), np.zeros((parts, width)),
         np.zeros((parts, width)), np.zeros((parts, width)), np.zeros((parts, width)),
-        np.zeros((2, width)), np.zeros((width, accelerations)),
+        np.zeros((2, width)), np.zeros((width, followed)),
         np.zeros((END_ROWS, accelerations)), work, make_waiting(work.numbers.shape[0], waiting),
     )  # fmt: skip
 
@@ -574,7 +583,7 @@ def run_modes(paths, structure, laws, tables, fastest, kicks, steps, outputs, fl
     room = make_room(
         states, paths.sums.shape[0], min(LANES, count_of_paths), structure, rows,
         0 if fastest is None else LANES_TOGETHER, outputs_of(outputs.largest), count_of(kicks),
-        sampled_of(tables, structure.modes),
+        sampled_of(tables, structure.modes), columns_of_largest(outputs.largest),
     )  # fmt: skip
     advance(
         borrowed(paths), borrowed(structure), borrowed(laws), borrowed(tables), fastest,
