@@ -29,7 +29,7 @@ from stochvi.engine.contacts import (
     make_contacts,
 )
 from stochvi.engine.friction import rub_along, rub_at_rest, tangent_of
-from stochvi.engine.impact_log import log_impact
+from stochvi.engine.impact_log import log_contact, log_impact
 from stochvi.engine.law_calls import margin_of, mean_rebound_of, rebound_of
 from stochvi.engine.pushes import (
     A0,
@@ -48,7 +48,7 @@ from stochvi.engine.pushes import (
     powers_later,
 )
 from stochvi.engine.roots import bracketed_root, first_root, rises_once
-from stochvi.engine.sums import IMPULSE, ROWS_OF_PAIR, ROWS_OF_STOP
+from stochvi.engine.sums import IMPULSE, LOSS, ROWS_OF_PAIR, ROWS_OF_STOP
 from stochvi.engine.uniform_numbers import uniform_of
 
 MOST_SWEEPS = 1000
@@ -305,11 +305,14 @@ def until_contact(step, span, impacts, stops, laws, responses, followed, work, t
         if followed is not None:
             move_forces(followed, first)
         span *= 1.0 - first
-        if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
-            if page.open and counted:
+        rigid = stops.rigid[pair, upper]
+        if page is not None:  # a test of its own is left out when compiled
+            if not rigid:
+                taken = tally.sums[pair, ROWS_OF_PAIR + ROWS_OF_STOP * upper + LOSS, tally.lane]
+                log_contact(page, pair, step - span, side * w, counted, taken)
+            elif page.open and counted:
                 log_impact(page, pair, step - span, side * w)
         gaps[Y0, pair], gaps[V0, pair] = stop, side * w
-        rigid = stops.rigid[pair, upper]
         if not rigid:
             return pair, upper, span, impacts
         uniform = uniform_of(tally.word, impacts)

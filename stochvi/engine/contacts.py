@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from stochvi.engine.bounces import MOST_BOUNCES, RESTING
 from stochvi.engine.compiling import kernel
 from stochvi.engine.friction import rub_along, rub_contact, tangent_of
-from stochvi.engine.impact_log import log_impact
+from stochvi.engine.impact_log import log_contact, log_impact
 from stochvi.engine.law_calls import force_of, margin_of, rate_of, rebound_of
 from stochvi.engine.pushes import (
     A0,
@@ -37,6 +37,7 @@ from stochvi.engine.pushes import (
     Y1,
     next_moments,
     parabola_maximum,
+    share_above_zero,
 )
 from stochvi.engine.roots import time_to_stop
 from stochvi.engine.sub_steps import CONTACT_ANGLE, FIRST_SHARE
@@ -414,16 +415,21 @@ def add_contacts(h, contacts, stops, laws, followed, tally):
             y0, y1 = gaps[Y, j], gaps[Y_END, j]
             v0, v1 = gaps[V, j], gaps[V_END, j]
             first = -side * f[0, j, which]
-            last = max(
-                force_of(laws, kind, stops.numbers, row, side * (y1 - stops.places[j, which]),
-                         side * v1), 0.0,
-            )  # fmt: skip
+            last = force_of(
+                laws, kind, stops.numbers, row, side * (y1 - stops.places[j, which]), side * v1
+            )
             middle = force_of(
                 laws, kind, stops.numbers, row,
                 side * (0.5 * (y0 + y1) + 0.125 * h * (v0 - v1) - stops.places[j, which]),
                 side * (0.5 * (v0 + v1) + 0.125 * h * (a[0, j] - a[3, j])),
             )  # fmt: skip
-            highest = parabola_maximum(first, middle, last)
+            pushing = 1.0
+            if lossy:  # the force before it is cut off at 0
+                start = force_of(
+                    laws, kind, stops.numbers, row, side * (y0 - stops.places[j, which]), side * v0
+                )
+                pushing = share_above_zero(start, middle, last)
+            highest = parabola_maximum(first, middle, max(last, 0.0))
             peaks[lane, j, which] = max(peaks[lane, j, which], highest)
             if followed is not None:
                 outputs, largest = followed.ends.shape[1], followed.largest
@@ -438,7 +444,7 @@ def add_contacts(h, contacts, stops, laws, followed, tally):
             target = ROWS_OF_PAIR + ROWS_OF_STOP * which
             total = f[0, j, which] + 2.0 * (f[1, j, which] + f[2, j, which]) + f[3, j, which]
             sums[j, target + IMPULSE, lane] -= side * h / 6.0 * total
-            sums[j, target + TIME, lane] += h
+            sums[j, target + TIME, lane] += pushing * h
             if lossy:
                 work = f[0, j, which] * v[0, j, which] + f[3, j, which] * v[3, j, which]
                 work += 2.0 * f[1, j, which] * v[1, j, which]
@@ -538,11 +544,14 @@ def apply_event(t, start, step, pair, upper, contacts, stops, laws, responses, t
         return
     gaps[Y, pair], w = stop, max(speed, 0.0)
     counted = count_touch(tally, pair, upper, w, stops.thresholds[pair])
-    if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
-        if page.open and counted:
+    rigid = stops.rigid[pair, upper]
+    if page is not None:  # a test of its own is left out when compiled
+        if not rigid:
+            taken = sums[pair, ROWS_OF_PAIR + ROWS_OF_STOP * upper + LOSS, lane]
+            log_contact(page, pair, start + t, side * w, counted, taken)
+        elif page.open and counted:
             log_impact(page, pair, start + t, side * w)
     contacts.pushed[pair] = 1
-    rigid = stops.rigid[pair, upper]
     if not rigid:
         inside[pair, upper] = PUSHES
         return

@@ -15,6 +15,9 @@ from stochvi.engine.compiling import kernel
 COLUMNS = 4
 """Number of columns of a log, one row an impact: path, pair, time, speed."""
 
+NO_ENERGIES = np.empty(0)
+"""The energies of a log that nobody asks for them."""
+
 
 class Log(NamedTuple):
     """The impacts of a block of paths.
@@ -25,11 +28,15 @@ class Log(NamedTuple):
         impact speed in m/s, negative at the lower stop.
     count : (1,), number of impacts, including those for which there was no row left.
     start : s, the time at which the first counted step begins.
+    taken : (rows,), what a compliant stop has taken from the path before each of its impacts, per
+        unit of the reduced mass; the last contact before it is over then. With it the log has slow
+        impacts on compliant stops as well. By default there is none.
     """
 
     events: NDArray[np.float64]
     count: NDArray[np.int64]
     start: float
+    taken: NDArray[np.float64] = NO_ENERGIES
 
 
 class Page(NamedTuple):
@@ -43,6 +50,7 @@ class Page(NamedTuple):
     open: bool
     path: int
     start: float
+    taken: NDArray[np.float64]
 
 
 NO_LOG = Log(np.empty((0, COLUMNS)), np.zeros(1, np.int64), 0.0)
@@ -61,13 +69,15 @@ def page_of(log, path, number, step):
     if log is None:
         return None
     opened = (number >= 0) & (log.events.shape[0] > 0)
-    return Page(log.events, log.count, opened, path, log.start + number * step)
+    return Page(log.events, log.count, opened, path, log.start + number * step, log.taken)
 
 
 @kernel
 def page_after(page, elapsed):
     """Part of a log for what is left of a step after `elapsed` s."""
-    return Page(page.events, page.count, page.open, page.path, page.start + elapsed)
+    return Page(
+        page.events, page.count, page.open, page.path, page.start + elapsed, page.taken
+    )  # fmt: skip
 
 
 @kernel
@@ -81,3 +91,14 @@ def log_impact(page, pair, elapsed, speed):
         page.events[k, 0], page.events[k, 1] = page.path, pair
         page.events[k, 2], page.events[k, 3] = page.start + elapsed, speed
     page.count[0] = k + 1
+
+
+@kernel
+def log_contact(page, pair, elapsed, speed, counted, taken):
+    """Log the touch of a compliant stop, which has `taken` so much before it, if it is counted or
+    if the page asks for what contacts take."""
+    if page.open and (counted or page.taken.shape[0] > 0):
+        k = page.count[0]
+        if k < page.taken.shape[0]:
+            page.taken[k] = taken
+        log_impact(page, pair, elapsed, speed)

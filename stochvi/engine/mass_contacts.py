@@ -18,7 +18,7 @@ from typing import NamedTuple
 from stochvi.engine.compiling import kernel
 from stochvi.engine.law import energy, force, is_lossy, is_smooth, margin, rate
 from stochvi.engine.parts import generic
-from stochvi.engine.pushes import parabola_maximum
+from stochvi.engine.pushes import parabola_maximum, share_above_zero
 from stochvi.engine.roots import cubic_maximum
 from stochvi.engine.sub_steps import FIRST_SHARE
 from stochvi.engine.sums import (
@@ -173,6 +173,18 @@ def distance_to_event(law, on, y, v, a):
 
 
 @kernel
+def time_of_push(motion, law, t, start, end, h):
+    """How long the stop pushes in a sub-step, s, from (y, y') at its start and (y, y', y'') at its
+    end. A stop without a margin of its own may cease to push, or begin to, within it."""
+    (y, v), (y1, v1, a1) = start, end
+    if not is_lossy(law):
+        return h
+    f0 = force(law, y, v)
+    middle, speed = middle_of(motion, t, y, v, y1, v1, a1, max(f0, 0.0), h)
+    return h * share_above_zero(f0, force(law, middle, speed), force(law, y1, v1))
+
+
+@kernel
 def middle_of(motion, t, y, v, y1, v1, a1, f0, h):
     """Deflection and rate in the middle of a sub-step, whose force at the start is f0."""
     a0 = acceleration(motion, t, y, v) - f0
@@ -252,7 +264,7 @@ def follow_by_sub_steps(motion, law, y, v, left, found):
             distance, rise = (-distance, -rise) if on == 0.0 and not ends else (distance, rise)
         peak = max(peak, push_over(motion, law, on, t, (y, v), (y1, v1, a1), h, found))
         impulse += push
-        lasted += on * h
+        lasted += on * time_of_push(motion, law, t, (y, v), (y1, v1, a1), h)
         left -= h
         t += h
         y, v = y1, v1

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from stochvi.engine.bounces import MOST_EVENTS, RESTING
 from stochvi.engine.compiling import kernel
 from stochvi.engine.complete_contacts import Complete
-from stochvi.engine.impact_log import log_impact
+from stochvi.engine.impact_log import log_contact, log_impact
 from stochvi.engine.law_calls import mean_rebound_of, rebound_of
 from stochvi.engine.mass_flows import (
     end_of,
@@ -148,8 +148,11 @@ def finish_step(flow, x, v, left, at, threshold, peaks, sums, lane, word, found,
             sums[lane, 3 * which + 1] += w
             sums[lane, 3 * which + 2] += w * w
             found[EXTREME + FASTEST] = max(found[EXTREME + FASTEST], w)
-            if page is not None:  # noqa: SIM102 - a test of its own is left out when compiled
-                if page.open and counted:
+            if page is not None:  # a test of its own is left out when compiled
+                if not at.rigid[which]:
+                    taken = sums[lane, ROWS_OF_PAIR + ROWS_OF_STOP * which + LOSS]
+                    log_contact(page, 0, whole - left, v, counted, taken)
+                elif page.open and counted:
                     log_impact(page, 0, whole - left, v)
         side, stop = 2.0 * which - 1.0, at.places[which]
         y, back, rest = 0.0, 0.0, -1.0

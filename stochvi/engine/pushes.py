@@ -15,6 +15,7 @@ moments change as the powers of a time do.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -167,3 +168,17 @@ def parabola_maximum(f0, middle, f1):
     if bend < 0.0 and 0.0 < slope < -2.0 * bend:
         highest = max(highest, f0 - 0.25 * slope * slope / bend)
     return highest
+
+
+@kernel(forceinline=True)
+def share_above_zero(f0, middle, f1):
+    """Share of the way from 0 to 1 on which the parabola through values at 0, 1/2 and 1 is
+    positive, where it changes its sign once at most."""
+    falls, rises = (f0 > 0.0) & (f1 < 0.0), (f0 < 0.0) & (f1 > 0.0)
+    start, end = (f0, f1) if falls else (f1, f0)
+    slope, bend = 4.0 * middle - 3.0 * start - end, 2.0 * (start + end) - 4.0 * middle
+    root = 0.0
+    if falls | rises:
+        root = 2.0 * start / (math.sqrt(max(slope * slope - 4.0 * bend * start, 0.0)) - slope)
+    whole = 1.0 if (f0 >= 0.0) & (f1 >= 0.0) else 0.0
+    return root if falls | rises else whole

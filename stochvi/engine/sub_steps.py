@@ -41,7 +41,7 @@ from stochvi.engine.batch import (
 from stochvi.engine.compiling import kernel
 from stochvi.engine.lanes import columns_of, lanes_from, rows_of
 from stochvi.engine.law import energy, force, is_lossy, is_smooth, margin, rate, read_lane
-from stochvi.engine.pushes import SIXTH, next_moments
+from stochvi.engine.pushes import SIXTH, next_moments, share_above_zero
 
 CONTACT_ANGLE = 0.25
 """Length of a sub-step of a contact times the largest rate in that contact, rad."""
@@ -143,8 +143,10 @@ def advance_contacts(kind, memory, low, high, numbers):
         # sums
         y_half = 0.5 * (y + y_end) + 0.125 * h * (v - v_end)
         v_half = 0.5 * (v + v_end) + 0.125 * h * (a0 - a3)
-        centre = on * max(force(law, y_half, v_half), 0.0)
-        last = on * max(force(law, y_end, v_end), 0.0)
+        at_start, at_half = force(law, y, v), force(law, y_half, v_half)
+        at_end = force(law, y_end, v_end)
+        pushed = on * h * (share_above_zero(at_start, at_half, at_end) if lossy else 1.0)
+        centre, last = on * max(at_half, 0.0), on * max(at_end, 0.0)
         slope, bend = 4.0 * centre - 3.0 * f0 - last, 2.0 * (f0 + last) - 4.0 * centre
         inner = (bend < 0.0) & (slope > 0.0) & (slope < -2.0 * bend)
         peak = max(max(f0, last), f0 - 0.25 * slope * slope / bend if inner else 0.0)
@@ -156,7 +158,7 @@ def advance_contacts(kind, memory, low, high, numbers):
         keep = not again
         w[PEAKS, i] = max(w[PEAKS, i], peak) if keep else w[PEAKS, i]
         lost = w[LOST, i] + (work if keep else 0.0)
-        w[LASTED, i] += on * h if keep else 0.0
+        w[LASTED, i] += pushed if keep else 0.0
         w[NOW + 1, i] = n1 if keep else s1
         w[NOW + 2, i], w[NOW + 3, i] = (n2, n3) if keep else (s2, s3)
         w[NOW + 4, i], w[NOW + 5, i] = (n4, n5) if keep else (s4, s5)

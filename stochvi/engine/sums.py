@@ -6,7 +6,7 @@ ROWS_OF_PAIR = 6
 IMPULSE, LOSS, PEAK, TIME, ENDED = range(5)
 ROWS_OF_STOP = 5
 """Rows of the contacts with one compliant stop: impulse, dissipated energy, sum of the peak
-forces of ended contacts, duration, and number of ended contacts."""
+forces of ended contacts, time in which the stop pushes, and number of ended contacts."""
 
 ROWS_OF_CONTACT_PAIR = ROWS_OF_PAIR + 2 * ROWS_OF_STOP
 """Rows of a pair with compliant stops: those of impacts, then those of the contacts with the

@@ -95,7 +95,7 @@ class PairResponse(Quantities[Estimate | float | None]):
     contact_probability, contact_force_lower, contact_force_upper
         For compliant stops only: the share of time in contact, and the mean forces on the lower and
         the upper stop, N. A mass is in contact while it is beyond the stop, even if the stop does
-        not push yet; contact with a stop that has a damper ends when its force returns to zero.
+        not push yet; contact with a stop that loses energy ends when its force returns to zero.
     relative_displacement_mean, relative_displacement_std, relative_velocity_std
         Motion of the gap, m and m/s. A pair of two coordinates has the motion of the first relative
         to the second; a place of a rigid body has its motion along the direction of the pair.

@@ -41,6 +41,7 @@ from stochvi.scenes.impact_laws import (
     Elastic,
     ForceTable,
     Law,
+    PowerLaw,
     Restitution,
     SpeedRestitution,
     Viscoelastic,
@@ -1017,14 +1018,17 @@ class Scene(Checked):
         if "rigid" in words:
             which = "stops are rigid" if words == {"rigid"} else "some stops are rigid"
             found.append(f"{which}; an impact is instantaneous (Newton's restitution)")
-        if "viscoelastic" in words:
+        laws = [law for pair in self.impact_pairs for _, law in pair.stops()]
+        ends = {law.word for law in laws if isinstance(law, PowerLaw) and law.loss} | words & {
+            "viscoelastic"
+        }
+        if ends:
             found.append(
-                "contact with a viscoelastic stop ends at zero force; the stop has no mass and "
-                "recovers at once"
+                f"contact with a {' or '.join(sorted(ends))} stop ends at zero force; the stop has "
+                "no mass and recovers at once"
             )
         if "function" in words:
             found.append("a stop whose force is a function only pushes: negative values count as 0")
-        laws = [law for pair in self.impact_pairs for _, law in pair.stops()]
         sources = [law.source for law in laws if isinstance(law, Elastic | Viscoelastic)]
         tables = [law.in_words() for law in laws if isinstance(law, ForceTable)]
         sources += [f"{table}; beyond it the last slope goes on" for table in tables]

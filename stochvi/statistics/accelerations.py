@@ -8,6 +8,7 @@ Impacts on rigid stops are impulses: sudden changes of velocity, which are kept 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan
-from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts
+from stochvi.methods.monte_carlo.impact_logs import ImpactLog, logged_impacts, with_losses
 from stochvi.model.model import Model, Pair
 from stochvi.scenes.excitations import BASE
 from stochvi.scenes.scene import Scene
@@ -34,7 +35,8 @@ class Accelerations(NamedTuple):
         (paths, samples): sudden changes of velocity by rigid stops, m/s, each at the sample next to
         it; None without rigid stops.
     impacts
-        Impacts by pair; their times are those of the samples, which begin at 0.
+        Impacts by pair with the energies that they take, slow ones on compliant stops too; their
+        times are those of the samples, which begin at 0.
     forces
         Forces (paths, samples) of each pair with a compliant stop, N, positive on the upper one.
     """
@@ -110,12 +112,13 @@ def accelerations(
     found, logged = logged_impacts(
         lambda log: plan.plan.histories(seed, first_path, paths, samples, log),
         [pair.name for pair in model.pairs],
+        energies=True,
     )
     start = (plan.plan.settling + 1) * plan.step  # where the first sample stands in the logs
-    impacts = {
-        name: ImpactLog(path=log.path, time=log.time - start, speed=log.speed)
-        for name, log in logged.items()
-    }
+    impacts = {}
+    for pair, lost in zip(model.pairs, found.lost, strict=True):
+        log = with_losses(pair, logged[pair.name], lost)
+        impacts[pair.name] = replace(log, time=log.time - start)
     weights: Vector = np.linalg.solve(model.mass, row).astype(
         float
     )  # row . M^-1, as M is symmetric

@@ -328,18 +328,18 @@ class ClusterPaths:
     def _shapes_by_length(self) -> dict[tuple[int, int, int], Records]:
         return {}
 
-    def recorded_with_stops(self, motion: Records) -> tuple[Records, Matrix]:
+    def recorded_with_stops(self, motion: Records) -> tuple[Records, Matrix, Records]:
         """What the stops make of a motion that begins one sample before it counts: the states of
-        all samples that count (samples, impacts, record_width), and the impacts as in
+        all samples that count (samples, impacts, record_width), and the impacts and sums as in
         `Followed`."""
         plan, rows = self.plans[1], LOGGED
         turned = np.ascontiguousarray(np.roll(motion, -1, axis=0))
         while True:
             log = Log(np.zeros((rows, COLUMNS)), np.zeros(1, np.int64), 0.0)
             record = np.zeros((len(motion) - 1, motion.shape[2] // 2, plan.record_width))
-            plan.follow(turned.copy(), log, None, record=record)
+            sums = plan.follow(turned.copy(), log, None, record=record)
             if log.count[0] <= rows:
-                return record, log.events[: log.count[0]].T
+                return record, log.events[: log.count[0]].T, sums
             rows = int(log.count[0])
 
     def _signs(self, side: int, numbers: NDArray[np.int64]) -> Vector:

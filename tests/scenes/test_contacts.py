@@ -94,6 +94,33 @@ def test_one_contact_agrees_with_its_integration(law: CompliantLaw) -> None:
     assert y >= -INTEGRATED
 
 
+@pytest.mark.parametrize("power", [0.5, 1.0])
+def test_contact_with_a_stop_whose_loss_stiffens_lasts_while_it_pushes(power: float) -> None:
+    """k y^n + c y^m y' ends where k y^(n - m) + c y' does, before the mass is back."""
+    k, c = 900.0, 3000.0
+    found = PowerLaw(coefficient=k, loss=c, loss_exponent=power).impact(0.7, 2.5)
+
+    def ends(t: float, state: np.ndarray) -> float:
+        return float(k * max(state[0], 0.0) ** (1.5 - power) + c * state[1])
+
+    def back(t: float, state: np.ndarray) -> float:
+        return float(state[0])
+
+    ends.direction = back.direction = -1.0  # type: ignore[attr-defined]
+    back.terminal = True  # type: ignore[attr-defined]
+
+    def moves(t: float, state: np.ndarray) -> tuple[float, float]:
+        y, v = max(state[0], 0.0), state[1]
+        return v, -max(k * y**1.5 + c * y**power * v, 0.0) / 2.5
+
+    solved = solve_ivp(
+        moves, (0.0, 10.0), (0.0, 0.7), events=(ends, back), rtol=1e-9, atol=1e-12, max_step=1e-3,
+    )  # fmt: skip
+    pushed, whole = solved.t_events[0][0], solved.t_events[1][0]
+    assert found.contact_time == pytest.approx(pushed, rel=1e-5)
+    assert whole > 1.05 * pushed
+
+
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS.keys())
 def test_the_potential_is_the_integral_of_the_force_and_the_slope_its_derivative(law) -> None:
     for y in (-0.01, 0.0, 0.015, 0.043, 0.1):

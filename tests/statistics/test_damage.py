@@ -15,6 +15,7 @@ from stochvi import (
     Estimate,
     ImpactPair,
     Isolator,
+    Matrices,
     NotApplicable,
     Oscillator,
     Restitution,
@@ -593,12 +594,41 @@ def test_hits_and_their_work_are_those_of_impacts() -> None:
     truth = 3600.0 * rate.value * energy.value
     error = math.hypot(work.standard_error, truth * energy.standard_error / energy.value)
     assert_agrees(Estimate(value=work.value, standard_error=error, bias=0.05 * truth), truth)
-    lost = 1.0 - BUMPERS.impact_pairs[0].law.restitution ** 2
-    assert found.impact_loss_per_hour.value == pytest.approx(lost * work.value, rel=1e-9)
+    lost, taken = found.impact_loss_per_hour, 3600.0 * rate.value * same.energy.value
+    error = math.hypot(lost.standard_error, taken * same.energy.standard_error / same.energy.value)
+    assert_agrees(Estimate(value=lost.value, standard_error=error, bias=0.05 * taken), taken)
     assert found.contacts_above["1"].value == pytest.approx(hits.value, rel=0.02)
     assert found.contacts_above["100000"].upper_95 is not None
     assert found.shocks is not None and np.all(found.shocks.worst > found.shocks.typical)
     assert np.all(found.with_stops.extreme_response.value > found.shocks.typical)
+
+
+def test_what_impacts_take_in_a_record_is_the_work_of_the_contact_force() -> None:
+    """Of one mass, and of two that meet; free contacts would lose more."""
+    law = Viscoelastic(stiffness=1e4, damping_ratio=0.3)
+    one = between(law, 3e-3).replace(structure=Isolator(mass=1.0, frequency_hz=12.0, zeta=0.1))
+    two = one.replace(
+        structure=Matrices(
+            coordinates=["a", "b"], mass=[[1.0, 0.0], [0.0, 2.0]],
+            damping=[[15.0, -5.0], [-5.0, 15.0]], stiffness=[[5e3, -2e3], [-2e3, 5e3]],
+        ),
+        impact_pairs=[ImpactPair(between=("a", "b"), lower=-2e-3, upper=2e-3, law=law)],
+        excitations=[TabulatedNoise(profile="mil-std-810h-truck-vertical-5hz", on="base")],
+    )  # fmt: skip
+    for scene, gap, reduced, row in ((one, 3e-3, 1.0, [1.0]), (two, 2e-3, 2.0 / 3.0, [-1.0, 1.0])):
+        plan = plan_histories(scene).sampled(2e-4, 4.0)
+        found = accelerations(plan, np.eye(len(row))[0], 1, 0, 2, False)
+        moved = plan.histories(1, 0, 2)
+        y, v = (np.tensordot(row, each, axes=1) for each in (moved.displacement, moved.velocity))
+        side, damper = np.sign(y), 2.0 * 0.3 * math.sqrt(1e4 * reduced)
+        force = np.maximum(1e4 * (np.abs(y) - gap) + damper * side * v, 0.0) * (np.abs(y) > gap)
+        (log,) = found.impacts.values()
+        work = plan.step * np.sum(force * side * v, axis=1)
+        taken = np.bincount(log.path, log.lost, minlength=2)
+        assert len(log.lost) > 20
+        np.testing.assert_allclose(taken, work, rtol=0.02)
+        free = 0.5 * reduced * (1.0 - law.restitution**2) * np.sum(log.speed**2)
+        assert free > 1.1 * work.sum()
 
 
 def plain_records(scene: Scene, equipment: Equipment, sampler: DamageSampler, paths: int) -> Vector:

@@ -20,7 +20,14 @@ from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import mean_and_error, ratio_and_error
 from stochvi.scenes.excitations import ConstantLoad, Sine, TabulatedNoise, WhiteNoise
-from stochvi.scenes.impact_laws import Elastic, Restitution, Viscoelastic
+from stochvi.scenes.impact_laws import (
+    Elastic,
+    Hertz,
+    PowerLaw,
+    Restitution,
+    SpeedRestitution,
+    Viscoelastic,
+)
 from stochvi.scenes.scene import ImpactPair, Scene
 from stochvi.scenes.structures import Isolator, Matrices, Oscillator
 from stochvi.statistics.impacts import impacts, method
@@ -39,6 +46,7 @@ from stochvi.statistics.impacts.tallies import (
 )
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
+from support.plain_contacts import PlainPair, plain_sums
 
 Vector = NDArray[np.float64]
 
@@ -151,9 +159,8 @@ def made_up(rate_of: float, clump: int, paths: int, seed: int) -> tuple[ImpactLo
         intervals=np.geomspace(1e-3, 200.0, BINS + 1),
         fits=((0.01, 0.5), (0.01, 0.25)),
         window=duration / WINDOWS,
-        losses=(0.0, 1.0),
     )
-    return ImpactLog(path=path, time=time, speed=speed), grid
+    return ImpactLog(path=path, time=time, speed=speed, lost=speed**2), grid
 
 
 @pytest.mark.parametrize("clump", [1, 3])
@@ -243,6 +250,119 @@ def test_energy_per_impact_is_that_of_a_kilogram_where_no_mass_is_given(mass, un
     assert math.isclose(pair.energy.value, 0.5 * (mass or 1.0) * 0.75 * square, rel_tol=1e-9)
 
 
+def oscillator_between(law, load: float = 0.0, clearance: float = 1.0) -> Scene:
+    return Scene(
+        structure=Oscillator(mass=1.0, damping=0.1, stiffness=1.0),
+        impact_pairs=[ImpactPair(lower=-clearance, upper=clearance, law=law)],
+        excitations=[WhiteNoise(intensity=0.2)] + [ConstantLoad(force=load)] * (load != 0.0),
+    )
+
+
+@pytest.mark.parametrize("load", [0.0, 0.4])
+@pytest.mark.parametrize("stiffness", [2.0, 50.0])
+def test_energy_lost_on_a_compliant_stop_is_what_the_noise_brings(stiffness, load) -> None:
+    """S0 / 2 = b E v^2 + rate times loss, by the Fokker-Planck equation; a free mass would lose up
+    to twice as much, since spring and load act in the contact as well."""
+    law = Viscoelastic(stiffness=stiffness, damping_ratio=0.2)
+    pressed = oscillator_between(law, load)
+    known = fokker_planck(pressed)
+    speed = known.coordinates["x"].velocity_std.value
+    truth = 0.1 * (1.0 - speed**2) / known.impact_pairs["stops"].collision_rate.value
+    found = impacts(pressed, paths=1024, seed=4, threads=1).pairs["stops"]
+    assert_agrees(found.energy, truth)
+    with pytest.raises(AssertionError):
+        assert_agrees(found.energy, (1.0 - law.restitution**2) * found.striking_energy.value)
+
+
+def test_energy_lost_by_other_laws() -> None:
+    """Nothing on round bodies without losses; on bodies whose restitution depends on the speed that
+    of each impact."""
+    assert (
+        impacts(oscillator_between(Hertz(coefficient=20.0)), paths=64, threads=1)
+        .pairs["stops"]
+        .energy.value
+        == 0.0
+    )
+    steel = SpeedRestitution(speed=[0.05, 0.5, 2.0], coefficient=[0.95, 0.7, 0.5])
+    plan = plan_impacts(oscillator_between(steel), duration=50.0)
+    log = plan.impacts(1, 0, 8)["stops"]
+    kept = np.interp(np.abs(log.speed), [0.05, 0.5, 2.0], [0.95, 0.7, 0.5])
+    np.testing.assert_allclose(log.lost, 0.5 * (1.0 - kept**2) * log.speed**2, atol=1e-12)
+
+
+BOTH = PowerLaw(coefficient=5.0, exponent=1.5, loss=3.0, loss_exponent=1.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("load", "threshold"), [(0.0, 0.1), (1.5, 0.1), (0.0, 0.8)])
+def test_what_fast_impacts_lose_is_the_work_of_plain_contacts(load, threshold) -> None:
+    """Of a stop whose spring and loss both stiffen, by plain steps; also of a mass that a load
+    presses on it. Impacts that do not count have no share in it."""
+
+    def sums(step: float):
+        one = np.eye(1)
+        pair = PlainPair(np.ones(1), -1.0, 1.0, lambda y, v: 5.0 * y**1.5 + 3.0 * y * v)
+        return plain_sums(
+            one, 0.1 * one, one, [0.2], [load], [pair], step=step, burn_in=30.0, seconds=150.0,
+            paths=512, seed=5, threshold=threshold,
+        )[0]  # fmt: skip
+
+    own, coarse = sums(0.02), sums(0.04)
+    value, error = ratio_and_error(own.work, own.touches)
+    at_twice = ratio_and_error(coarse.work, coarse.touches)
+    found = (
+        impacts(
+            oscillator_between(BOTH, load), paths=512, seed=6, threads=1, speed_threshold=threshold
+        )
+        .pairs["stops"]
+        .energy
+    )
+    both = math.hypot(found.standard_error, error, at_twice[1])
+    bias = abs(at_twice[0] - value) + (found.bias or 0.0)
+    assert_agrees(Estimate(value=found.value, standard_error=both, bias=bias), value)
+    if load == 0.0:  # while it pushes, which ends before the mass is back
+        answer = simulate(oscillator_between(BOTH), rel_error=0.01, seed=7, threads=1)
+        share = answer.impact_pairs["stops"].contact_probability
+        plain, error = mean_and_error(own.pushed / 150.0)
+        at_twice = mean_and_error(coarse.pushed / 150.0)
+        both = math.hypot(share.standard_error, error, at_twice[1])
+        bias = abs(at_twice[0] - plain) + share.bias
+        assert_agrees(Estimate(value=share.value, standard_error=both, bias=bias), plain)
+
+
+@pytest.mark.slow
+def test_what_two_masses_lose_is_the_work_of_plain_contacts() -> None:
+    mass, damping = [[2.0, 0.2], [0.2, 1.0]], [[2.0, -0.6], [-0.6, 0.8]]
+    stiffness = [[900.0, -300.0], [-300.0, 500.0]]
+    first = PowerLaw(coefficient=2e4, exponent=1.5, loss=8e3, loss_exponent=1.0)
+    second = Viscoelastic(stiffness=5e3, damping_ratio=0.2)
+    two = Scene(
+        structure=Matrices(coordinates=["a", "b"], mass=mass, damping=damping, stiffness=stiffness),
+        impact_pairs=[
+            ImpactPair(name="p", on="a", lower=-0.03, upper=0.03, law=first),
+            ImpactPair(name="q", between=("a", "b"), lower=-0.05, upper=0.05, law=second),
+        ],
+        excitations=[WhiteNoise(intensity=3.0, on="a"), WhiteNoise(intensity=1.0, on="b")],
+    )
+    found = impacts(two, paths=128, duration=20.0, seed=2, threads=1, speed_threshold=0.05).pairs
+    rows = np.array([1.0, 0.0]), np.array([-1.0, 1.0])
+    reduced = 1.0 / (rows[1] @ np.linalg.inv(np.array(mass)) @ rows[1])
+    damper = 2.0 * 0.2 * math.sqrt(5e3 * reduced)
+    pairs = [
+        PlainPair(rows[0], -0.03, 0.03, lambda y, v: 2e4 * y**1.5 + 8e3 * y * v),
+        PlainPair(rows[1], -0.05, 0.05, lambda y, v: 5e3 * y + damper * v),
+    ]
+    own = plain_sums(
+        np.array(mass), np.array(damping), np.array(stiffness), [3.0, 1.0], [0.0, 0.0], pairs,
+        step=4e-4, burn_in=5.0, seconds=5.0, paths=384, seed=3, threshold=0.05,
+    )  # fmt: skip
+    for pair, sums in zip((found["p"], found["q"]), own, strict=True):
+        value, error = ratio_and_error(sums.work, sums.touches)
+        both = math.hypot(pair.energy.standard_error, error)
+        bias = pair.energy.bias or 0.0
+        assert_agrees(Estimate(value=pair.energy.value, standard_error=both, bias=bias), value)
+
+
 @pytest.mark.slow
 def test_exponents_of_very_lossy_stops_take_shorter_steps_near_them(monkeypatch) -> None:
     """Steps that are the usual share of what noise takes shift the power itself."""
@@ -290,7 +410,8 @@ def process_in_windows(waits: Vector, paths: int, duration: float) -> ImpactLog:
     first, last = (np.searchsorted(times, starts + end) for end in (0.0, duration))
     path = np.repeat(np.arange(paths), last - first)
     time = np.concatenate([times[a:b] for a, b in zip(first, last, strict=True)]) - starts[path]
-    return ImpactLog(path=path, time=time, speed=np.full(len(time), 0.1))
+    speed = np.full(len(time), 0.1)
+    return ImpactLog(path=path, time=time, speed=speed, lost=speed**2)
 
 
 @pytest.mark.parametrize(("duration", "paths"), [(12.0, 20000), (400.0, 2000)])

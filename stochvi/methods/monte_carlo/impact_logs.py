@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stochvi.engine.impact_log import COLUMNS, Log
-from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.monte_carlo.choose_plan import make_plan
 from stochvi.methods.monte_carlo.history_plans import histories_of
 from stochvi.methods.monte_carlo.kernels.flight import CORNER_SHARE
-from stochvi.methods.monte_carlo.plan import Plan
-from stochvi.model.model import model_of
+from stochvi.methods.monte_carlo.plan import Plan, losses_of
+from stochvi.model.model import UPPER, Pair, model_of
 from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotApplicable
+from stochvi.scenes.impact_laws import RigidLaw
 from stochvi.scenes.scene import Scene
 
 Made = TypeVar("Made")
@@ -33,12 +34,21 @@ class ImpactLog:
 
     `path` is the number of the path within the block; `time` is in seconds from the start of the
     counted part; `speed`, m/s, is negative at the lower stop. On a compliant stop an impact is
-    the first touch.
+    the first touch. `lost` is the energy that each one takes, J, where it was asked for: on a
+    compliant stop the work of its force.
     """
 
     path: NDArray[np.int64]
     time: Vector
     speed: Vector
+    lost: Vector | None = None
+
+    def kept(self, which: NDArray[Any]) -> ImpactLog:
+        """Some of the impacts."""
+        lost = None if self.lost is None else self.lost[which]
+        return ImpactLog(
+            path=self.path[which], time=self.time[which], speed=self.speed[which], lost=lost
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,14 +83,41 @@ class ImpactPlan:
         return self.source.block
 
     def impacts(self, seed: int, first_path: int, paths: int) -> dict[str, ImpactLog]:
-        """Impacts of the paths first_path, first_path + 1, ..., by pair."""
-        return logged_impacts(
-            lambda log: self.source.averages(seed, first_path, paths, log=log), self.thresholds
-        )[1]
+        """Impacts of the paths first_path, first_path + 1, ..., by pair, with what they take."""
+        source = self.source
+        averages, logs = logged_impacts(
+            lambda log: source.averages(seed, first_path, paths, log=log),
+            self.thresholds,
+            energies=True,
+        )
+        whole, found = losses_of(source.model, source.layout, averages, self.duration), {}
+        for pair, lost in zip(source.model.pairs, whole, strict=True):
+            every = with_losses(pair, logs[pair.name], lost)
+            found[pair.name] = every.kept(np.abs(every.speed) >= self.thresholds[pair.name])
+        return found
+
+
+def with_losses(pair: Pair, log: ImpactLog, whole: Matrix) -> ImpactLog:
+    """The impacts of a pair with what each of them takes, from a log with `energies` and all that
+    its stops take in the paths (2, paths), J."""
+    assert log.lost is not None
+    for stop in pair.stops:
+        own = np.flatnonzero(np.sign(log.speed) == stop.side)
+        speed, path = np.abs(log.speed[own]), log.path[own]
+        if isinstance(stop.law, RigidLaw):
+            kept = stop.restitution_square_at(speed)
+            log.lost[own] = 0.5 * pair.mass * (1.0 - kept) * speed**2
+            continue
+        # what the stop has taken until the next impact on it
+        before, after = pair.mass * log.lost[own], whole[int(stop.side == UPPER)][path]
+        follows = np.flatnonzero(np.diff(path) == 0)
+        after[follows] = before[follows + 1]
+        log.lost[own] = after - before
+    return log
 
 
 def logged_impacts(
-    simulate: Callable[[Log], Made], pairs: Iterable[str]
+    simulate: Callable[[Log], Made], pairs: Iterable[str], *, energies: bool = False
 ) -> tuple[Made, dict[str, ImpactLog]]:
     """Result of `simulate` with a log that is long enough, and the impacts in it by pair.
 
@@ -90,22 +127,26 @@ def logged_impacts(
         Simulates the same paths in every call, and writes their impacts into the log.
     pairs
         Names of all pairs, in their order.
+    energies
+        Whether `lost` gets what a compliant stop had taken before each impact, per unit of the
+        reduced mass, and slow impacts on such stops are logged as well.
     """
     rows = FIRST_ROWS
     while True:
-        log = Log(np.empty((rows, COLUMNS)), np.zeros(1, np.int64), 0.0)
+        taken = np.zeros(rows if energies else 0)
+        log = Log(np.empty((rows, COLUMNS)), np.zeros(1, np.int64), 0.0, taken)
         made = simulate(log)
         count = int(log.count[0])
         if count <= rows:
             break
         rows = count
-    events = log.events[:count]
     # the log holds all paths step by step: a stable sort keeps the order in time of each
-    events = events[np.argsort(events[:, 0], kind="stable")]
-    found = {}
-    for pair, name in enumerate(pairs):
-        path, _, time, speed = events[events[:, 1] == pair].T
-        found[name] = ImpactLog(path=path.astype(np.int64), time=time, speed=speed)
+    order = np.argsort(log.events[:count, 0], kind="stable")
+    path, number, time, speed = log.events[order].T
+    every = ImpactLog(
+        path=path.astype(np.int64), time=time, speed=speed, lost=taken[order] if energies else None
+    )
+    found = {name: every.kept(number == pair) for pair, name in enumerate(pairs)}
     return made, found
 
 

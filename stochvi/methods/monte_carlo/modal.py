@@ -34,7 +34,13 @@ from stochvi.methods.monte_carlo.kernels.modes import (
 )
 from stochvi.methods.monte_carlo.kernels.random_numbers import normal_rows, seed_streams
 from stochvi.methods.monte_carlo.path_statistics import Layout
-from stochvi.methods.monte_carlo.plan import RELAXATIONS, Histories, SteppedPlan, Underway
+from stochvi.methods.monte_carlo.plan import (
+    RELAXATIONS,
+    Histories,
+    SteppedPlan,
+    Underway,
+    losses_of,
+)
 from stochvi.methods.monte_carlo.quantities import Key, gap_of, key_of_statistic
 from stochvi.methods.monte_carlo.rigid_white import (
     BOUNCE_PER_STEP,
@@ -567,7 +573,7 @@ class ModalPlan(SteppedPlan):
     ) -> Histories:
         """Settled records of the paths first_path, first_path + 1, ..."""
         record = np.zeros((self.steps, paths, self.record_width))
-        self.averages(seed, first_path, paths, record, log)
+        averages = self.averages(seed, first_path, paths, record, log)
         n, shapes = self.modes.size, self.modes.shapes
         kept = record[self.settling : self.settling + samples]
         rest = shapes @ self.modes.rest
@@ -578,6 +584,7 @@ class ModalPlan(SteppedPlan):
                 kept[:, :, 2 * n : 2 * n + len(self.model.pairs)].transpose(2, 1, 0)
             ),
             excitation=None,
+            lost=losses_of(self.model, self.layout, averages, self.steps * self.step),
         )
 
     def drive(self, seed: int, path: int, samples: int, integrals: int) -> Matrix | None:

@@ -44,12 +44,15 @@ class Histories:
     excitation
         (paths, samples), None where it is not known: f of x'' + b x' + omega^2 x = f + impacts,
         m/s^2; a base acceleration is -f. For white noise it is the mean over the next step.
+    lost
+        As `losses_of`, in the time of the log.
     """
 
     displacement: Records
     velocity: Records
     impact_speed: Records
     excitation: Records | None
+    lost: Records
 
 
 class Plan(Protocol):
@@ -331,6 +334,19 @@ def layout_of_one(
     )
 
 
+def losses_of(model: Model, layout: Layout, averages: Records, duration: float) -> Records:
+    """Energy that the lower and the upper stop of each pair take in a path, (pairs, 2, paths), J,
+    from the averages over so many seconds; 0 where it follows from the speeds of impacts."""
+    found = np.zeros((len(model.pairs), 2, averages.shape[1]))
+    place = {key: row for row, key in enumerate(layout.rows)}
+    for number, pair in enumerate(model.pairs):
+        for side, name in enumerate(("lower", "upper")):
+            row = place.get((pair.name, f"loss_{name}"))
+            if row is not None:
+                found[number, side] = pair.mass * duration * averages[row]
+    return found
+
+
 def columns_of_one(model: Model, record: Records) -> dict[str, Vector]:
     """Columns of one recorded path of one oscillator, (samples, 3) from the rest position."""
     return {
@@ -340,9 +356,13 @@ def columns_of_one(model: Model, record: Records) -> dict[str, Vector]:
     }
 
 
-def histories_of_one(model: Model, record: Records, excitation: Records | None) -> Histories:
+def histories_of_one(
+    model: Model, record: Records, excitation: Records | None, lost: Records
+) -> Histories:
     """Histories of one oscillator from records (samples, paths, 3), positions from the rest
-    position, and the excitation (samples, paths)."""
+    position, the excitation (samples, paths), and `losses_of`."""
     x, v, w = np.ascontiguousarray(record.transpose(2, 1, 0))[:, None]
     known = None if excitation is None else np.ascontiguousarray(excitation.T)
-    return Histories(displacement=x + model.rest, velocity=v, impact_speed=w, excitation=known)
+    return Histories(
+        displacement=x + model.rest, velocity=v, impact_speed=w, excitation=known, lost=lost
+    )

@@ -42,6 +42,7 @@ from stochvi.methods.monte_carlo.plan import (
     columns_of_one,
     histories_of_one,
     layout_of_one,
+    losses_of,
 )
 from stochvi.methods.monte_carlo.step_bias import (
     WELL_RESOLVED_RESTITUTION,
@@ -277,7 +278,9 @@ class WhitePlan(SteppedPlan):
 
     def record(self, seed: int, path: int) -> dict[str, NDArray[np.float64]]:
         """One path from its start, by column."""
-        return columns_of_one(self.model, self._records(seed, path, 1)[:, 0])
+        record = np.zeros((self.steps, 1, 3))
+        self.averages(seed, path, 1, record)
+        return columns_of_one(self.model, record[:, 0])
 
     @property
     def settling(self) -> int:
@@ -293,14 +296,11 @@ class WhitePlan(SteppedPlan):
     ) -> Histories:
         """Settled records of the paths first_path, first_path + 1, ..."""
         kept = slice(self.settling, self.settling + samples)
-        record = self._records(seed, first_path, paths, log)[kept]
-        known = self._kicks(seed, first_path, paths)[kept] if self.excitation_known else None
-        return histories_of_one(self.model, record, known)
-
-    def _records(self, seed: int, first_path: int, paths: int, log: Log | None = None) -> Records:
         record = np.zeros((self.steps, paths, 3))
-        self.averages(seed, first_path, paths, record, log)
-        return record
+        averages = self.averages(seed, first_path, paths, record, log)
+        known = self._kicks(seed, first_path, paths)[kept] if self.excitation_known else None
+        lost = losses_of(self.model, self.layout, averages, self.steps * self.step)
+        return histories_of_one(self.model, record[kept], known, lost)
 
     def drive(
         self, seed: int, path: int, samples: int, integrals: int

@@ -54,6 +54,7 @@ from stochvi.methods.monte_carlo.plan import (
     columns_of_one,
     histories_of_one,
     layout_of_one,
+    losses_of,
 )
 from stochvi.methods.monte_carlo.random_levels import MOST_BLOCKS, levels_of_block
 from stochvi.methods.monte_carlo.rigid_white import (
@@ -349,7 +350,8 @@ class TabulatedPlan:
         record = np.zeros((self.steps, paths, 3))
         sums = Sums.zeros(paths, self.contacts).table
         self.add_impacts(free, self.warm_up_samples, self.steps, sums, record, log=log)
-        return histories_of_one(self.model, record, excitation)
+        lost = losses_of(self.model, self.layout, sums, 1.0)
+        return histories_of_one(self.model, record, excitation, lost)
 
     def _input_of(self, free: Records, integrals: int = 0) -> Records:
         """The excitation of a synthesised response (samples, 2 paths): bin by bin, f = y / H."""

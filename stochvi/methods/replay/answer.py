@@ -87,7 +87,7 @@ class PairReplay(_OfReplay):
     peak_force
         Largest force of a contact, N; None for rigid stops.
     contact_time
-        Time in contact, or at rest on a rigid stop, s. Contact with a stop that has a damper ends
+        Time in contact, or at rest on a rigid stop, s. Contact with a stop that loses energy ends
         when its force returns to zero, which is before the mass is back at the stop.
     rests
         Number of times that the mass came to rest on a rigid stop.

@@ -81,9 +81,9 @@ HIGHEST, LOWEST, ACCELERATION = range(3)
 """Columns of the extremes of a coordinate: largest and smallest displacement (m), largest size of
 the absolute acceleration (m/s^2)."""
 
-CONTACT, RESTS = range(2)
-"""Columns of the tally of a stop: time in contact (s), and how often the mass came to rest on it
-(rigid stops)."""
+CONTACT, RESTS, LOST = range(3)
+"""Columns of the tally of a stop: time in which it pushes (s), how often the mass came to rest on
+it (rigid stops), and the work of its force, per reduced mass (J/kg; 0 of a rigid one)."""
 
 DONE, TOO_MANY = range(2)
 """Status: the march came to its end; it met more impacts than it may."""
@@ -129,7 +129,7 @@ class Touch(NamedTuple):
     """How the m stops are touched: their states (m,); `zeros` (m, 2), the number of roots of each
     way out of the state when a step begins; `depth` (m,) of a Hertz contact below which there is no
     force; `entry` (m,), the row in the log of impacts; `speed` (m,) inwards when a step begins; the
-    tally (m, 2); and the word of the seed and the number of restitutions drawn so far, (2,)."""
+    tally (m, 3); and the word of the seed and the number of restitutions drawn so far, (2,)."""
 
     state: np.ndarray
     zeros: np.ndarray
@@ -610,17 +610,65 @@ def add_coordinates(last, span, base, rate, structure, series, extremes, scratch
 
 
 @kernel
+def force_at(t, s, last, stops, series):
+    """Force of a stop that is a function at the time t of a step, before it is cut off at 0."""
+    d, rate = 0.0, 0.0
+    for power in range(last, -1, -1):
+        rate = rate * t + d
+        d = d * t + series.d[s, power]
+    return force_of(stops.functions, s, stops.numbers, s, d, rate)
+
+
+@kernel
+def time_of_push(s, last, span, stops, series):
+    """How long a stop that is a function pushes in a step, s; that may end, or begin, once."""
+    low, high = 0.0, span
+    pushes = force_at(low, s, last, stops, series) > 0.0
+    if (force_at(high, s, last, stops, series) > 0.0) == pushes:
+        return span if pushes else 0.0
+    for _ in range(MOST_STEPS):
+        middle = 0.5 * (low + high)
+        if not low < middle < high:
+            break
+        if (force_at(middle, s, last, stops, series) > 0.0) == pushes:
+            low = middle
+        else:
+            high = middle
+    return high if pushes else span - high
+
+
+@kernel
+def work_of(s, last, span, stops, series):
+    """Work of the force of a stop in a step, per reduced mass."""
+    total, powers = 0.0, 1.0
+    factor = stops.laws[s, 0, 0] if stops.kinds[s] == HERTZ else 1.0
+    for power in range(2 * last + 1):
+        powers *= span
+        term = 0.0
+        for k in range(max(0, power - last), min(power, last) + 1):
+            term += series.f[s, k] * (power - k + 1) * series.d[s, power - k + 1]
+        total += term * powers / (power + 1)
+    return factor * total
+
+
+@kernel
 def add_contacts(last, span, stops, touch, series, log, scratch):
-    """Add a step to the times in contact and to the peak forces of contacts."""
+    """Add a step to the times in contact, the work and the peak forces of contacts."""
     p, found = scratch
     for s in range(len(touch.state)):
         if touch.state[s] == FREE:
             continue
         if stops.kinds[s] == DAMPED and touch.state[s] == 1:
             continue  # beyond the stop, which does not push: the contact has ended
-        touch.tally[s, CONTACT] += span
+        pushing = span
+        if stops.kinds[s] == FUNCTION and touch.state[s] == 1:
+            pushing = time_of_push(s, last, span, stops, series)
+        touch.tally[s, CONTACT] += pushing
+        if stops.kinds[s] == RIGID:
+            continue
+        touch.tally[s, LOST] += work_of(s, last, span, stops, series)
         entry = touch.entry[s]
-        if stops.kinds[s] != RIGID and entry >= 0:
+        if entry >= 0:
             factor = stops.laws[s, 0, 0] if stops.kinds[s] == HERTZ else 1.0
             for power in range(last + 1):
                 p[0, power] = factor * series.f[s, power]
@@ -651,7 +699,7 @@ def march(samples, structure, stops, start, limits, keep, seed):
     tuple
         Status; displacements, velocities and accelerations (samples, c) and forces of the stops per
         reduced mass (samples, m), empty unless kept; sums of the powers 1 to 4 of the displacements
-        (c, 4), extremes (c, 3), tallies (m, 2), log of impacts (impacts, 4).
+        (c, 4), extremes (c, 3), tallies (m, 3), log of impacts (impacts, 4).
     """
     step, forces, base = samples
     tick, most_impacts = limits
@@ -660,7 +708,7 @@ def march(samples, structure, stops, start, limits, keep, seed):
     rows = number if keep else 0
     displacements, velocities = np.empty((rows, c)), np.empty((rows, c))
     accelerations, pushes = np.empty((rows, c)), np.zeros((rows, m))
-    sums, extremes, tally = np.zeros((c, 4)), np.zeros((c, 3)), np.zeros((m, 2))
+    sums, extremes, tally = np.zeros((c, 4)), np.zeros((c, 3)), np.zeros((m, 3))
     log, logged = np.empty((64, 4)), 0
     moving = Moving(np.zeros(n), np.zeros(n))
     q, v = moving

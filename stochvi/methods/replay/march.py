@@ -87,8 +87,11 @@ class Motion:
         (impacts, 4): time, number of the stop, speed, largest force of the contact (N; 0 for a
         rigid stop).
     contact_time, rests
-        Seconds in contact with each stop, and number of times that a mass came to rest on it (rigid
+        Seconds in which each stop pushes, and number of times that a mass came to rest on it (rigid
         stops).
+    lost
+        Energy that each stop takes, J; of a rigid one it follows from the speeds of impacts, and is
+        0 here.
     """
 
     samples: int
@@ -104,6 +107,7 @@ class Motion:
     impacts: Matrix
     contact_time: Vector
     rests: Vector
+    lost: Vector
 
 
 def integrate(
@@ -160,6 +164,7 @@ def integrate(
         impacts=log,
         contact_time=tally[:, kernel.CONTACT],
         rests=tally[:, kernel.RESTS],
+        lost=masses * tally[:, kernel.LOST],
     )
 
 

@@ -138,7 +138,8 @@ class SteppedReplay:
 
         sums, impacts = logged_impacts(follow, [pair.name for pair in self.model.pairs])
         moved = _Moved(self.model, fine, record[:, 0], list(impacts.values()))
-        return moved.motion(_contact_times(plan, sums[:, :, 0]), parts)
+        time, lost = (_of_stops(plan, sums[:, :, 0], what) for what in ("contact", "loss"))
+        return moved.motion(time, lost, parts)
 
     def _settling(self, step: float) -> int:
         """Number of steps before the record; none where the linear structure rests as it is."""
@@ -203,12 +204,13 @@ def _pressing(model: Model, pair: Pair, gap: Vector) -> float:
     return max(beyond, 0.0) / (compliance * pair.mass) if compliance > 0.0 else 0.0
 
 
-def _contact_times(plan: ModalTablesPlan, sums: Matrix) -> Vector:
-    """Time in contact with each stop, s, from the sums of the pairs; 0 for a rigid one."""
+def _of_stops(plan: ModalTablesPlan, sums: Matrix, what: str) -> Vector:
+    """Time in contact with each stop, s, or what it takes per reduced mass, from the sums of the
+    pairs; 0 for a rigid one."""
     names = plan.sums_of_pair
     return np.array(
         [
-            0.0 if stop.rigid else sums[number, names.index(f"contact_{stop.name}")]
+            0.0 if stop.rigid else sums[number, names.index(f"{what}_{stop.name}")]
             for number, pair in enumerate(plan.model.pairs)
             for stop in pair.stops
         ]
@@ -248,9 +250,9 @@ class _Moved:
         pressing = (shaking.forces + self.model.constant_force) @ modes.shapes @ modes.gaps.T
         self.slow = self.step * np.abs(pressing).max(axis=0, initial=0.0)
 
-    def motion(self, contact_time: Vector, parts: int) -> Motion:
-        """The motion at every so many ends of steps, the samples of the record; `contact_time`
-        (stops,) is that with compliant stops, s."""
+    def motion(self, contact_time: Vector, lost: Vector, parts: int) -> Motion:
+        """The motion at every so many ends of steps, the samples of the record; `contact_time` and
+        `lost` (stops,) are those of compliant stops, see `_of_stops`."""
         rest = np.array([self._rests_on(*each) for each in self.stops]).reshape(-1, len(self.x))
         force = np.array([self._force_of(*each) for each in self.stops]).reshape(-1, len(self.x)).T
         a, impacts = self._accelerations(force), self._impacts(force)
@@ -264,6 +266,7 @@ class _Moved:
             largest_acceleration=self._largest(a), impacts=impacts,
             contact_time=contact_time + self.step * rest.sum(axis=1),
             rests=np.sum(rest[:, 1:] & ~rest[:, :-1], axis=1) + rest[:, 0].astype(float),
+            lost=np.array([pair.mass for _, pair, _ in self.stops]) * lost,
         )  # fmt: skip
 
     def _rests_on(self, number: int, pair: Pair, stop: Stop) -> NDArray[np.bool_]:

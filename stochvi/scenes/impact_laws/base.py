@@ -60,6 +60,9 @@ RELATIVE_STEP = 1e-6
 SMALLEST_DEFLECTION, LARGEST_DEFLECTION = 1e-9, 1e12
 """Deflections, m, between which a force is searched for."""
 
+MOST_HALVINGS = 60
+"""Number of halvings of the time in which a force ends: as many as double precision needs."""
+
 
 class ImpactLaw(Checked):
     """Base class of every impact law: what happens when the mass meets a stop.
@@ -324,12 +327,27 @@ def _impact(law: CompliantLaw, speed: float, mass: float) -> ContactSolution:
     y, v = found.states(times)
     forces = law.force_at(y, v, mass)
     return ContactSolution(
-        contact_time=found.duration,
+        contact_time=_end_of_push(law, found, mass, times[forces > 0.0], float(times[1])),
         time_to_peak=float(times[int(np.argmax(forces))]),
         restitution=max(-float(v[-1]) / speed, 0.0) if found.left else 0.0,
         peak_deflection=float(y.max()),
         peak_force=float(forces.max()),
     )
+
+
+def _end_of_push(
+    law: CompliantLaw, found: ContactMotion, mass: float, pushed: Vector, step: float
+) -> float:
+    """When a contact ceases to push, from the times at which it does, `step` apart."""
+    low = float(pushed[-1])
+    high = min(low + step, found.duration)
+    for _ in range(MOST_HALVINGS):
+        middle = 0.5 * (low + high)
+        if law.force_at(*found.states(middle), mass) > 0.0:
+            low = middle
+        else:
+            high = middle
+    return high
 
 
 def inside(deflection: ArrayLike) -> Vector:

@@ -30,7 +30,7 @@ from stochvi.sampling.sampler import TrialSampler
 from stochvi.sampling.stop_flag import given_up_after
 from stochvi.statistics.accelerations import carried_forces, pair_forces, velocity_jumps
 from stochvi.statistics.bursts import UNFINISHED
-from stochvi.statistics.cluster_paths import ClusterPaths
+from stochvi.statistics.cluster_paths import ClusterPaths, Records
 from stochvi.statistics.damage.equipment import Equipment
 from stochvi.statistics.damage.extremes import GROUPS, exceedance
 from stochvi.statistics.damage.gaussian import LEVELS, GaussianEquipment
@@ -149,7 +149,7 @@ class ClusterSampler(TrialSampler):
         clusters, before = self.clusters, self.before
         plan, model, count = clusters.plans[1], clusters.model, len(path)
         n = plan.modes.size
-        record, impacts = clusters.recorded_with_stops(motion[before - 1 :])
+        record, impacts, sums = clusters.recorded_with_stops(motion[before - 1 :])
         weights: Vector = np.linalg.solve(model.mass, np.array(self.row)).astype(float)
         rest = (plan.modes.shapes @ plan.modes.rest)[:, None, None]
 
@@ -174,7 +174,7 @@ class ClusterSampler(TrialSampler):
         answer = self.equipment.respond(records, self.step, before, self.window, 1, jumps)
         wear = answer.damage + answer.closing
         squares = self.seconds * answer.squares
-        hits, late, work, loss = self._impacts(logs, count)
+        hits, late, work, loss = self._impacts(logs, sums)
         above = np.zeros((count, len(self.levels)))
         for force in forces.values():
             above += [
@@ -207,18 +207,21 @@ class ClusterSampler(TrialSampler):
             )
         return found
 
-    def _impacts(self, logs: dict[str, ImpactLog], count: int) -> tuple[Vector, ...]:
+    def _impacts(self, logs: dict[str, ImpactLog], sums: Records) -> tuple[Vector, ...]:
         """Impacts, late ones, energy and loss of each cluster."""
-        hits, late, work, loss = np.zeros((4, count))
-        for pair in self.clusters.model.pairs:
+        hits, late, work, loss = np.zeros((4, sums.shape[2]))
+        names = self.clusters.plans[1].sums_of_pair
+        for pair, added in zip(self.clusters.model.pairs, sums, strict=True):
             log = logs[pair.name]
             np.add.at(hits, log.path, 1.0)
             np.add.at(late, log.path, log.time > 0.5 * self.seconds)
             np.add.at(work, log.path, 0.5 * pair.mass * log.speed**2)
             for stop in pair.stops:
-                met = np.sign(log.speed) == stop.side
-                lost = 1.0 - stop.restitution_at(np.abs(log.speed[met])) ** 2
-                np.add.at(loss, log.path[met], 0.5 * pair.mass * lost * log.speed[met] ** 2)
+                if stop.summed:
+                    loss += pair.mass * added[names.index(f"loss_{stop.name}")]
+                    continue
+                square = added[names.index(f"f2_{stop.name}")]
+                loss += 0.5 * pair.mass * (1.0 - stop.law.restitution_mean_square) * square
         return hits, late, work, loss
 
 

@@ -148,14 +148,13 @@ class DamageSampler(ListSampler):
             log = found.impacts[pair.name]
             place = np.floor(log.time / self.plan.step).astype(int) - self.first
             inside = (place >= 0) & (place < self.windows * self.window)
+            assert log.lost is not None
+            np.add.at(loss, log.path[inside], log.lost[inside])
+            inside &= np.abs(log.speed) >= self.plan.plan.layout.thresholds[pair.name]
             path, speed = log.path[inside], log.speed[inside]
             struck[path, place[inside] // self.window] = True
             np.add.at(hits, path, 1.0)
             np.add.at(work, path, 0.5 * pair.mass * speed**2)
-            for stop in pair.stops:
-                met = np.sign(speed) == stop.side
-                lost = 1.0 - stop.restitution_at(np.abs(speed[met])) ** 2
-                np.add.at(loss, path[met], 0.5 * pair.mass * lost * speed[met] ** 2)
         return struck, hits, work, loss
 
     def _above(self, found: Accelerations) -> Matrix:

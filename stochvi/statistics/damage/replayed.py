@@ -51,12 +51,15 @@ class RecordOfPlace(NamedTuple):
         (samples, stops): forces of the stops, N.
     impacts
         (impacts, 4): the log of `Motion`.
+    lost
+        (stops,): what each compliant stop takes, J.
     """
 
     acceleration: Vector
     jumps: Vector
     forces: Matrix
     impacts: Matrix
+    lost: Vector
 
 
 class Replayed:
@@ -106,7 +109,13 @@ class Replayed:
             number = self.model.outputs.index(self.place)
             jumps = self._jumps(motion)
             found.append(
-                RecordOfPlace(motion.acceleration[:, number], jumps, motion.force, motion.impacts)
+                RecordOfPlace(
+                    motion.acceleration[:, number],
+                    jumps,
+                    motion.force,
+                    motion.impacts,
+                    motion.lost,
+                )
             )
         return found
 
@@ -193,7 +202,10 @@ class Replayed:
                 speed = record.impacts[record.impacts[:, STOP] == number, SPEED]
                 energy = 0.5 * pair.mass * speed**2
                 work += float(energy.sum())
-                loss += float(energy @ (1.0 - stop.restitution_at(speed) ** 2))
+                if stop.rigid:
+                    loss += float(energy @ (1.0 - stop.restitution_square_at(speed)))
+                else:
+                    loss += float(record.lost[number])
                 if levels and not stop.rigid:
                     above += contacts_above(record.forces[:, number], record.acceleration, levels)
 

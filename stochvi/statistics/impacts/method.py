@@ -28,7 +28,7 @@ from stochvi.methods.monte_carlo.response_sampler import FEWEST_PAIRS, paths_at_
 from stochvi.methods.monte_carlo.simulate import check_threshold
 from stochvi.methods.monte_carlo.step_bias import lossiest, refines_near_stops
 from stochvi.model.calculations import calculation
-from stochvi.model.model import LOWER, UPPER, Model, Pair, model_of
+from stochvi.model.model import UPPER, Model, Pair, model_of
 from stochvi.results.deadline import Deadline, partial_result
 from stochvi.results.errors import NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Estimate, provenance
@@ -345,15 +345,11 @@ def _grid(plan: ImpactPlan, pair: Pair) -> Grid:
     start = max(threshold, FIT_FROM * rms)
     longest = LONGEST_SHARE * plan.duration
     shortest = min(SHORTEST_ANGLE / plan.fastest, 0.1 * longest)
-    losses = {LOWER: 0.0, UPPER: 0.0} | {
-        stop.side: 0.5 * pair.mass * (1.0 - stop.law.restitution_mean_square) for stop in pair.stops
-    }
     return Grid(
         speeds=np.geomspace(slowest, FASTEST_SHARE * rms, BINS + 1),
         intervals=np.geomspace(shortest, longest, BINS + 1),
         fits=((start, start * FIT_RANGE), (start, start * FIT_RANGE / 2.0)),
         window=plan.duration / WINDOWS,
-        losses=(losses[LOWER], losses[UPPER]),
     )
 
 
@@ -426,6 +422,8 @@ def _pair(
     rates["both"] = rate(numbers, plan.duration, poisson, how, clusters, *bias)
     of_squares = step.of("impact_speed_square_rate", lambda one: one.squares.sum(axis=1))
     relative = _relative_bias(of_squares[0], tally.squares, bias[0], tally.numbers, plan)
+    of_losses = step.of("impact_speed_square_rate", lambda one: one.energies.sum(axis=1))
+    of_loss = _relative_bias(of_losses[0], tally.energies, bias[0], tally.numbers, plan)
     gap = linear_gap(plan.source.model, pair)
     square = ratio_and_error(tally.squares.sum(axis=1), numbers) if hits else None
     loss = ratio_and_error(tally.energies.sum(axis=1), numbers) if hits else None
@@ -441,7 +439,7 @@ def _pair(
         else None,
         speed_rms=None if square is None else _root(square, how, relative),
         exponents=_exponents(pair, tally, grid, plan),
-        energy=_ratio(loss, how, relative),
+        energy=_ratio(loss, how, of_loss),
         striking_energy=_ratio(blow, how, relative),
         rice_rates=None if gap is None else rice_rates(gap, pair),
         clump_rate=None if gap is None else vanmarcke_rate(gap, pair),
@@ -463,7 +461,8 @@ def _relative_bias(
     if squares is None or hits is None or not numbers.any():
         return None
     exposure = len(numbers) * plan.duration
-    return (squares / float(sums.sum()) + hits / float(numbers.sum())) * exposure
+    of_sums = squares / float(sums.sum()) if squares else 0.0
+    return (of_sums + hits / float(numbers.sum())) * exposure
 
 
 def _ratio(found: tuple[float, float] | None, how: str, relative: float | None) -> Estimate | None:

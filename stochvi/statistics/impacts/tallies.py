@@ -37,14 +37,12 @@ this number and this number: an interval is then at most 12 % too narrow or too 
 class Grid:
     """The classes in which the impacts of a pair are counted. `speeds` (m/s) and `intervals` (s,
     shorter than a path) are edges of bins. `fits` are the two ranges of speeds, with one start, to
-    which exponents are fitted. `window` is a length (s); `losses` are the energy lost over w^2 at
-    the lower and the upper stop."""
+    which exponents are fitted. `window` is a length (s)."""
 
     speeds: Vector
     intervals: Vector
     fits: tuple[tuple[float, float], tuple[float, float]]
     window: float
-    losses: tuple[float, float]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,6 +78,7 @@ class Tally:
             flat = np.bincount(log.path * size + place, weights=weight, minlength=paths * size)
             return np.asarray(flat.reshape(paths, size), dtype=float)
 
+        assert log.lost is not None
         one = np.ones_like(speed)
         fits = np.empty((paths, 2, 2, 3))
         for number, (low, high) in enumerate(grid.fits):
@@ -98,7 +97,7 @@ class Tally:
         return cls(
             numbers=total(one, side, 2),
             squares=total(speed**2, side, 2),
-            energies=total(np.array(grid.losses)[side] * speed**2, side, 2),
+            energies=total(log.lost, side, 2),
             fits=fits,
             speeds=total(one, np.searchsorted(grid.speeds, speed), BINS + 2),
             intervals=np.asarray(intervals, dtype=float),

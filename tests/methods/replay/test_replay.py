@@ -26,11 +26,13 @@ from stochvi import (
     Isolator,
     Matrices,
     NotApplicable,
+    PowerLaw,
     RecordedNoise,
     Restitution,
     Scene,
     Viscoelastic,
     WhiteNoise,
+    damage,
     replay,
 )
 from stochvi.methods.replay import Replay
@@ -482,18 +484,30 @@ def test_a_waterfall_tells_impacts_by_their_high_frequencies(tmp_path: Path) -> 
     assert plot_waterfall(free).get_legend_handles_labels()[1] == []
 
 
-def test_every_number_of_a_replay_is_that_of_a_plain_integration(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("law", "numbers"),
+    [
+        (
+            Viscoelastic(stiffness=2e5, damping_ratio=0.3),
+            (2e5, 1.0, 2.0 * 0.3 * math.sqrt(2e5 * MASS), 0.0),
+        ),
+        (PowerLaw(coefficient=2e6, loss=2e5, loss_exponent=1.0), (2e6, 1.5, 2e5, 1.0)),
+    ],
+    ids=["viscoelastic", "power"],
+)
+def test_every_number_of_a_replay_is_that_of_a_plain_integration(
+    tmp_path: Path, law: Law, numbers: tuple[float, float, float, float]
+) -> None:
     """Small steps of the equation of motion, forces interpolated between the samples."""
     a = shaken(seed=4, samples=800)
-    law = Viscoelastic(stiffness=2e5, damping_ratio=0.3)
     scene = scene_of(tmp_path, a, law, gap=2e-3)
     steps = 200
     time = np.arange((len(a) - 1) * steps + 1) / (FS * steps)
     base = np.interp(time, np.arange(len(a)) / FS, a)
     model = model_of(scene)
     motion = _plain_steps(
-        base, 1.0 / (FS * steps), model.omega**2, model.damping_rate, 2e-3, 2e5 / MASS,
-        2.0 * 0.3 * math.sqrt(2e5 / MASS),
+        base, 1.0 / (FS * steps), model.omega**2, model.damping_rate, 2e-3, numbers[0] / MASS,
+        numbers[1], numbers[2] / MASS, numbers[3],
     )  # fmt: skip
     x, felt, beyond, force, began = motion.T
     sampled = slice(None, None, steps)
@@ -525,16 +539,24 @@ def test_every_number_of_a_replay_is_that_of_a_plain_integration(tmp_path: Path)
     contact = np.sum(force != 0.0) / (FS * steps)
     assert float(hit.contact_time) == pytest.approx(contact, rel=0.01)
     assert np.sum(beyond > 0.0) / (FS * steps) > 1.1 * contact  # the stop recovers without a force
+    hourly = damage(scene, equipment=(20.0, 60.0), way="record").impact_loss_per_hour
+    assert hourly is not None
+    lost = float(hourly) * (len(a) - 1) / FS / 3600.0
+    assert lost == pytest.approx(MASS * float(force[1:] @ np.diff(x)), rel=0.01)
+    blows = 0.5 * MASS * float(np.sum(speeds**2))
+    free = (1.0 - law.impact(float(speeds.mean()), MASS).restitution ** 2) * blows
+    assert free != pytest.approx(lost, rel=0.05)  # what a free mass would lose
 
 
 @njit
-def _plain_steps(base, h, k, c, gap, stop, damper):  # type: ignore[no-untyped-def]
+def _plain_steps(base, h, k, c, gap, stop, n1, damper, m1):  # type: ignore[no-untyped-def]
     """Semi-implicit Euler steps per unit mass: x, felt acceleration, depth, force, touch speed."""
     x, v, rows = 0.0, 0.0, np.zeros((len(base), 5))
     for n in range(len(base)):
         side = 1.0 if x > 0.0 else -1.0
         depth = max(abs(x) - gap, 0.0)
-        force = side * max(stop * depth + damper * side * v, 0.0) if depth > 0.0 else 0.0
+        push = max(stop * depth**n1 + damper * depth**m1 * side * v, 0.0)
+        force = side * push if depth > 0.0 else 0.0
         felt = -k * x - c * v - force
         rows[n, 0], rows[n, 1], rows[n, 2], rows[n, 3] = x, felt, depth, force
         v += h * (felt - base[n])

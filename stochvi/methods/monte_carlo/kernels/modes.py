@@ -456,8 +456,9 @@ class Room(NamedTuple):
         modal velocities.
     y0, v0, a0, y1, v1, a1, s0, r0, s1, r1 : as named above.
     marks, index : whether a lane may reach a stop, and the numbers of those that may.
-    local, of_step, hits, hits_of_step : sums, impacts of one step, and views of both, (pairs, rows,
-        lanes), of the rows of pairs.
+    local, hits, spared : sums, a view of their rows of pairs, (pairs, rows, lanes), and such rows
+        for impacts that do not count.
+    before : (pairs, lanes), sums of the speeds of impacts before a step, for records.
     peaks : (lanes, pairs, 2), largest forces so far of contacts that last.
     words0, words1 : random streams.
     smooth, total, rest : Y, the total motion, and zeros (modes,).
@@ -487,9 +488,9 @@ class Room(NamedTuple):
     marks: NDArray[np.float64]
     index: NDArray[np.int64]
     local: NDArray[np.float64]
-    of_step: NDArray[np.float64]
     hits: NDArray[np.float64]
-    hits_of_step: NDArray[np.float64]
+    spared: NDArray[np.float64]
+    before: NDArray[np.float64]
     peaks: NDArray[np.float64]
     words0: NDArray[np.uint64]
     words1: NDArray[np.uint64]
@@ -537,7 +538,7 @@ def make_room(
     """`Room` for `width` lanes, of which at most `waiting` wait for a contact."""
     passes, modes, pairs = structure.passes, structure.modes, structure.stops.places.shape[0]
     first, last = modes + modes * (modes + 1), modes + modes * (modes + 1) + rows * pairs
-    local, of_step = np.zeros((rows_of_sums, width)), np.zeros((rows_of_sums, width))
+    local = np.zeros((rows_of_sums, width))
     work = make_workspace(pairs, 2 * modes, structure.responses.states.shape[2])
     between = states * min(parts, 1)
     return Room(
@@ -548,8 +549,8 @@ def make_room(
         np.zeros((pairs, width)), np.zeros((pairs, width)), np.zeros((pairs, width)),
         np.zeros((pairs, width)),
         np.zeros(width), np.zeros(width + 1, np.int64),
-        local, of_step, local[first:last].reshape((pairs, rows, width)),
-        of_step[first:last].reshape((pairs, rows, width)),
+        local, local[first:last].reshape((pairs, rows, width)),
+        np.zeros((pairs, rows, width)), np.zeros((pairs, width)),
         np.zeros((width, pairs, 2)), np.zeros(width, np.uint64), np.zeros(width, np.uint64),
         np.zeros((2 * (modes + sampled), width)), np.zeros((2 * modes, width)), np.zeros(modes),
         np.zeros((modes, width)), np.zeros((pairs, width)), np.zeros((modes, width)),
@@ -621,8 +622,8 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
     old, new, drawn, kicked = room.old, room.new, room.drawn, room.kicked
     y0, v0, a0, y1, v1, a1 = room.y0, room.v0, room.a0, room.y1, room.v1, room.a1
     s0, r0, s1, r1 = room.s0, room.r0, room.s1, room.r1
-    marks, index, local, of_step = room.marks, room.index, room.local, room.of_step
-    hits, hits_of_step, peaks = room.hits, room.hits_of_step, room.peaks
+    marks, index, local = room.marks, room.index, room.local
+    hits, earlier, peaks = room.hits, room.before, room.peaks
     words0, words1, smooth, total = room.words0, room.words1, room.smooth, room.total
     pulled, pushing, pull_0, pull_1 = room.pulled, room.pushing, room.pull_0, room.pull_1
     mid, of_parts = room.mid, (room.parts_x, room.parts_v, room.parts_w)
@@ -714,10 +715,11 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                     matrix_pass(a1, 0.0, new, passes.bends, width)
                     if tables is not None:
                         add_curvatures(a0, a1, s0, r0, s1, r1, step)
-                # records take the impacts of each step
-                added_to = hits if counted & (not recording) else hits_of_step
-                if recording:
-                    of_step[:] = 0.0
+                added_to = hits if counted else room.spared
+                if recording & counted:
+                    for j in range(pairs):
+                        for i in range(lanes):
+                            earlier[j, i] = hits[j, 4, i] - hits[j, 1, i]
                 followed = following_of(
                     largest, start, counted, room.spare, room.forces, pull_0, pull_1
                 )
@@ -729,10 +731,9 @@ def advance(paths, structure, laws, tables, fastest, kicks, steps, outputs, room
                     marked = index[k : min(k + LANES_TOGETHER, count)]
                     finish_together(marked, borrowed(scene), fastest, room.waiting)
                 if recording & counted:
-                    add_to(local, of_step)
                     for j in range(pairs):
                         for i in range(lanes):
-                            speed = hits_of_step[j, 4, i] - hits_of_step[j, 1, i]
+                            speed = hits[j, 4, i] - hits[j, 1, i] - earlier[j, i]
                             record[number, start + i, 2 * modes + j] = speed
                 if tables is not None:  # noqa: SIM102 - left out when compiled
                     if counted & controlled:
