@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import bdtrc
 
 from stochvi.mathematics import rounding
 from stochvi.mathematics.arrays import Matrix
@@ -26,7 +27,7 @@ from stochvi.results.base import Result
 from stochvi.results.deadline import Deadline, graceful_interrupt
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import provenance
-from stochvi.results.intervals import binomial_interval, poisson_interval
+from stochvi.results.intervals import FEWEST_CLUSTERS, binomial_interval, poisson_interval
 from stochvi.results.progress import Progress
 from stochvi.results.sizes import MOST_NUMBERS, check_size
 from stochvi.sampling.stop_flag import GivenUp, given_up_after
@@ -47,6 +48,14 @@ CLATTER = 0.5
 together, as the resonant regime from so many on each. That regime has one impact on each stop per
 period; occasional impacts are fewer."""
 
+UNLIKELY = 0.05
+"""Probability of as many departures in the first half of the time, at a constant rate, below which
+they count as transients."""
+
+AFTER_TRANSIENTS = 20
+"""Smallest number of departures after transients from which a rate is told: of fewer ones it cannot
+be seen whether they are transients, too."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Jolts(Result):
@@ -63,6 +72,8 @@ class Jolts(Result):
         Whether each path was captured and later left the clatter.
     watched
         Seconds (jolts, paths) in clatter after capture, until left or until the end.
+    noise
+        Whether noise beside the sine can throw paths out of a settled motion.
     duration
         Seconds for which every path was simulated.
     resonance
@@ -84,6 +95,7 @@ class Jolts(Result):
     duration: float
     resonance: HarmonicResonance | None
     clearance: float
+    noise: bool = True
 
     @property
     def paths(self) -> int:
@@ -91,16 +103,37 @@ class Jolts(Result):
         return int(self.captured.shape[1])
 
     def escape_rate(self) -> tuple[float, float, float]:
-        """Rate of escape of all captured paths, 1/s, with its exact 95 % interval (Poisson).
+        """Rate at which noise throws captured paths out of clatter, 1/s, with its exact 95 %
+        interval (Poisson).
 
-        The rate is 0, with an upper limit, where no path left clatter; the answer is (nan, 0, inf)
+        Right after the jolt transients leave as well, and these are no departures at a constant
+        rate. So the time that all paths were watched is halved, by its order after the capture: a
+        constant rate has as many departures in either half. Where the first half has more of them
+        the rate is that of the second half, halved once more. Where that still has more at first,
+        where there are fewer than five departures, or no noise, no rate is known: the answer is
+        then (nan, 0, upper limit), or (0, 0, upper limit) without a departure. It is (nan, 0, inf)
         where no path was captured.
         """
-        time, events = float(self.watched.sum()), int(self.left.sum())
-        if time == 0.0:
+        stayed = np.sort(self.watched[self.captured])
+        gone = np.sort(self.watched[self.left])
+        total = float(stayed.sum())
+        if total == 0.0:
             return math.nan, 0.0, math.inf
-        low, high = poisson_interval(events, time)
-        return events / time, low, high
+        # paths that are watched longer than t, summed up to t: the time that was watched so far
+        so_far = np.cumsum(np.diff(stayed, prepend=0.0) * np.arange(len(stayed), 0, -1))
+        place = np.interp(gone, stayed, so_far) / total
+        known = False
+        for begun, needed in ((0.0, FEWEST_CLUSTERS), (0.5, AFTER_TRANSIENTS)):
+            kept = place[place > begun]
+            early = int(np.sum(kept <= 0.5 * (1.0 + begun)))
+            steady = _chance_of_so_many(early, len(kept)) > UNLIKELY
+            known = self.noise and len(kept) >= needed and steady
+            if steady:
+                break
+        low, high = poisson_interval(len(kept), (1.0 - begun) * total)
+        if known:
+            return len(kept) / ((1.0 - begun) * total), low, high
+        return math.nan if len(kept) else 0.0, 0.0, high
 
     def to_frame(self) -> pd.DataFrame:
         """One row per jolt: shares of paths captured, with the exact interval, and on both stops;
@@ -153,14 +186,27 @@ class Jolts(Result):
                 f"{LENGTH.text(known.harmonic_boundary)}), and the clearance here is "
                 f"{LENGTH.text(self.clearance)}{'' if below else ', beyond it'}"
             )
+        return found + (self._how_long() if caught else "")
+
+    def _how_long(self) -> str:
+        """How long clatter lasts, in words."""
         rate, low, high = self.escape_rate()
-        if caught and rate > 0.0:
-            found += (
+        gone, caught = int(self.left.sum()), int(self.captured.sum())
+        if rate > 0.0:
+            return (
                 f"; it lasts {1.0 / rate:.3g} s on average ({1.0 / high:.3g} to {1.0 / low:.3g} s)"
             )
-        elif caught:
-            found += f"; none left it: it lasts longer than {1.0 / high:.3g} s on average (95 %)"
-        return found
+        if gone == caught:
+            stayed = float(self.watched[self.captured].mean())
+            return f"; all {caught} paths left it, {stayed:.3g} s after their capture on average"
+        longer = f"longer than {1.0 / high:.3g} s on average (95 %)"
+        if not gone:
+            return f"; none left it: it lasts {longer}"
+        why = "transients of the jolt" if not self.noise else "too few, or transients of the jolt"
+        return (
+            f"; {gone} of {caught} captured paths left it within {self.duration:.3g} s ({why}); "
+            f"for the others it lasts {longer}"
+        )
 
 
 @calculation
@@ -275,6 +321,7 @@ def jolts(
         duration=windows * window,
         resonance=_resonance(scene, sine),
         clearance=_clearance(scene),
+        noise=model.noisy,
         warnings=scene.at_means(),
         provenance=provenance(scene.document(), seed),
     )
@@ -282,6 +329,15 @@ def jolts(
         where = f"after {len(hits)} of {len(speeds)} jolts"
         raise deadline.fell_short(where, LESS_WORK, answer)
     return answer
+
+
+def _chance_of_so_many(early: int, events: int) -> float:
+    """Probability that at least so many of the events lie in the first half.
+
+    >>> _chance_of_so_many(5, 5)
+    0.03125
+    """
+    return float(bdtrc(early - 1, events, 0.5)) if early else 1.0
 
 
 LESS_WORK = "raise budget, or ask for fewer paths, fewer jolts or a shorter duration"
