@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from stochvi.isolators.record_verdict import RecordVerdict
+    from stochvi.mathematics.arrays import Vector
     from stochvi.mathematics.shown_units import Choice
     from stochvi.results.origin import Origin
     from stochvi.results.progress import Progress
@@ -650,9 +651,9 @@ def numbers(option: str, text: str, unit: str = "") -> list[float]:
         raise ValueError(f"{option} must be numbers with commas, got {text!r}{own}") from None
 
 
-def band(option: str, text: str) -> list[float]:
+def band(option: str, text: str) -> tuple[float, float] | Vector:
     """Two ends of a band of frequencies, Hz, from "20:2000"; or with a number of frequencies, as
-    "20:2000:60", all of them, evenly spaced in logarithms."""
+    "20:2000:60", an array of all of them, evenly spaced in logarithms."""
     import numpy as np
 
     from stochvi.mathematics.units import measured
@@ -670,7 +671,7 @@ def band(option: str, text: str) -> list[float]:
             f"20:2000, got {text!r}"
         ) from None
     check_size(option, number, MOST_SPACED, "ask for fewer")
-    return [float(f) for f in np.geomspace(ends[0], ends[1], number)]
+    return np.geomspace(ends[0], ends[1], number) if len(words) == 3 else (ends[0], ends[1])
 
 
 def acceleration(text: str | None) -> float | None:

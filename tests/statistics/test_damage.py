@@ -30,6 +30,7 @@ from stochvi import (
     impacts,
     screen,
 )
+from stochvi.cli.options import band
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.methods.monte_carlo.history_plans import plan_histories
@@ -806,6 +807,19 @@ def test_a_sine_on_random_has_a_ratio_by_simulation() -> None:
     found = damage(scene, mission=60.0, equipment=[30.0, 60.0], rel_error=0.5)
     assert found.way_without == "simulation" and np.all(found.damage_ratio.value > 1.0)
     assert judges.columns_without_judge(found) == []
+
+
+def test_a_number_of_frequencies_is_that_number() -> None:
+    """Two numbers are the ends of a band, an array of two holds both."""
+
+    def asked(equipment: object) -> list[float]:
+        found = damage(FREE, mission=60.0, equipment=equipment)
+        return [round(float(f), 9) for f in found.equipment_frequency_hz]
+
+    assert len(asked((31.0, 80.0))) == round(6.0 * math.log2(80.0 / 31.0))
+    assert asked(band("--equipment", "31:80")) == asked((31.0, 80.0))
+    assert asked(band("--equipment", "31:80:2")) == [31.0, 80.0] == asked(np.array([31.0, 80.0]))
+    assert asked(band("--equipment", "20:80:3")) == [20.0, 40.0, 80.0]
 
 
 def test_without_stops_the_mission_alone_scales_the_damage() -> None:

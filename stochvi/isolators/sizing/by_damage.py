@@ -17,6 +17,7 @@ from stochvi.isolators.moved_stops import at_clearances
 from stochvi.isolators.record_verdict import record_verdict
 from stochvi.isolators.sizing.answer import Clearance
 from stochvi.isolators.sizing.damage_answer import DamageSizing
+from stochvi.mathematics.arrays import Vector
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import modulated, nonlinear
 from stochvi.model.free_motion import free_motion
@@ -68,7 +69,7 @@ def size_by_damage(
     *,
     ratio: float = 2.0,
     mission: float = 3600.0,
-    equipment: Sequence[float] = (20.0, 2000.0),
+    equipment: Sequence[float] | Vector = (20.0, 2000.0),
     q: float = 10.0,
     exponent: float = 6.0,
     at: str | None = None,

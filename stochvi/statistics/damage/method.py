@@ -93,7 +93,7 @@ def damage(
     scene: Scene,
     *,
     mission: float | None = None,
-    equipment: Sequence[float] = (20.0, 2000.0),
+    equipment: Sequence[float] | Vector = (20.0, 2000.0),
     q: float = 10.0,
     exponent: float = 6.0,
     at: str | None = None,
@@ -122,7 +122,8 @@ def damage(
         itself, which the mission repeats, it is the length of the record if left out.
     equipment
         Lowest and highest natural frequency, Hz, with six frequencies per octave between them; or
-        one frequency, or three and more in rising order.
+        one frequency, or three and more in rising order; or an array of any number, which holds
+        all of them.
     q, exponent
         Quality Q = 1 / (2 zeta) of the equipment, and exponent b of its fatigue.
     at
@@ -533,7 +534,7 @@ class _Question:
         )  # fmt: skip
 
 
-def _frequencies(equipment: Sequence[float]) -> tuple[float, ...]:
+def _frequencies(equipment: Sequence[float] | Vector) -> tuple[float, ...]:
     """The frequencies of the equipment, Hz."""
     given = np.asarray(equipment, dtype=float).ravel()
     rising = len(given) > 0 and bool(np.all(np.diff(given) > 0.0))
@@ -541,7 +542,7 @@ def _frequencies(equipment: Sequence[float]) -> tuple[float, ...]:
         raise ValueError(
             f"equipment must be rising frequencies (Hz), as (20, 2000), got {shown(equipment)}"
         )
-    if len(given) == 2:
+    if len(given) == 2 and not isinstance(equipment, np.ndarray):
         number = round(PER_OCTAVE * math.log2(given[1] / given[0]))
         given = np.geomspace(given[0], given[1], min(max(number, 2), MOST_FREQUENCIES + 1))
     check_size(
