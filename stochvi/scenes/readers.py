@@ -136,7 +136,8 @@ def _read_text(
         )
     found = table.columns(*((place,) if x is None else (x, place)))
     known, line = table.headings[place].unit, table.headings[place].line
-    if known is None and (not record or count <= len(names)):
+    others = (each for n, each in enumerate(table.headings) if n != x)
+    if known is None and (not record or not any(each.unit for each in others)):
         known, line = table.stated(*(("acceleration", "force") if record else DENSITIES))
     times = found[0] if x is not None else None
     if times is not None and x is not None and not table.is_stamp(x):

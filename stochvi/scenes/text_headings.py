@@ -25,13 +25,17 @@ ABSCISSAE = {
 """Quantity of the column of times or frequencies -> pattern of its names in headings."""
 
 NAMED_UNIT = re.compile(
-    r"(?:(?:acc[a-z]*[_ ])?(?:psd|asd)|acc[a-z]*|a|beschleunigung|force|density|time(?:stamp)?|t|"
-    r"zeit|frequency|freq|f|level)"
+    r"(?:(?:acc[a-z]*[_ ])?(?:psd|asd)|acc[a-z]*|a|beschleunigung|force|kraft|deflection|weg|y|"
+    r"density|time(?:stamp)?|t|zeit|frequency|freq|f|level)"
     r"(?:[_ ][xyz])?(?:_| in | )(\S+)", re.I,
 )  # fmt: skip
 """Pattern of a name with a unit, such as acceleration_g, density_g2_per_hz or "Time ms"."""
 
-QUANTITY_OVER_UNIT = re.compile(r"[^\W\d_]+\s*/\s*(\S+)")
+ANY_UNIT = re.compile(r".*(?: in |_(?=g\b|..))(\S+)", re.I)
+"""Pattern of any name with a unit, such as "Kraft in kN" or seat_mg; of the letters that are units
+as well as indices, only g counts after an underscore."""
+
+QUANTITY_OVER_UNIT = re.compile(r"[^/]*\w\s*/\s*(\S+)")
 """Pattern of a name over its unit, "f/kHz", the heading of a column by ISO 80000-1."""
 
 LABELLED_UNIT = re.compile(
@@ -41,6 +45,11 @@ LABELLED_UNIT = re.compile(
 
 ROW_OF_UNITS = re.compile(r"(?:[xy][_ ])?(?:units?|einheit(?:en)?)\b|(?:[xy][_ ])?unit_label", re.I)
 """Pattern of the first cell of a line of units, which LabVIEW writes far above the rows."""
+
+ONE_ABSCISSA = re.compile(
+    rf"(?:{'|'.join(ABSCISSAE.values())})(?:\s*[\[(/]\s*|_|\s+in\s+)[^\s\])]+[\])]?", re.I
+)
+"""Pattern of the heading of a column of times or frequencies with its unit, and nothing else."""
 
 COUNTING = re.compile(
     r"(?:#|no|nr|n|i|index|idx|sample\w*|point\w*|row|line|count\w*|scan\w*|rpm|order|period|"
@@ -115,16 +124,20 @@ def headings_above(
     last = len(above) - LAST_HEADINGS
     for place, (number, line) in enumerate(above):
         own = len(line) if place == len(above) - 1 else longest * (place >= last)
-        cells = _heading_cells(line, delimiter, count, own, stamped)
-        if cells is None or (len(cells) == count and place < last and not _names_columns(cells)):
+        cells = _heading_cells(line, delimiter, count, longest, own, stamped)
+        if cells is None:
             continue
-        if len(cells) < count or any(map(_states_unit, cells[count:])):
-            if _one_value(cells, count):
-                continue  # `stated_unit` finds it
+        names = _names_columns(cells) or (delimiter and any(map(_is_abscissa, cells)))
+        if len(cells) == count and place < last and not names:
+            continue
+        if len(cells) != count and not _fits_from_the_left(cells, count):
+            over = any(map(_is_abscissa, cells[len(cells) > count :]))
+            if _one_value(line, cells, count) or not (over or any(map(_states_unit, cells))):
+                continue
             raise MisfitHeading(number, len(cells))
         labelled = ROW_OF_UNITS.match(cells[0]) is not None and count > 1
         cells = _without_label(cells[:count]) if labelled else cells[:count]
-        fitting.append((number, cells, labelled or all(map(_is_unit, filter(None, cells)))))
+        fitting.append((number, cells, labelled or _all_units(cells)))
     found = []
     # lines of units come last, because the name of a column is not looked for there
     named = sorted(fitting, key=lambda each: not _holds_units(each[1]))
@@ -155,7 +168,7 @@ class MisfitHeading(Exception):
 
 
 def _heading_cells(
-    line: str, delimiter: str | None, count: int, own: int, stamped: bool
+    line: str, delimiter: str | None, count: int, longest: int, own: int, stamped: bool
 ) -> list[str] | None:
     """The cells of a line above the rows, if there is one for each column or the line names
     columns; otherwise None.
@@ -165,27 +178,44 @@ def _heading_cells(
     """
     text = re.sub(r"^\s*(?:#|%|//)+\s*", "", line)
     # a unit in brackets belongs to the name before it
-    glued = re.sub(r"(?<!\s)\s+(?=[\[(])", GLUE, text.strip())
+    glued = re.sub(r"(?<![\s\])-])\s+(?=[\[(])", GLUE, text.strip())
     for each in sorted(DELIMITERS, key=lambda other: (other is None, other != delimiter)):
         split = split_cells(glued if each is None else text, each)
         cells = [cell.replace(GLUE, " ")[:LONGEST_HEADING] for cell in split]
-        while len(cells) > count and not cells[-1]:
-            cells.pop()
+        if each is None and delimiter and delimiter in text:
+            continue
+        if not any(cells):
+            continue
+        if each is None and len(cells) != count and _all_units(text.split()):
+            cells = text.split()
+        # of a line with empty cells within, those at its end may be of columns that are missing
+        if all(cells[:count]) or (each == delimiter and len(cells) <= longest):
+            while len(cells) > count and not cells[-1]:
+                cells.pop()
         if stamped and len(cells) == count + 1:
             cells = [f"{cells[0]} {cells[1]}", *cells[2:]]  # a date and a time of day
-        if len(cells) == count and any(cells):
+        if each == delimiter and count < len(cells) == longest:
+            # as wide as the rows are with the empty cells at their ends
+            return cells if any(map(_states_unit, cells[count:])) else cells[:count]
+        if count == 1 and (unit_in(cells[0]) or _all_units(cells)):
+            return cells[:1] if cells[0] else cells
+        if len(cells) == count > 1 and (each or not _is_sentence(cells, delimiter)):
             return cells
-        while cells and not cells[-1]:
+        several = len(cells) > 1
+        while all(cells[:count]) and not cells[-1]:
             cells.pop()
         if each is None:
             cells = _joined(cells, count)
-        parted = each is not None and each == delimiter and count < len(cells) <= own
-        if len(cells) > 1 and (
-            _names_columns(cells)
-            or (parted and not _states_unit(cells[0]) and not any(map(is_number, cells)))
-        ):
+        parted = each is not None and each == delimiter and len(cells) <= own
+        is_row = not _states_unit(cells[0]) if len(cells) > count else _names_abscissa(cells)
+        is_row &= parted and not any(map(is_number, cells))
+        if several and (is_row or _names_columns(cells)):
             return cells
-    return None
+    # nor may the unit of times or frequencies be passed over where it stands alone
+    text = text.strip().strip('"')
+    alone = unit_in(text, alone=True) if _is_unit(text) else None
+    scaled = alone and alone.quantity in ABSCISSAE and alone.factor != 1.0
+    return [text] if count == 1 or scaled or _scales(text) else None
 
 
 def _names_columns(cells: Sequence[str]) -> bool:
@@ -193,13 +223,54 @@ def _names_columns(cells: Sequence[str]) -> bool:
     frequency and another one states the unit of something else. Sentences do neither."""
     if any(map(is_number, cells)):
         return False
-    if ROW_OF_UNITS.match(cells[0]) or all(map(_is_unit, filter(None, cells))):
+    if ROW_OF_UNITS.match(cells[0]):
         return len(cells) > 2
-    stated = [known for cell in cells[1:] if (known := unit_in(cell))]
-    first = Heading(cells=(cells[0],), unit=unit_in(cells[0]))
-    if any(map(first.is_of, ABSCISSAE)):
-        return bool(stated) and not any(known.quantity in ABSCISSAE for known in stated)
-    return len(stated) + (first.unit is not None) > 1
+    if _all_units(cells):
+        return True
+    stated = [known for cell in cells if (known := unit_in(cell))]
+    if len(stated) > 1 or any(map(_scales, cells)):
+        return True
+    return _is_abscissa(cells[0]) and any(each.quantity not in ABSCISSAE for each in stated)
+
+
+def _scales(cell: str) -> bool:
+    """Whether a cell names times or frequencies in another unit than s and Hz."""
+    known = unit_in(cell) if ONE_ABSCISSA.fullmatch(cell.strip()) else None
+    return known is not None and known.factor != 1.0
+
+
+def _is_abscissa(cell: str) -> bool:
+    """Whether a cell names a column of times or frequencies; F and T may be others."""
+    return cell not in ("F", "T") and any(
+        map(Heading(cells=(cell,), unit=unit_in(cell)).is_of, ABSCISSAE)
+    )
+
+
+def _names_abscissa(cells: Sequence[str]) -> bool:
+    """Whether a cell is a name of times or frequencies and nothing else."""
+    pattern = "|".join(ABSCISSAE.values())
+    return any(re.fullmatch(pattern, cell, re.I) for cell in cells)
+
+
+def _is_sentence(words: Sequence[str], delimiter: str | None) -> bool:
+    """Whether the words of a line are no names of columns: they begin as no heading does, and there
+    are numbers among them, or the cells of the rows are not parted by blanks."""
+    named = _is_abscissa(words[0]) or unit_in(words[0]) is not None
+    doubtful = delimiter is not None or any(map(is_number, words))
+    return doubtful and not named and not _names_columns(words)
+
+
+def _fits_from_the_left(cells: Sequence[str], count: int) -> bool:
+    """Whether the first cells of a line that names too many columns must be those of the rows: all
+    up to the last one with a unit state units, or time or frequency."""
+    sure = [_states_unit(cell) or _is_abscissa(cell) for cell in cells]
+    last = max((n for n, known in enumerate(sure, start=1) if known), default=0)
+    return last <= count < len(cells) and all(sure[:last])
+
+
+def _all_units(cells: Sequence[str]) -> bool:
+    """Whether a line holds units alone, with "-" for none."""
+    return all(_is_unit(cell) for cell in cells if cell.strip("[-]"))
 
 
 def _states_unit(cell: str) -> bool:
@@ -221,13 +292,14 @@ def _joined(cells: list[str], count: int) -> list[str]:
     return [" ".join(cells[start:end]) for start, end in zip([0, *ends], ends, strict=False)]
 
 
-def _one_value(cells: Sequence[str], count: int) -> bool:
-    """Whether the cells of a line state one unit, of what only one column can hold."""
-    units = {known.name: known for cell in cells if (known := unit_in(cell))}
+def _one_value(line: str, cells: Sequence[str], count: int) -> bool:
+    """Whether a line states one unit, of what only one column can hold, and `stated_unit` finds it
+    there."""
+    alone = _all_units(cells)
+    units = {known.name: known for cell in cells if (known := unit_in(cell, alone))}
     quantities = {known.quantity for known in units.values()}
-    return len(units) == 1 and (
-        quantities <= set(DENSITIES) or (count < 3 and quantities.isdisjoint(ABSCISSAE))
-    )
+    alike = quantities <= set(DENSITIES) or (count < 3 and quantities.isdisjoint(ABSCISSAE))
+    return len(units) == 1 and alike and stated_unit([(0, line)], quantities)[0] is not None
 
 
 def _is_unit(cell: str) -> bool:
@@ -275,18 +347,21 @@ def unit_in(text: str, alone: bool = False) -> Unit | None:
         if signs or re.search(r"[a-zA-Z)]-\d", ending):
             found = _known(ending)
             usual = found and found.quantity in DIMENSIONS.values()
-            if usual or (found and signs and start == len(words) - 1):
+            if usual or (found and signs and start == len(words) - 1 and not ending[0].isdigit()):
                 return found
-    if over := QUANTITY_OVER_UNIT.fullmatch(text.strip()):
-        found = _known(over[1])
-        return found if found and found.quantity in DIMENSIONS.values() else None
     if after := re.search(r",\s*(\S+)$", text):
         return _known(after[1])
     if labelled := LABELLED_UNIT.fullmatch(text.strip()):
         return _known(labelled[1])
     if named := NAMED_UNIT.fullmatch(text.strip()):
         name = re.sub(r"_per_|(?<=\d)_(?=[a-z])|(?<=\bm)_(?=s)", "/", named[1], flags=re.I)
-        return _known(name)
+        if found := _known(name):
+            return found
+    for pattern in (ANY_UNIT, QUANTITY_OVER_UNIT):
+        stated = pattern.fullmatch(text.strip())
+        found = _known(stated[1]) if stated else None
+        if found and found.quantity in DIMENSIONS.values():
+            return found
     return _known(text.strip().strip("[]()")) if alone else None
 
 
@@ -311,11 +386,18 @@ def stated_unit(
     they state none or several."""
     found: dict[tuple[str, bool], tuple[Unit, int]] = {}
     for number, line in above:
-        pieces = [*_bracketed(line), *re.split(r"[;,\t|]", line.strip(" #%/"))]
-        known = [unit_in(piece) or (_known(piece) if "/" in piece else None) for piece in pieces]
+        text = line.strip(' #%/"')
+        pieces = [*_bracketed(line), *re.split(r'"?[;,\t|]"?', text)]
+        known = [unit_in(piece, piece == text) or _of_fraction(piece) for piece in pieces]
         if not any(known) and "dB" not in line:
-            known = [_known(word.strip("[],;:")) for word in line.split() if "/" in word]
+            words = [word.strip('[],;:"') for word in line.split()]
+            known = [unit_in(word) or _of_fraction(word) for word in words]
         for each in known:
             if each and each.quantity in quantities:
                 found[each.name, each.decibels] = each, number
     return next(iter(found.values())) if len(found) == 1 else (None, 0)
+
+
+def _of_fraction(text: str) -> Unit | None:
+    """The unit of a text with a slash, which no plain word has."""
+    return _known(text) if "/" in text else None

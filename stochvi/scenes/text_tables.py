@@ -435,10 +435,13 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
         headings = headings_above(
             above, delimiter, count, len(some[0]), bool(STAMP.fullmatch(some[0][0]))
         )
+        for place, each in enumerate(headings):
+            if each.unit and not any(count_values(cells[place : place + 1]) for cells in some):
+                raise MisfitHeading(each.line, count)
     except MisfitHeading as heading:
         raise SceneError(
-            f"{path}, line {heading.line}: names {heading.count} columns with units, but the rows "
-            f"below have {count}; write one name above each column"
+            f"{path}, line {heading.line}: names {_columns(heading.count)} with units, but the "
+            f"rows below have {count}; write one name above each column"
         ) from None
     return TextTable(
         path=path, lines=rows, above=above, remarks=above + below, delimiter=delimiter,
@@ -546,12 +549,13 @@ def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:
         # number of cells of a row -> how many are used, if only now and then
         used: dict[int, int] = {}
         for cells in rows:
-            if count_values(cells) > needed:
+            if count_values(cells) >= needed:
                 used[len(cells)] = max(_filled(cells), used.get(len(cells), 0))
         for cells in rows:
+            parted = len(cells) > 1
             # delimiters end the line
             del cells[max(needed, _filled(cells), used.get(len(cells), 0)) :]
-            if sum(map(bool, cells)) >= needed and (delimiter is None or len(cells) > 1):
+            if sum(map(bool, cells)) >= needed and (delimiter is None or parted):
                 values = count_values(cells)
                 whole[len(cells)] += values == len(cells)
                 part[len(cells)] += values >= needed
@@ -600,6 +604,10 @@ def _check_heading(path: Path, number: int, line: str, cells: Sequence[str], cou
     )
     if all(numeric) or typing_error or broken:
         raise _wrong_row(path, number, line, count, "below")
+
+
+def _columns(count: int) -> str:
+    return "one column" if count == 1 else f"{count} columns"
 
 
 def _counted(count: int) -> str:
