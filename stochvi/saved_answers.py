@@ -117,7 +117,11 @@ def load_answer(path: str | Path) -> Result:
         content = json.loads(text)
         version = content["stochvi"]
         answer = _decoded(content["answer"])
-    except (AttributeError, ImportError, KeyError, TypeError, ValueError) as error:
+    except RecursionError:
+        raise ValueError(
+            f"{path} must be a file that save_answer wrote; its brackets are nested too deeply"
+        ) from None
+    except (AttributeError, ImportError, LookupError, TypeError, ValueError) as error:
         raise ValueError(
             f"{path} must be a file that save_answer wrote; it cannot be read as one ({error}), "
             f"and names {version} where this is {version_of(PACKAGE)}"

@@ -6,6 +6,7 @@ import contextlib
 import functools
 import hashlib
 import math
+import os
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
@@ -465,7 +466,7 @@ course of its answer. Scene files enter the question by their paths."""
 def _question(given: Mapping[str, Any]) -> str:
     """Digest of a command, its scene files and its options."""
     asked = {key: str(value) for key, value in given.items() if key not in NO_QUESTION}
-    places = [str(path.resolve()) for path in _scenes(given)]
+    places = [os.path.realpath(path) for path in _scenes(given)]
     words = [click.get_current_context().info_name, places, sorted(asked.items())]
     return hashlib.sha256(repr(words).encode()).hexdigest()[:16]
 

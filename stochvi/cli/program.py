@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import shlex
@@ -17,6 +18,9 @@ FAILED = 1
 
 BAD_INPUT = 2
 """Exit code if the input is wrong, or the method does not apply to the scene."""
+
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+"""Errors of a disk, which are none of the input: it is full, or fails."""
 
 COMMAND_LINE = "stochvi.command_line"
 """Key of the command line in the data (`meta`) that the contexts of click share."""
@@ -58,6 +62,9 @@ def _stop_for(error: BaseException) -> NoReturn:
         stop(f"not enough memory ({error}); reduce paths or samples", BAD_INPUT)
     if isinstance(error, OSError):
         named = f"{error.filename}: " if error.filename else ""
+        if error.errno in FULL:
+            stop(f"{named}{reason_of(error)}; the answer was found, but this was not written; make "
+                 "room, or name another place", FAILED)  # fmt: skip
         stop(f"{named}{reason_of(error)}", BAD_INPUT)
     raise error
 

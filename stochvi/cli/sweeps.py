@@ -8,7 +8,17 @@ from typing import Any
 
 import click
 
-from stochvi.cli.options import CHANCE, RATE, SPEED, TIME, Common, acceleration, common
+from stochvi.cli.options import (
+    CHANCE,
+    RATE,
+    SPEED,
+    TIME,
+    Common,
+    acceleration,
+    common,
+    fail_unless_gaussian,
+    judged_phase,
+)
 from stochvi.cli.output import executor_at
 from stochvi.cli.program import FAILED, main, stop
 
@@ -98,6 +108,7 @@ def sweep(
     from stochvi.scenes.scene import load_scene
     from stochvi.sweeps import once, values_of
     from stochvi.sweeps import sweep as solve
+    from stochvi.views.isolator_tables import print_record
     from stochvi.views.sweep import terminal_table, unseen, write_sweep, write_sweep_table
     from stochvi.views.tables import LAST_DIGITS, NEVER_SEEN, print_frame
 
@@ -135,7 +146,10 @@ def sweep(
             else "nothing was kept"
         )
         stop(f"interrupted by Ctrl-C; {kept}", FAILED)
+    # of the scene as it stands; a row may change what its record moves
+    record, judged_in = (None, "") if method == "replay" else judged_phase(loaded)
     if not options.quiet:
+        print_record(options.console, record, judged_in)
         print_frame(options.console, terminal_table(table, list(ranges)), method)
         if method == "simulate":
             options.console.print(LAST_DIGITS, style="dim", highlight=False)
@@ -143,6 +157,7 @@ def sweep(
             options.console.print(NEVER_SEEN, style="dim", highlight=False)
     if options.out is not None:
         write_sweep(table, list(ranges), options.out, loaded.title)
+    fail_unless_gaussian(record)
     if (noted := table[table["note"] != ""]).shape[0]:
         few = int((unseen(table) & (table["note"] == "")).sum())
         more = f" (in {few} more nothing was seen, and only a limit is given)" if few else ""

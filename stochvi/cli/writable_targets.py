@@ -96,7 +96,7 @@ def check_file_target(option: str, file: Path, read: Sequence[Path]) -> None:
 def check_apart(document: Path, checkpoints: Sequence[Path]) -> None:
     """Raise `TargetError` if the document of an answer would replace a checkpoint of its run."""
     for each in checkpoints:
-        if document.resolve() == each.resolve():
+        if os.path.realpath(document) == os.path.realpath(each):
             raise TargetError(
                 f"--json {document} and --checkpoint {each} are one file; give each its own name"
             )
@@ -110,6 +110,9 @@ def _nearest(path: Path) -> Path:
     for found in (path, *path.parents):
         if os.path.lexists(found):
             if not found.exists():  # a link to what is not there yet
-                return _nearest(found.resolve())
+                target = Path(os.path.realpath(found))
+                if os.path.lexists(target):
+                    raise TargetError(f"{found} is a link that leads back to itself; remove it")
+                return _nearest(target)
             return found
     return Path()

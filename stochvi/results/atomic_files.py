@@ -34,7 +34,7 @@ def write_whole(data: bytes, path: Path, *, durable: bool = False, follow: bool 
     if path.is_dir():
         raise IsADirectoryError(errno.EISDIR, "Is a folder, expected a file name", str(path))
     try:
-        _write_then_replace(data, path.resolve() if follow else path, durable)
+        _write_then_replace(data, Path(os.path.realpath(path)) if follow else path, durable)
     except OSError as error:  # this error names the hidden file, or no file
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
 

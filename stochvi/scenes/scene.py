@@ -1221,14 +1221,17 @@ def scene_from(document: Mapping[str, Any], folder: Path = Path()) -> Scene:
     for name, field in Scene.model_fields.items():
         if field.alias is not None and name in document:
             raise SceneError([(name, f"is not a known key; did you mean {field.alias!r}?")])
-    _refuse_functions(document)
-    document = dict(document)
-    for key in ("excitation", "impact_pair", "phase"):
-        if isinstance(entries := document.get(key), list):
-            document[key] = [_files_from(folder, entry) for entry in entries]
-    if "structure" in document:
-        document["structure"] = _files_from(folder, document["structure"])
-    return Scene(**document)
+    try:
+        _refuse_functions(document)
+        document = dict(document)
+        for key in ("excitation", "impact_pair", "phase"):
+            if isinstance(entries := document.get(key), list):
+                document[key] = [_files_from(folder, entry) for entry in entries]
+        if "structure" in document:
+            document["structure"] = _files_from(folder, document["structure"])
+        return Scene(**document)
+    except RecursionError:
+        raise SceneError("the keys of a scene are nested too deeply") from None
 
 
 HOLD_FILES = ("law", "spring", "damper", "mount")

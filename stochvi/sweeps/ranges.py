@@ -29,6 +29,7 @@ from stochvi.results.errors import (
     NotApplicable,
     NotConverged,
     StochviError,
+    reason_of,
 )
 from stochvi.results.estimates import (
     BIAS,
@@ -53,7 +54,7 @@ from stochvi.views.files import folder_in, to_json, write_text
 if TYPE_CHECKING:
     import pandas as pd
 
-    from stochvi.isolators import Sizing
+    from stochvi.isolators import MissionSizing, Sizing
     from stochvi.isolators.sizing.answer import Clearance
     from stochvi.methods.replay import Replay
     from stochvi.statistics.reliability import Reliability
@@ -359,8 +360,12 @@ class Job:
         except NotConverged as error:
             response, note = _summary_of(error.partial), str(error)
         if kept is not None and response is not None and not note:
-            write_text(to_json(response.to_dict()) + "\n", kept)
-            kept.with_suffix(".checkpoint").unlink(missing_ok=True)
+            try:
+                write_text(to_json(response.to_dict()) + "\n", kept)
+            except OSError as error:  # the row itself is not lost
+                warnings.warn(f"{kept}: {reason_of(error)}: the row was not kept", stacklevel=2)
+            else:
+                kept.with_suffix(".checkpoint").unlink(missing_ok=True)
         return self._columns(response, note)
 
     def _answer(self, folder: Path | None, run: Run) -> Response | Summary:
@@ -396,11 +401,11 @@ class Job:
 
         return average(self.scene, **self.arguments)
 
-    def _sized(self, folder: Path | None, run: Run) -> Sizing:
+    def _sized(self, folder: Path | None, run: Run) -> Sizing | MissionSizing:
         from stochvi.isolators import size
 
         try:
-            found: Sizing = self._sampled(size, folder, run)
+            found: Sizing | MissionSizing = self._sampled(size, folder, run)
             return found
         except ValueError as error:
             if isinstance(error, StochviError):
@@ -490,17 +495,25 @@ class Summary:
         return cls(quantities=quantities, cost=Cost(**document["cost"]))
 
 
-def summary_of_sizing(found: Sizing) -> Summary:
-    """Clearance, 3 sigma and impacts of a sizing, or clearances by pair; the error of a clearance
-    is that of its interval, taken for Gaussian."""
+def summary_of_sizing(found: Sizing | MissionSizing) -> Summary:
+    """Clearance, 3 sigma and impacts of a sizing, or clearances by pair; of a mission of phases the
+    clearances alone. The error of a clearance is that of its interval, taken for Gaussian."""
+    from stochvi.isolators import Sizing
+
+    how = found.method if isinstance(found, Sizing) else "all phases together"
+    nearest = isinstance(found, Sizing) and found.kept_with is not None
 
     def clearance(c: Clearance) -> Estimate:
-        if found.kept_with is not None or not c.lower:
+        if nearest or not c.lower:
             # the nearest stops that can be judged keep the target, and smaller clearances may too
             return Estimate(value=0.0, upper_95=c.value, how="the nearest stops judged")
         error = (c.upper - c.lower) / (2.0 * GAUSSIAN_95)
-        return Estimate(value=c.value, standard_error=error, how=found.method)
+        return Estimate(value=c.value, standard_error=error, how=how)
 
+    if not isinstance(found, Sizing):
+        each = {name: {"clearance": clearance(c)} for name, c in found.clearances.items()}
+        alone = {"size": {"clearance": clearance(found.clearance)}}
+        return Summary(quantities=each if found.several else alone, cost=found.cost)
     three = found.three_sigma
     risk: dict[str, Estimate | None] = {
         "probability_at_three_sigma": three.probability, "expected_hits": found.expected_hits
@@ -534,11 +547,12 @@ def summary_of_replay(found: Replay) -> Summary:
 
 def _summary_of(answer: Any) -> Response | Summary | None:
     """Contents of an answer that was not finished."""
-    from stochvi.isolators import Sizing
+    from stochvi.isolators import MissionSizing, Sizing
     from stochvi.statistics.reliability import Reliability
 
     summaries: dict[type, Callable[[Any], Summary]] = {
-        Sizing: summary_of_sizing, Reliability: summary_of_reliability
+        Sizing: summary_of_sizing, MissionSizing: summary_of_sizing,
+        Reliability: summary_of_reliability,
     }  # fmt: skip
     if make := summaries.get(type(answer)):
         return make(answer)

@@ -48,7 +48,7 @@ def write_json(document: Mapping[str, Any], target: str) -> None:
         except OSError as error:  # it would name no file
             raise OSError(error.errno, error.strerror or str(error), str(path)) from error
     else:
-        write_text(text + "\n", path.resolve() if path.is_symlink() else path)
+        write_text(text + "\n", Path(os.path.realpath(path)) if path.is_symlink() else path)
 
 
 def _write_to_output(text: str) -> None:

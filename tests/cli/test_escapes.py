@@ -123,8 +123,36 @@ def test_a_target_that_cannot_be_is_refused_before_the_work(
 def test_a_disk_that_is_full_costs_the_file_and_not_the_answer(stochvi: Run, tmp_path: Path):
     scene = scene_in(tmp_path)
     code, text, errors = stochvi("exact", scene, "--json", "/dev/full")
-    assert (code, errors) == (2, "stochvi: /dev/full: no space left on device\n")
+    assert code == 1 and errors.startswith(
+        "stochvi: /dev/full: no space left on device; the answer"
+    )
     assert text.split("cost:")[0] == stochvi("exact", scene)[1].split("cost:")[0] != ""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows makes links for administrators alone")
+@pytest.mark.parametrize("depth", [1, 2])
+def test_a_link_to_itself_is_refused_wherever_it_is_named(
+    stochvi: Run, tmp_path: Path, depth: int
+) -> None:
+    """Also where two links lead to each other."""
+    scene, loop = scene_in(tmp_path), tmp_path / "loop.toml"
+    others = [tmp_path / f"loop{n}.toml" for n in range(1, depth)]
+    for link, target in zip([loop, *others], [*others, loop], strict=True):
+        link.symlink_to(target)
+    for words in (
+        ("exact", loop), ("explain", loop), ("new", loop), ("exact", scene, "--json", loop),
+        ("exact", scene, "--out", loop), ("exact", scene, "--out", loop / "below"),
+        ("simulate", scene, "--checkpoint", loop, "--json", loop),
+    ):  # fmt: skip
+        assert "loop" in refused(stochvi(*words))
+    assert loop.is_symlink()
+
+
+def test_keys_that_are_nested_too_deeply_are_refused(stochvi: Run, tmp_path: Path) -> None:
+    deep = tmp_path / "deep.toml"
+    for text in (".".join(["a"] * 2000) + " = 1\n", ".".join(["structure"] * 2000) + " = 1\n"):
+        deep.write_text(text)
+        assert "nested too deeply" in refused(stochvi("screen", deep))
 
 
 def test_a_sweep_does_not_follow_a_link_in_its_folder(stochvi: Run, tmp_path: Path):

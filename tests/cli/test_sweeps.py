@@ -555,6 +555,21 @@ def test_phases_bring_their_own_mission_to_a_sweep(stochvi: Run, tmp_path: Path)
     assert 0.0 < hit[1] < hit[0]
 
 
+@pytest.mark.slow
+def test_a_mission_is_sized_for_each_row() -> None:
+    """A row has the clearance that `size` gives its scene, with the error of its interval."""
+    phases = [{"name": "road", "duration": 3600.0}, {"name": "air", "duration": 60.0}]
+    scene = scene_between_stops(Restitution(coefficient=0.5)).replace(phase=phases)
+    asked: dict[str, Any] = {"probability": 0.05, "rel_error": 0.3, "threads": 1}
+    key = "structure.frequency_hz"
+    table = sweep(scene, {key: [12.0, 15.0]}, method="size", **asked)
+    assert (table["note"] == "").all()
+    own = size(changed_scene(scene.document(), [(key, 15.0)]), **asked).clearance
+    assert table["size.clearance"][1] == own.value < table["size.clearance"][0]
+    error = table["size.clearance.standard_error"][1]
+    assert error == pytest.approx((own.upper - own.lower) / (2.0 * 1.96), rel=1e-3)
+
+
 def test_what_a_row_takes_too_long_the_others_have_less(monkeypatch: pytest.MonkeyPatch) -> None:
     now, given = [0.0], []
     monkeypatch.setattr("stochvi.results.deadline.time", SimpleNamespace(time=lambda: now[0]))

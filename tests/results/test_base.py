@@ -270,7 +270,14 @@ def test_a_file_that_holds_no_answer_is_refused(tmp_path: Path) -> None:
         ' {"no_such_part": 1}}}': "no_such_part",
         '{"stochvi": "0.1", "answer": 3}': "must hold an answer, got int",
     }
-    for text, words in wrong.items():
+    version = '{"stochvi": "1", "answer": '
+    deep = {
+        "[" * 100_000: "nested too deeply",
+        version + "[" * 5_000 + "]" * 5_000 + "}": "nested too deeply|must hold an answer",
+        version + '{"$tuple": [' * 900 + "]}" * 900 + "}": "nested too deeply|must hold an answer",
+        version + '{"$table": []}}': "must be a file that save_answer wrote",
+    }
+    for text, words in (wrong | deep).items():
         file.write_text(text, encoding="utf-8")
         with pytest.raises(ValueError, match=words):
             stochvi.load_answer(file)

@@ -253,7 +253,8 @@ class _Moved:
     def motion(self, contact_time: Vector, lost: Vector, parts: int) -> Motion:
         """The motion at every so many ends of steps, the samples of the record; `contact_time` and
         `lost` (stops,) are those of compliant stops, see `_of_stops`."""
-        rest = np.array([self._rests_on(*each) for each in self.stops]).reshape(-1, len(self.x))
+        rest = np.array([self._rests_on(*each) for each in self.stops], dtype=np.bool_)
+        rest = rest.reshape(-1, len(self.x))
         force = np.array([self._force_of(*each) for each in self.stops]).reshape(-1, len(self.x)).T
         a, impacts = self._accelerations(force), self._impacts(force)
         kept = slice(None, None, parts)

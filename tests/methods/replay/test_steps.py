@@ -31,7 +31,7 @@ from stochvi.methods.replay.march import Motion, integrate, rest_of
 from stochvi.methods.replay.method import records_of, shaking_of
 from stochvi.methods.replay.steps import SteppedReplay
 from stochvi.model.model import model_of
-from stochvi.scenes import Coulomb, Duffing, Hertz
+from stochvi.scenes import BoucWen, Coulomb, Duffing, Hertz
 from stochvi.scenes.impact_laws import Law
 from support.commands import Run, one_document
 from support.rubbing import ContactByEvents, small_steps
@@ -288,6 +288,49 @@ def test_functions_between_stops_move_as_an_integrator_of_the_equation_has_it(
     linear = replay(scene.replace(structure=Oscillator(**mount))).histories
     assert linear is not None
     assert np.abs(linear.displacement["x"] - known).max() > 0.04
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "duffing", pytest.param("coulomb", marks=pytest.mark.slow),
+        pytest.param("bouc-wen", marks=pytest.mark.slow),
+    ],
+)  # fmt: skip
+def test_functions_without_stops_move_as_an_integrator_of_the_equation_has_it(
+    tmp_path: Path, kind: str
+) -> None:
+    """Friction is smoothed over small speeds; the memory of hysteresis is a state of its own."""
+    parts: dict[str, Any] = {
+        "duffing": {"spring": Duffing(cubic_stiffness=8.0)},
+        "coulomb": {"damper": Coulomb(force=0.2)},
+        "bouc-wen": {"spring": BoucWen(stiffness=6.0, yield_displacement=0.3)},
+    }[kind]
+    mass, stiffness, damping = 2.0, 3.2, 0.1
+    scene = Scene(
+        structure=Oscillator(mass=mass, stiffness=stiffness, damping=damping, **parts),
+        excitations=[record(tmp_path, push, None)],
+    )
+
+    def rates(t: float, s: np.ndarray) -> list[float]:
+        x, v, z = s
+        adds = {
+            "duffing": 8.0 * x**3, "coulomb": 0.2 * math.tanh(v / 1e-4), "bouc-wen": 6.0 * 0.3 * z
+        }[kind]  # fmt: skip
+        turns = (1.0 - (0.5 + 0.5 * math.copysign(1.0, z * v)) * abs(z)) * v / 0.3
+        return [v, (push(t) - stiffness * x - damping * v - adds) / mass, turns]
+
+    span = (0.0, float(TIMES[-1]))
+    known = solve_ivp(rates, span, [0.0, 0.0, 0.0], "LSODA", t_eval=TIMES, rtol=1e-9, atol=1e-11).y[
+        0
+    ]
+    found = replay(scene)
+    assert found.histories is not None and not found.impact_pairs
+    apart = np.abs(found.histories.displacement["x"] - known).max()
+    assert apart < 2e-3 * np.abs(known).max()
+    most = found.coordinates["x"].displacement_max
+    assert float(most) == pytest.approx(known.max(), rel=2e-3)
+    assert most.bias is not None and most.bias < 1e-3 * float(most)
 
 
 def test_answers_in_steps_say_so(tmp_path: Path, stochvi: Run) -> None:
