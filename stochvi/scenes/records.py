@@ -64,6 +64,9 @@ ROUNDED = 0.6
 MOST_DIGITS = 9
 """Largest number of decimals, of times in seconds, that counts as rounding."""
 
+SOME = 1000
+"""Number of times that are compared with how those in single precision are written."""
+
 LAG = 64
 """Number of sampling intervals over which the first estimate of their length is averaged."""
 
@@ -521,7 +524,12 @@ def _sampling(
             f"{path} must have rising times in its first column; give fs = .. for a file without "
             "times, or column = .. where the values are in another one"
         )
-    digit = _last_digit(times, interval)
+    single = _in_single_precision(times)
+    if single is None:
+        digits = _last_digits(times, interval)
+    else:
+        times, digits = single, np.spacing(single.astype(np.float32)).astype(float)
+    digit = float(digits.max())
     steps = np.diff(times)
     if np.any(steps < -UNEVEN * interval):
         row = int(np.argmax(steps < -UNEVEN * interval)) + 1
@@ -529,7 +537,7 @@ def _sampling(
             f"{path}, {columns.place(row)}: times must rise, got {times[row]:.9g} s after "
             f"{times[row - 1]:.9g} s; sort the rows, or cut the record there"
         )
-    apart = steps > 1.5 * interval + digit
+    apart = steps > 1.5 * interval + np.maximum(digits[1:], digits[:-1])
     segment = np.concatenate([[0], np.cumsum(apart)])
     count = np.bincount(segment)
     index = np.arange(len(times), dtype=float)
@@ -542,14 +550,16 @@ def _sampling(
     # sums with one rounding: those of a dot product depend on the processor
     squares = math.fsum(centred**2)
     slope = math.fsum(centred * offset) / squares
-    doubt = ROUNDING_ERRORS * digit / math.sqrt(12.0 * squares)
+    doubt = ROUNDING_ERRORS * math.sqrt(math.fsum((centred * digits) ** 2) / 12.0) / squares
     doubt += 4.0 * float(np.spacing(np.abs(times).max())) / float(np.ptp(centred))
     slope = _shortest(slope, doubt / slope)
     off = offset - slope * centred
     starts = np.flatnonzero(np.diff(segment, prepend=-1))
-    spread = 0.5 * (np.maximum.reduceat(off, starts) - np.minimum.reduceat(off, starts))
+    bound = np.maximum(UNEVEN * slope, ROUNDED * digits)
+    # whether no even grid is near enough to all times of a segment
+    least, most = np.maximum.reduceat(off - bound, starts), np.minimum.reduceat(off + bound, starts)
     breaks = np.where(apart, steps - slope, 0.0)
-    uneven = bool(spread.max() > max(UNEVEN * slope, ROUNDED * digit))
+    uneven = bool(np.any(least > most))
     notes, interpolated = [], ""
     if digit > UNEVEN * slope:
         notes.append(f"its times have a last digit of {digit:g} s; the rate is fitted to all")
@@ -582,14 +592,48 @@ def _shortest(interval: float, doubt: float) -> float:
     return interval
 
 
+def _last_digits(times: Vector, interval: float) -> Vector:
+    """How coarse each time is, s: one with six digits in all has a decimal less from every power of
+    ten on."""
+    size = np.floor(np.log10(np.maximum(np.abs(times), interval)))
+    found, finest = np.empty(len(times)), math.inf
+    for power in range(int(size.max()), int(size.min()) - 1, -1):
+        inside = size == power
+        if inside.any():  # a few small times may be round by chance
+            finest = min(finest, _last_digit(times[inside], interval))
+            found[inside] = finest
+    return found
+
+
+def _in_single_precision(times: Vector) -> Vector | None:
+    """Times in single precision as they were before they were written; None for others."""
+    single = times.astype(np.float32)
+    found = single.astype(float)
+    written = [_multiples(times, 10.0**-decimals) for decimals in range(MOST_DIGITS)]
+    decimal = 10.0 ** -(written.index(True) if True in written else MOST_DIGITS)
+    coarser = np.spacing(np.abs(single)) > decimal
+    if not coarser.any():
+        return None
+    some = slice(None, None, max(len(times) // SOME, 1))
+    shortest = np.array([float(str(each)) for each in single[some]])
+    if np.all(np.abs(times - found) <= 0.51 * decimal) or np.array_equal(shortest, times[some]):
+        return found
+    return None
+
+
+def _multiples(times: Vector, digit: float) -> bool:
+    """Whether all times are multiples of a decimal unit, but for the rounding of binary numbers."""
+    scaled = times / digit
+    off = np.abs(scaled - np.round(scaled))
+    return bool(np.all(off < 1e-6 + 1e-15 * np.abs(scaled)))
+
+
 def _last_digit(times: Vector, interval: float) -> float:
     """The decimal unit, s, of which all times are multiples; 0 if it is far below the interval."""
     for digits in range(MOST_DIGITS + 1):
         digit = 10.0**-digits
         if digit < UNEVEN * interval:
             break
-        scaled = times / digit
-        off = np.abs(scaled - np.round(scaled))
-        if np.all(off < 1e-6 + 1e-15 * np.abs(scaled)):  # the rounding of binary numbers
+        if _multiples(times, digit):
             return digit
     return 0.0

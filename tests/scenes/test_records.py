@@ -301,6 +301,42 @@ def test_the_rate_is_found_from_times_of_whole_milliseconds(tmp_path, rate, roun
     assert found.segments[0] is not found.values and len(found.segments) == 1
 
 
+@pytest.mark.parametrize("start", [9.0, 99.0, 999.5])
+def test_six_digits_in_all_are_no_gaps_where_times_pass_a_power_of_ten(tmp_path, start) -> None:
+    record = white_record(5.0)
+    rate = 800.0
+    exact = start + np.arange(len(record.values)) / rate
+    path = write_rows(tmp_path / "run.csv", [f"{t:.6g}" for t in exact], record.values)
+    found = RecordedNoise(file=path, unit="m/s2").record
+    assert found.gaps == () and not found.interpolated
+    assert len(found.values) == len(record.values)
+    coarsest = 10.0 ** (math.floor(math.log10(exact[-1])) - 5)
+    assert abs(found.fs / rate - 1.0) < 1.5 * coarsest / np.ptp(exact)
+    # samples that are missing are gaps as before: more than the digits of their times can hide
+    lost = slice(300, 300 + math.ceil(3.0 * coarsest * rate) + 3)
+    times = np.delete(exact, lost)
+    path = write_rows(
+        tmp_path / "run.csv", [f"{t:.6g}" for t in times], np.delete(record.values, lost)
+    )
+    with pytest.raises(SceneError, match=r"has a gap|times of an uneven clock"):
+        RecordedNoise(file=path, unit="m/s2")
+
+
+@pytest.mark.parametrize("form", [lambda t: f"{t:.6f}", str, lambda t: f"{t:.9g}"])
+@pytest.mark.parametrize("start", [0.0, 1000.0, 50_000.0])
+def test_times_in_single_precision_give_the_rate(tmp_path: Path, start: float, form) -> None:
+    record = white_record(10.0)
+    exact = start + np.arange(len(record.values)) / 800.0
+    times = [form(t) for t in exact.astype(np.float32)]
+    found = RecordedNoise(
+        file=write_rows(tmp_path / "run.csv", times, record.values), unit="m/s2"
+    ).record
+    assert found.gaps == () and not found.interpolated
+    assert len(found.values) == len(record.values)
+    spacing = float(np.spacing(np.float32(exact[-1])))
+    assert abs(found.fs / 800.0 - 1.0) < 1.5 * spacing / np.ptp(exact) + 1e-6
+
+
 def clock_of_a_logger(kind: str) -> np.ndarray:
     """25 s at 400 Hz: times to a microsecond, with what real clocks do to them."""
     even = np.arange(10_000) / FS
