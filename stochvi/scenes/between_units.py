@@ -33,7 +33,7 @@ class BetweenUnits(Checked):
         Mean over the units, in the unit of the key.
     std
         Standard deviation of a normal distribution, in the same unit. That of a number that must be
-        positive is truncated at a twentieth of its mean.
+        positive is truncated at a twentieth of its mean, that of a damping at 0.
     half_width
         Instead: half of the width of a uniform distribution, in the same unit.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from stochvi.isolators.production_risk.spreads import Spread, check_spreads, spreads_of
 from stochvi.isolators.production_risk.units import Units
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.model.calculations import calculation
 from stochvi.model.model import model_of
 from stochvi.results.estimates import BIAS, ERROR, LIMIT
@@ -46,7 +47,8 @@ def mean_over_units(
 
     The nodes are those of Gauss and Hermite for a normal distribution, and of Gauss and Legendre
     for a uniform one, in all combinations. A mean is exact for answers that are polynomials of a
-    degree below 2 `nodes` in each amount; another number of `nodes` shows what is left.
+    degree below 2 `nodes` in each amount. What higher degrees add is estimated from how fast the
+    coefficients fall with the degree, and is a part of the bias: of rare events it may be all.
 
     Parameters
     ----------
@@ -123,12 +125,32 @@ def mean_over_units(
     rows.insert(0, "weight", weights)
     known = [str(name) for name in rows]
     quantities = [each.removesuffix(f".{ERROR}") for each in known if each.endswith(f".{ERROR}")]
-    found = pd.DataFrame([_mean(rows, quantity) for quantity in quantities])
+    bases = [spreads[tolerance].polynomials(nodes) for tolerance, _ in columns]
+    found = pd.DataFrame([_mean(rows, quantity, bases) for quantity in quantities])
     found.attrs["units"] = rows
     return found
 
 
-def _mean(rows: pd.DataFrame, quantity: str) -> dict[str, Any]:
+def _left_out(value: Vector, weight: Vector, bases: Sequence[Matrix]) -> float:
+    """Estimate of what the degrees beyond those of the quadrature add to a mean.
+
+    A coefficient of the degree k is taken to be c_0 rho^k, rho as the largest of the last two.
+    """
+    if not bases or len(bases[0]) == 1 or not np.isfinite(value).all():
+        return 0.0
+    nodes, found = len(bases[0]), 0.0
+    parts = np.reshape(weight * value, (nodes,) * len(bases))
+    mean = abs(float(parts.sum()))
+    for axis, basis in enumerate(bases):
+        others = tuple(k for k in range(len(bases)) if k != axis)
+        terms = np.abs(basis @ parts.sum(axis=others))
+        degrees = range(max(1, nodes - 2), nodes)
+        ratio = max((terms[k] / mean) ** (1.0 / k) for k in degrees) if mean else 0.0
+        found += mean * min(ratio, 1.0) ** (2 * nodes)
+    return found
+
+
+def _mean(rows: pd.DataFrame, quantity: str, bases: Sequence[Matrix]) -> dict[str, Any]:
     """The row of a quantity; NaN where the answer of any unit lacks it."""
     weight, value, error = (
         rows[name].to_numpy(dtype=float) for name in ("weight", quantity, f"{quantity}.{ERROR}")
@@ -142,6 +164,6 @@ def _mean(rows: pd.DataFrame, quantity: str) -> dict[str, Any]:
         "quantity": quantity,
         "mean": mean,
         "standard_error": math.sqrt(float(weight**2 @ error**2)),
-        "bias": float(weight @ np.abs(bias)),
+        "bias": float(weight @ np.abs(bias)) + _left_out(value, weight, bases),
         "std_between_units": math.sqrt(max(between, 0.0)) if between == between else math.nan,
     }

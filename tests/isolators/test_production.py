@@ -28,6 +28,7 @@ from stochvi import (
 from stochvi.cli.tolerances import tolerances_of
 from stochvi.isolators import Spread, production, size
 from stochvi.isolators.production_risk import method
+from stochvi.isolators.production_risk.start import Start
 from stochvi.isolators.production_risk.units import Units
 from stochvi.isolators.sizing import hits_at_place
 from stochvi.isolators.sizing.answer import spoken_percent
@@ -340,3 +341,102 @@ def test_pairs_with_one_clearance_in_common_keep_the_target(
         chance = chance_of_stops(scene, np.full((2, 2), place.value), 60.0, run)
     error = math.hypot(chance.standard_error, 0.2 * 0.05)
     assert abs(chance.value - 0.05) < 4.5 * error + (chance.bias or 0.0)
+
+
+def own_place(spreads: dict[str, Spread], target: float) -> float:
+    """Where a mount of 10 Hz and damping 0.05 under white noise keeps a target, by plain sums over
+    its units: sigma^2 is as 1 / (damping frequency^3), and Rice's rate the frequency."""
+    sigma = float(Region(ONE_STOP, Tolerances()).nominal.sigma[0])
+    grids = {name: np.zeros(1) for name in ("frequency", "damping", "level", "clearance")}
+    density = {name: np.ones(1) for name in grids}
+    for name, spread in spreads.items():
+        if spread.half_width is not None:
+            places = (2.0 * np.arange(1000) + 1.0) / 1000.0 - 1.0
+            grids[name] = spread.mean + spread.half_width * places
+            density[name] = np.ones(1000)
+        else:
+            assert spread.std is not None
+            grids[name] = spread.mean + spread.std * np.linspace(-8.0, 8.0, 1601)
+            density[name] = norm.pdf(np.linspace(-8.0, 8.0, 1601))
+        if name in ("damping", "frequency"):  # none at or below 0
+            density[name] = np.where(grids[name] > -1.0, density[name], 0.0)
+            grids[name] = np.maximum(grids[name], 1e-6 - 1.0)
+    f, z, level, off = np.meshgrid(*grids.values(), indexing="ij", sparse=True)
+    part = np.einsum("i,j,k,l->ijkl", *[each / each.sum() for each in density.values()])
+    rms = sigma * 10.0 ** (level / 20.0) / np.sqrt((1.0 + z) * (1.0 + f) ** 3)
+    rate = 10.0 * (1.0 + f) * MISSION
+
+    def excess(place: float) -> float:
+        reach = np.maximum(place + off, 0.0) / rms
+        mean = float(np.sum(part * -np.expm1(-rate * np.exp(-0.5 * reach**2))))
+        return math.log(max(mean, 1e-300) / target)
+
+    return float(brentq(excess, sigma, 100.0 * sigma))
+
+
+RARE: list[tuple[dict[str, Spread], tuple[float, ...]]] = [
+    ({"damping": Spread(std=0.25)}, (0.1, 1e-2, 1e-3, 1e-4)),
+    ({"damping": Spread(std=0.1), "frequency": Spread(std=0.05)}, (0.1, 1e-2, 1e-4, 1e-6)),
+    ({"level": Spread(std=2.0)}, (1e-2, 1e-4, 1e-6)),
+    ({"damping": Spread(half_width=0.9), "clearance": Spread(std=1e-3)}, (1e-2, 1e-6)),
+    ({"frequency": Spread(half_width=0.2), "level": Spread(half_width=3.0)}, (1e-2, 1e-6)),
+]
+
+
+@quick_cases("spreads, targets", RARE, keep=(0,))
+def test_rare_means_are_those_of_all_units(
+    spreads: dict[str, Spread], targets: tuple[float, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One or two of 4096 even units carry a mean of 1e-4; as many more are drawn where the risk
+    is."""
+    misses = 0
+    for target in targets:
+        sigma = float(Region(ONE_STOP, Tolerances()).nominal.sigma[0])
+        stated = sigma * math.sqrt(2.0 * math.log(-10.0 * MISSION / math.log1p(-target)))
+        stops = np.array([[math.inf], [stated]])
+        own = own_place(spreads, target)
+        for carried in (method.CARRIED, 0.0):  # the control draws even units alone
+            monkeypatch.setattr(method, "CARRIED", carried)
+            with run_of(0.1, seed=1) as run:
+                job = method._Job(
+                    start=Start(
+                        scene=ONE_STOP, mission=MISSION, stops=stops, chance=target, target=target,
+                        sized=(0,),
+                    ),
+                    spreads=spreads, tolerances=Tolerances(), run=run,
+                )  # fmt: skip
+                job.quadrature()
+            place = float(job.largest(job.placed(1.0)))
+            # d ln P / d place = -place / rms of the units that are hit, at most twice the stated
+            # the rms is interpolated to 2e-4, and own sums are good to 0.002
+            bias = 0.002 + 4e-4 * math.log(10.0 * MISSION / target)
+            error = 4.5 * job._relative(job.placed(1.0)) + bias
+            away = abs(place - own) * own / (2.0 * sigma) ** 2
+            if carried:
+                assert away < error, (spreads, target, place, own)
+                assert error < 0.1
+            else:
+                misses += away > 4.5 * 0.05  # half of what was asked for
+    assert misses or spreads != RARE[0][0]
+
+
+@pytest.mark.slow
+def test_each_unit_has_the_correction_of_its_own_motion() -> None:
+    """Quantiles of what units need, between light and heavy damping, by first crossings of such a
+    unit; impacts of light ones come in clusters, and their factor is 3 times less."""
+    spreads = {"damping": Spread(std=0.25)}
+    found = production(ONE_STOP, spreads, probability=1e-4, rel_error=0.1, seed=2)
+    assert "truncated at 0" in found.summary()
+    units = units_of(ONE_STOP, spreads, 1.0)
+    for share in (0.05, 0.5, 0.95):
+        place = float(found.units.set_index("share_of_units")["clearance"][share])
+        amount = units.drawn(np.array([[1.0 - share]]))[0]
+        stops = np.array([[math.inf], [place]])
+        with run_of(0.05, seed=9) as run:
+            chance = chance_of_stops(units.unit(amount), stops, MISSION, run)
+        # a probe is known to 0.2, and the stated scene to 0.1
+        error = 4.5 * math.hypot(chance.standard_error / 1e-4, 0.2, 0.1)
+        assert abs(math.log(chance.value / 1e-4)) < error, share
+        # the control: the factor of the units that carry the mean
+        light = float(found.simulated["probability"].sum() / found.simulated["linear"].sum())
+        assert 0.5 < light < 1.1

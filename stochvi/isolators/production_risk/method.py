@@ -1,9 +1,11 @@
 """The risk of any impact over a production, and the clearance that keeps it.
 
 Each unit has its probability of an impact by linear theory (`units.py`), and Sobol' points give the
-mean over all units. That theory leaves out that impacts of another mount cluster otherwise. So a
-few units are drawn in proportion to their risk, and simulated. The mean of their true probability
-over that of the theory is the factor by which the whole mean is off (importance sampling).
+mean over all units. Where few of them carry that mean, as many more are drawn where the risk is
+(`draws.py`). The theory leaves out that impacts of another mount cluster otherwise. Units that need
+little, a usual and much clearance are simulated, and what they are off by is interpolated over that
+need. Then a few units are drawn in proportion to their risk, and simulated. The mean of their true
+probability over the one so far is the factor by which the whole mean is off (importance sampling).
 """
 
 from __future__ import annotations
@@ -11,8 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any, NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,6 +22,14 @@ from scipy.stats import qmc, sobol_indices
 from scipy.stats import t as student
 
 from stochvi.isolators.production_risk.answer import Production
+from stochvi.isolators.production_risk.draws import (
+    Gaussian,
+    drawn_from,
+    effective_number,
+    fitted,
+    power_of,
+    weights_of,
+)
 from stochvi.isolators.production_risk.spreads import (
     Spread,
     bands_beside,
@@ -29,7 +38,7 @@ from stochvi.isolators.production_risk.spreads import (
     spreads_of,
 )
 from stochvi.isolators.production_risk.start import Start
-from stochvi.isolators.production_risk.units import UnitGaps, Units
+from stochvi.isolators.production_risk.units import MOVING, RARE, UnitGaps, Units
 from stochvi.isolators.sizing.answer import Clearance, Target
 from stochvi.isolators.sizing.changes import Tolerances, all_applied
 from stochvi.isolators.sizing.risk_curve import CERTAIN, KNOWN, chance_of_stops
@@ -54,6 +63,27 @@ SEQUENCES, MOST_SEQUENCES = 8, 32
 """Sequences, each scrambled for itself, from whose scatter the error of the quadrature follows:
 their number at first, and at most."""
 
+CARRIED = 0.1
+"""Share of the units of even probability that must count, as (sum p)^2 / sum p^2, so that none are
+drawn where the risk is."""
+
+ROUNDS = 12
+"""Largest number of rounds in which the distributions of such units are fitted."""
+
+SETTLED = 0.05
+"""Largest change of the logarithm of the risk in the last round."""
+
+LEAST_EFFECTIVE = 100.0
+"""Effective number of units below which the error of their mean is at least its inverse root."""
+
+PROBES = (0.02, 0.5, 0.98)
+"""Shares of the units that need less than those by which the theory is corrected unit by unit. In
+the middle of the risk there is one more."""
+
+SURE_HITS = 1e3
+"""Hits by linear theory beyond which a unit is not simulated: even those of a mount that rings for
+hundreds of periods make several clusters."""
+
 QUADRATURE_SHARE = 0.5
 """Error of the quadrature over that asked for, above which the sequences are doubled."""
 
@@ -67,7 +97,11 @@ less."""
 SHARE_OF_NOMINAL, SHARE_OF_QUADRATURE = 0.4, 0.3
 """Share of the budget for the scene as stated, and share of the rest for the quadrature."""
 
-FARTHEST = 400.0
+RINGING = 1e3
+"""The shift from which units with a risk are first drawn where no shift keeps the target yet: only
+those of a mount with ten times the rms have any."""
+
+FARTHEST = 1e5
 """Largest shift of the logarithm of a risk in the search for a clearance."""
 
 HALVINGS = 60
@@ -80,8 +114,9 @@ MISSED = 1.3
 """Error of the answer over that asked for, above which a warning states it."""
 
 METHOD = (
-    "mean over units by Sobol' points; each unit by Rice's rate of its linear motion, corrected by "
-    "first crossings of units that were drawn in proportion to their risk; no impact law enters"
+    "mean over units by Sobol' points, where few carry it of units that are drawn where the risk "
+    "is; each unit by Rice's rate of its linear motion, corrected by first crossings of some units "
+    "and of those that were drawn in proportion to their risk; no impact law enters"
 )
 
 UNFELT = ("stiffness", "restitution")
@@ -222,9 +257,11 @@ class _Job:
                 lambda gaps: self._one(gaps).rice(self.start.stops), self.run.deadline
             )
             base = all_applied(changes, scene)
+        aim = self.start.chance if self.start.target is None else self.start.target
         self.units = Units(
-            scene=base, spreads=self.spreads, mean=self.nominal.nominal.mean, stops=self.start.stops
-        )
+            scene=base, spreads=self.spreads, mean=self.nominal.nominal.mean,
+            stops=self.start.stops, rare=min(RARE, 1e-3 * aim),
+        )  # fmt: skip
         hazard = -math.log1p(-min(self.start.chance, KNOWN))
         self.clusters = hazard / float(self.stated.rice(self.start.stops)[0])
 
@@ -254,10 +291,11 @@ class _Job:
             found[..., list(self.start.common)] = np.where(np.isfinite(shared), most, math.inf)
         return found
 
-    def chances(self, gaps: UnitGaps, shift: ArrayLike) -> Vector:
+    def chances(self, gaps: UnitGaps, shift: ArrayLike, lift: ArrayLike = 0.0) -> Vector:
         """(units,): probability of any impact of each unit, with the stops moved by one shift, or
-        by one for each unit."""
-        return np.asarray(-np.expm1(-self.clusters * gaps.rice(self.stops(shift))))
+        by one for each unit; `lift` is the logarithm of what the theory leaves out."""
+        hits = self.clusters * np.exp(lift) * gaps.rice(self.stops(shift))
+        return np.asarray(-np.expm1(-hits))
 
     # --- the quadrature ---------------------------------------------------------------------
 
@@ -265,47 +303,103 @@ class _Job:
         """Draw the units: sequences of Sobol' points, until the error is small enough."""
         deadline = self.run.deadline.share(SHARE_OF_QUADRATURE)
         self.units.solve(self.run.deadline)
-        self.drawn: list[tuple[Matrix, Matrix]] = []
-        self.pools: list[UnitGaps] = []
+        self.sequences: list[_Sequence] = []
+        self.parts: list[Gaussian] = []
+        self.knots: tuple[Vector, Vector] | None = None
+        self._draw(SEQUENCES)
+        self._fit()
         while True:
-            for number in range(len(self.drawn), max(2 * len(self.drawn), SEQUENCES)):
-                self._draw(number)
-            shift = self.placed(1.0)
-            error = _relative([float(self.chances(pool, shift).mean()) for pool in self.pools])
+            error = self._relative(self.placed(1.0))
             fine = error <= QUADRATURE_SHARE * self.run.accuracy
-            if fine or deadline.passed() or len(self.drawn) >= MOST_SEQUENCES:
+            if fine or deadline.passed() or len(self.sequences) >= MOST_SEQUENCES:
                 return
+            self._draw(2 * len(self.sequences))
 
     def _draw(self, number: int) -> None:
+        """Have so many sequences, with units of the parts."""
         columns = len(self.units.columns)
-        random = np.random.default_rng([self.run.seed, number])
-        points = qmc.Sobol(2 * columns, seed=random).random(POINTS)
-        pair = self.units.drawn(points[:, :columns]), self.units.drawn(points[:, columns:])
-        self.drawn.append(pair)
-        self.pools.append(self._gaps(np.concatenate(pair)))
+        for each in range(number):
+            random = np.random.default_rng([self.run.seed, each])
+            even = qmc.Sobol(2 * columns, seed=random).random(POINTS)
+            pair = even[:, :columns], even[:, columns:]
+            points = np.concatenate(pair)
+            if self.parts:
+                more = qmc.Sobol(columns + 1, seed=random).random(2 * POINTS)
+                points = np.concatenate([points, drawn_from(self.parts, more)])
+            weight = weights_of(self.parts, points, 2 * POINTS, len(points) - 2 * POINTS)
+            amounts = self.units.drawn(points)
+            drawn = _Sequence(points, amounts, self._gaps(amounts), weight)
+            self.sequences[each : each + 1] = [drawn]
+        self._join()
 
-    @cached_property
-    def pool(self) -> UnitGaps:
-        """All units that were drawn."""
-        return _joined(self.pools)
+    def _join(self) -> None:
+        """All units that were drawn, in one."""
+        each = self.sequences
+        self.pool = UnitGaps(*map(np.concatenate, zip(*(s.gaps for s in each), strict=True)))
+        self.amounts = np.concatenate([s.amounts for s in each])
+        self.weight = np.concatenate([s.weight for s in each]) / len(each)
+        self.lifts = self.lifted(self.pool)
 
-    @cached_property
-    def amounts(self) -> Matrix:
-        """The amounts of all units that were drawn."""
-        return np.concatenate([np.concatenate(pair) for pair in self.drawn])
+    def _fit(self) -> None:
+        """Fit the distributions from which units are drawn where the risk is, in rounds."""
+        before = math.nan
+        for _ in range(ROUNDS):
+            shift = self._first_place()
+            risk = self.chances(self.pool, shift)
+            if not self.parts and effective_number(risk) > CARRIED * len(risk):
+                return
+            power = power_of(self.weight, risk)
+            now = math.log(float(self.weight @ risk)) if self.start.target is None else shift
+            if self.parts and power == 1.0 and abs(now - before) < SETTLED:
+                return
+            before = now
+            points = np.concatenate([each.points for each in self.sequences])
+            label = self.pool.nearest(self.stops(shift))
+            self.parts = fitted(points, self.weight, risk**power, label)
+            self._draw(len(self.sequences))
+
+    def _first_place(self) -> float:
+        """The shift so far; one unit may weigh more than the target until units are drawn where the
+        risk is, and the stops are then as far as they may be."""
+        try:
+            return self.placed(1.0)
+        except NotApplicable:
+            return RINGING
+
+    def _means(self, shift: float) -> list[float]:
+        """Mean probability of each sequence."""
+        parts = self.weight * self.chances(self.pool, shift, self.lifts)
+        return [
+            float(each.sum()) for each in np.split(parts * len(self.sequences), len(self.sequences))
+        ]
+
+    def _relative(self, shift: float) -> float:
+        """Relative error of the mean: by the scatter of the sequences, and by the number of units
+        that carry it where that is small."""
+        number = effective_number(self.weight * self.chances(self.pool, shift, self.lifts))
+        few = 1.0 / math.sqrt(max(number, 1.0)) if number < LEAST_EFFECTIVE else 0.0
+        return math.hypot(_relative(self._means(shift)), few)
+
+    def lifted(self, pool: UnitGaps) -> Vector:
+        """(units,): logarithm of the factor on the theory of each unit, by the clearance that it
+        needs."""
+        if self.knots is None:
+            return np.zeros(len(pool.sigma))
+        return np.asarray(np.interp(self.needed(pool, self.aim), *self.knots))
 
     def placed(self, correction: float) -> float:
         """The shift of the stops of the answer; 0 without a target."""
         if self.start.target is None:
             return 0.0
-        return self.solved(correction, _joined(self.pools), self.start.target)
+        return self.solved(correction, self.pool, self.lifts, self.start.target)
 
-    def solved(self, correction: float, pool: UnitGaps, chance: float) -> float:
+    def solved(self, correction: float, pool: UnitGaps, lifts: Vector, chance: float) -> float:
         """The shift at which the mean probability of units, times a correction, has a value."""
         wanted = min(chance / correction, KNOWN)
 
         def excess(shift: float) -> float:
-            return math.log(max(float(self.chances(pool, shift).mean()), 1e-300) / wanted)
+            mean = float(self.weight @ self.chances(pool, shift, lifts))
+            return math.log(max(mean, 1e-300) / wanted)
 
         if excess(FARTHEST) > 0.0:
             raise NotApplicable(
@@ -321,12 +415,14 @@ class _Job:
     @property
     def kept(self) -> float:
         """The target, or the mean probability of the production without one."""
-        return self.mean if self.start.target is None else self.start.target
+        if self.start.target is not None:
+            return self.start.target
+        return self.mean
 
-    def needed(self, pool: UnitGaps) -> Vector:
-        """(units,): the shift at which each unit alone has the target, or without one the mean
-        probability of the production."""
-        rate = -math.log1p(-min(self.kept / self.correction.value, KNOWN)) / self.clusters
+    def needed(self, pool: UnitGaps, chance: float, lift: ArrayLike = 0.0) -> Vector:
+        """(units,): the shift at which each unit alone has a probability; what its theory is off
+        by is `lift`."""
+        rate = -math.log1p(-min(chance, KNOWN)) / self.clusters / np.exp(lift)
         low, high = np.full(len(pool.sigma), -FARTHEST), np.full(len(pool.sigma), FARTHEST)
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
@@ -341,34 +437,73 @@ class _Job:
 
     # --- units that are simulated -----------------------------------------------------------
 
+    @property
+    def _probed(self) -> int:
+        """Number of units by which the theory is corrected unit by unit: none where only levels and
+        clearances differ, for a unit that needs more is then the same as one that needs less."""
+        moving = any(name in MOVING for _, name in self.units.columns)
+        return len(PROBES) + 1 if moving else 0
+
+    def probe(self, shift: float) -> None:
+        """Correct the theory unit by unit: simulate some, each at the clearance that it needs."""
+        self.aim = self.start.target or float(np.mean(self._means(0.0)))
+        if not self._probed:
+            return
+        needs = self.needed(self.pool, self.aim)
+        order = np.argsort(needs)
+        risk = self.weight * self.chances(self.pool, shift)
+        chosen = [
+            order[np.searchsorted(np.cumsum(weight[order]) / weight.sum(), place)]
+            for weight, place in [*((self.weight, each) for each in PROBES), (risk, 0.5)]
+        ]
+        knots = []
+        for number, k in enumerate(chosen):
+            if abs(needs[k]) >= FARTHEST:
+                continue
+            chance = self._simulated(k, float(needs[k]), number)
+            hits, theory = (-math.log1p(-min(each, KNOWN)) for each in (chance.value, self.aim))
+            knots.append((float(needs[k]), math.log(hits / theory) if hits else 0.0))
+        if knots:
+            needed, lift = np.array(sorted(knots)).T
+            self.knots = needed, lift
+        self._join()
+
+    def _simulated(self, k: int, shift: float, number: int) -> Estimate:
+        """Probability of any impact of a unit with the stops moved by a shift, by first crossings;
+        the `number` counts the simulations."""
+        place = self.stops(shift) + self.pool.farther[k]
+        hits = self.clusters * float(self.pool.rice(self.stops(shift))[k])
+        if hits > SURE_HITS or place.min() <= 0.0:
+            return Estimate(value=1.0, how="hit surely")
+        whole = self._probed + SIMULATED
+        part = self.run.part(
+            0.3 + 0.7 * number / whole, 0.3 + 0.7 * (number + 1) / whole,
+            f"unit {number + 1} of {whole}",
+            self.run.deadline.share(1.0 / (whole - number)).in_no_less_than(LEAST_SECONDS),
+            seed=self.run.seed + 1 + number, rel_error=min(UNIT_ERROR * self.run.accuracy, 0.5),
+        )  # fmt: skip
+        return chance_of_stops(self.units.unit(self.amounts[k]), place, self.start.mission, part)
+
     def simulate(self, shift: float) -> None:
         """Find the correction, by first crossings of units that are drawn in proportion to their
         risk."""
-        linear = self.chances(self.pool, shift)
+        theory = self.chances(self.pool, shift, self.lifts)
+        risk = self.weight * theory
         random = np.random.default_rng([self.run.seed, MOST_SEQUENCES])
         places = (np.arange(SIMULATED) + random.random()) / SIMULATED
         # in random order, so that the first few are a sample as well
-        chosen = random.permutation(np.searchsorted(np.cumsum(linear) / linear.sum(), places))
-        stops, rows, found = self.stops(shift), [], []
+        chosen = random.permutation(np.searchsorted(np.cumsum(risk) / risk.sum(), places))
+        rows, found = [], []
         for done, k in enumerate(chosen):
             late = self.run.deadline.passed()
             if late and done >= FEWEST_SIMULATED:
                 break
-            part = self.run.part(
-                0.3 + 0.7 * done / SIMULATED, 0.3 + 0.7 * (done + 1) / SIMULATED,
-                f"unit {done + 1} of {SIMULATED}",
-                self.run.deadline.share(1.0 / (SIMULATED - done)).in_no_less_than(LEAST_SECONDS),
-                seed=self.run.seed + 1 + done, rel_error=min(UNIT_ERROR * self.run.accuracy, 0.5),
-            )  # fmt: skip
-            chance = chance_of_stops(
-                self.units.unit(self.amounts[k]), stops + self.pool.farther[k],
-                self.start.mission, part,
-            )  # fmt: skip
-            found.append(chance.value / linear[k])
+            chance = self._simulated(k, shift, self._probed + done)
+            found.append(chance.value / theory[k])
             names = [name for _, name in self.units.columns]
             rows.append(
                 dict(zip(names, self.amounts[k].tolist(), strict=True))
-                | {"linear": float(linear[k]), "probability": chance.value,
+                | {"linear": float(theory[k]), "probability": chance.value,
                    "standard_error": chance.standard_error, "bias": chance.bias or 0.0}
             )  # fmt: skip
         self.rows = rows
@@ -386,23 +521,24 @@ class _Job:
 
         self.run.tell(0.0, "units by linear theory")
         self.quadrature()
+        self.probe(self.placed(1.0))
         self.simulate(self.placed(1.0))
         factor, start = self.correction.value, self.start
         shift = self.placed(factor)
-        means = [float(self.chances(pool, shift).mean()) for pool in self.pools]
-        self.mean = factor * float(np.mean(means))
-        relative = math.hypot(_relative(means), self.correction.standard_error / factor)
+        self.mean = factor * float(np.mean(self._means(shift)))
+        quadrature = self._relative(shift)
+        relative = math.hypot(quadrature, self.correction.standard_error / factor)
         bias = (self.correction.bias or 0.0) / factor
         half = float(student.ppf(0.975, len(self.rows) - 1)) * relative + bias
         slope = (
             -math.log(
-                float(self.chances(self.pool, shift + 0.05).mean())
-                / float(self.chances(self.pool, shift - 0.05).mean())
+                float(np.mean(self._means(shift + 0.05)))
+                / float(np.mean(self._means(shift - 0.05)))
             )
             / 0.1
         )
         low, high = shift - half / slope, shift + half / slope
-        needed = self.needed(self.pool)
+        needed = self.needed(self.pool, self.kept / factor, self.lifts)
         return Production(
             scene=start.scene,
             spreads=self.spreads,
@@ -442,21 +578,23 @@ class _Job:
         """The share of the units that need more than the production gets."""
         if self.start.target is None:
             return None
-        shares = np.mean((needed > shift).reshape(len(self.pools), -1), axis=1)
+        above = (self.weight * (needed > shift)).reshape(len(self.sequences), -1).sum(axis=1)
+        shares = above * len(self.sequences)
         return Estimate(
             value=float(shares.mean()), standard_error=_deviation(shares.tolist()),
-            how="by linear theory, with the mean correction",
+            how="by linear theory, with its corrections",
         )  # fmt: skip
 
     def _quantiles(self, needed: Vector, shift: float) -> pd.DataFrame:
         import pandas as pd
 
-        chances = np.minimum(self.correction.value * self.chances(self.pool, shift), 1.0)
+        lift = self.lifts + math.log(self.correction.value)
+        chances = self.chances(self.pool, shift, lift)
         return pd.DataFrame(
             {
                 "share_of_units": QUANTILES,
-                "probability": np.quantile(chances, QUANTILES),
-                "clearance": np.quantile(self.largest(needed), QUANTILES),
+                "probability": _quantiles(chances, self.weight),
+                "clearance": _quantiles(self.largest(needed), self.weight),
             }
         )
 
@@ -472,8 +610,9 @@ class _Job:
             own = np.array([each == name for each in columns])
             mean = float(spread.distribution(name).mean())
             pool = self._gaps(np.where(own, mean, self.amounts))
-            without.append(float(self.largest(self.solved(self.correction.value, pool, self.kept))))
-            mixed.append([self._needs(np.where(own, b, a)) for a, b in self.drawn])
+            kept = self.solved(self.correction.value, pool, self.lifted(pool), self.kept)
+            without.append(float(self.largest(kept)))
+            mixed.append([self._needs(np.where(own, b, a)) for a, b in map(_pair, self.sequences)])
         table = {
             "tolerance": [each.in_words(name) for name, each in self.spreads.items()],
             "clearance_cost": [most - each for each in without],
@@ -492,7 +631,7 @@ class _Job:
         and with the others, by one sequence (Sobol' indices)."""
         if len(self.spreads) == 1:
             return np.ones(1), np.ones(1)
-        plain = [self._needs(each)[None] for each in self.drawn[number]]
+        plain = [self._needs(each)[None] for each in _pair(self.sequences[number])]
         outputs: Any = {"f_A": plain[0], "f_B": plain[1], "f_AB": np.array(mixed)[:, None]}
         found = sobol_indices(func=outputs, n=POINTS)
         return np.ravel(found.first_order), np.ravel(found.total_order)
@@ -502,7 +641,9 @@ class _Job:
 
     def _needs(self, amounts: Matrix) -> Vector:
         """(units,): the clearance that each unit needs for itself, m."""
-        return self.largest(self.needed(self._gaps(amounts)))
+        gaps = self._gaps(amounts)
+        kept = self.kept / self.correction.value
+        return self.largest(self.needed(gaps, kept, self.lifted(gaps)))
 
     def _warnings(self, relative: float) -> tuple[str, ...]:
         if relative <= MISSED * self.run.accuracy:
@@ -513,9 +654,26 @@ class _Job:
         )
 
 
-def _joined(pools: Sequence[UnitGaps]) -> UnitGaps:
-    """The units of several sequences."""
-    return UnitGaps(*map(np.concatenate, zip(*pools, strict=True)))
+class _Sequence(NamedTuple):
+    """Units of one sequence: points of the unit cube, first 2 POINTS of even probability, then
+    those drawn where the risk is; amounts, gaps, and weights that sum to about 1."""
+
+    points: Matrix
+    amounts: Matrix
+    gaps: UnitGaps
+    weight: Vector
+
+
+def _pair(drawn: _Sequence) -> tuple[Matrix, Matrix]:
+    """The two halves of the units of even probability."""
+    return drawn.amounts[:POINTS], drawn.amounts[POINTS : 2 * POINTS]
+
+
+def _quantiles(values: Vector, weight: Vector) -> Vector:
+    """Quantiles of weighted values at the shares QUANTILES."""
+    order = np.argsort(values)
+    below = np.cumsum(weight[order]) - 0.5 * weight[order]
+    return np.asarray(np.interp(QUANTILES, below / weight.sum(), values[order]))
 
 
 def _deviation(values: Sequence[float]) -> float:

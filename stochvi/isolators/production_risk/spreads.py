@@ -10,14 +10,18 @@ from typing import Any
 import numpy as np
 
 from stochvi.isolators.sizing.changes import Tolerances
-from stochvi.mathematics.arrays import Vector
+from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.scenes.between_units import BetweenUnits, varied
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import RigidBody
 
 SMALLEST_RATIO = 0.05
-"""Smallest value of a relative quantity over its stated value: a normal distribution is truncated
-there, because no mount has a frequency of 0."""
+"""Smallest value of a frequency or stiffness over its stated value: a normal distribution is
+truncated there, because no mount has a frequency of 0. That of a damping ratio is truncated at 0:
+a mount with hardly any damping is hit, and counts."""
+
+SEEN = -6.5
+"""Standard deviations from which a truncation is told: the normal distribution has 4e-11 below."""
 
 UNITS = {
     "frequency": ("%", 0.01), "damping": ("%", 0.01), "level": ("dB", 1.0), "centre": ("mm", 1e-3),
@@ -36,7 +40,8 @@ class Spread:
 
     The amounts are those of `Tolerances`: relative for frequency, damping and the stiffness of the
     stops, and dB for the level. The centre of mass and the clearance of each stop are off by m, the
-    restitution by a plain number. A normal distribution of a relative amount is truncated at -95 %.
+    restitution by a plain number. A normal distribution of a relative amount is truncated at -95 %,
+    that of the damping at -100 %: there are no units beyond.
 
     Parameters
     ----------
@@ -84,8 +89,12 @@ class Spread:
         assert self.std is not None
         if quantity_of(quantity) not in RELATIVE:
             return norm(self.mean, self.std)
-        least = (SMALLEST_RATIO - 1.0 - self.mean) / self.std
-        return truncnorm(least, math.inf, self.mean, self.std)
+        return truncnorm(self._least(quantity), math.inf, self.mean, self.std)
+
+    def _least(self, quantity: str) -> float:
+        """Where the distribution of a relative amount is truncated, in standard deviations."""
+        smallest = 0.0 if quantity_of(quantity) == "damping" else SMALLEST_RATIO
+        return (smallest - 1.0 - self.mean) / (self.std or math.inf)
 
     def nodes(self, quantity: str, number: int) -> tuple[Vector, Vector]:
         """Nodes and weights of Gauss quadrature over the amount of a quantity."""
@@ -102,6 +111,16 @@ class Spread:
             )
         return amounts, weight / math.sqrt(2.0 * math.pi)
 
+    def polynomials(self, number: int) -> Matrix:
+        """Orthonormal polynomials (degree, node) of the distribution at its `nodes`."""
+        if self.half_width is not None:
+            place, _ = np.polynomial.legendre.leggauss(number)
+            size = [math.sqrt(2.0 * k + 1.0) for k in range(number)]
+            return np.array(np.polynomial.legendre.legvander(place, number - 1) * size).T
+        place, _ = np.polynomial.hermite_e.hermegauss(number)
+        size = [1.0 / math.sqrt(math.factorial(k)) for k in range(number)]
+        return np.array(np.polynomial.hermite_e.hermevander(place, number - 1) * size).T
+
     def in_words(self, quantity: str) -> str:
         """The distribution of a quantity, in words."""
         unit, size = UNITS[quantity_of(quantity)]
@@ -113,7 +132,11 @@ class Spread:
         if self.half_width is not None:
             return f"{name_of(quantity)} uniform, ± {spoken(self.half_width)}{mean}"
         assert self.std is not None
-        return f"{name_of(quantity)} normal, std {spoken(self.std)}{mean}"
+        cut = ""
+        if quantity_of(quantity) in RELATIVE and self._least(quantity) > SEEN:
+            cut = ", truncated at "
+            cut += "0" if quantity_of(quantity) == "damping" else f"{SMALLEST_RATIO:.0%} of it"
+        return f"{name_of(quantity)} normal, std {spoken(self.std)}{mean}{cut}"
 
 
 NAMES = {
@@ -191,7 +214,8 @@ def check_spreads(scene: Scene, spreads: Mapping[str, Spread]) -> None:
                 f"the spread of {name} must be a Spread, as Spread(std=0.05), got {spread!r}"
             )
         lowest, _ = spread.distribution(name).support()
-        if quantity_of(name) in RELATIVE and lowest <= -1.0:
+        uniform = spread.half_width is not None
+        if quantity_of(name) in RELATIVE and uniform and lowest <= -1.0:
             raise ValueError(
                 f"the spread of {name} must stay above -100 %, got {100.0 * lowest:.3g} %; give a "
                 "smaller half_width"

@@ -16,6 +16,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import RegularGridInterpolator
 
 from stochvi.isolators.production_risk.spreads import Spread, quantity_of
@@ -35,7 +36,16 @@ NODES, MOST_NODES = 7, 121
 """Smallest and largest number of amounts of a quantity at which the linear motion is solved."""
 
 RARE = 1e-6
-"""Share of the units at either end whose motion is taken from the end of the grid."""
+"""Share of the units at either end whose motion is taken from the end of the grid, at most."""
+
+MOVING = ("frequency", "damping", *CENTRES)
+"""Names of the amounts that change how the gaps of a unit move, beyond their size."""
+
+LEAST_DAMPING = 1e-3
+"""Damping over that stated below which the motion of a unit is taken from there."""
+
+LOG_STEP = 0.4
+"""Largest step of the logarithm of a damping ratio from one node to the next."""
 
 STILL = 1e-300
 """rms and rate that take the place of 0, of which a logarithm is taken."""
@@ -65,6 +75,11 @@ class UnitGaps(NamedTuple):
         level = np.minimum(distance, FARTHEST * self.sigma[:, None, :]) / self.sigma[:, None, :]
         return np.asarray(np.sum(self.rate[:, None, :] * np.exp(-0.5 * level**2), axis=(1, 2)))
 
+    def nearest(self, stops: Vector) -> NDArray[np.int64]:
+        """(units,): number of the stop that is nearest in standard deviations."""
+        level = (stops + self.farther) / self.sigma[:, None, :]
+        return np.asarray(np.argmin(level.reshape(len(level), -1), axis=1))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Units:
@@ -80,12 +95,15 @@ class Units:
         (pairs,): the mean gaps from which the distances of the stops are measured, m.
     stops
         (2, pairs): distances of the stops as stated, m, infinite for none.
+    rare
+        Share of the units at either end whose motion is taken from the end of the grid.
     """
 
     scene: Scene
     spreads: Mapping[str, Spread]
     mean: Vector
     stops: Matrix
+    rare: float = RARE
     surfaces: list[tuple[list[str], RegularGridInterpolator]] = field(default_factory=list)
 
     @cached_property
@@ -161,7 +179,9 @@ class Units:
         names = [name for _, name in self.columns]
         motion = np.broadcast_to(self._stated, (len(amounts), self._stated.size))
         for group, surface in self.surfaces:
-            places = amounts[:, [names.index(name) for name in group]]
+            places = np.column_stack(
+                [_place(name, amounts[:, names.index(name)]) for name in group]
+            )
             ends = [(grid[0], grid[-1]) for grid in surface.grid]
             motion = motion + surface(np.clip(places, *np.transpose(ends))) - self._stated
         log_sigma, log_rate, mean = np.split(motion, 3, axis=1)
@@ -205,15 +225,28 @@ class Units:
                     )
                 values.append(self._motion(list(map(Change, own, place))))
             shape = (*map(len, grids), self._stated.size)
-            surface = RegularGridInterpolator(grids, np.reshape(values, shape), method="cubic")
+            places = [_place(name, grid) for name, grid in zip(own, grids, strict=True)]
+            surface = RegularGridInterpolator(places, np.reshape(values, shape), method="cubic")
             self.surfaces.append((own, surface))
 
     def _grid(self, name: str) -> Vector:
         """Amounts of a quantity at which the motion is solved."""
         tolerance = "centre" if name in CENTRES else name
-        low, high = self.spreads[tolerance].distribution(tolerance).ppf([RARE, 1.0 - RARE])
+        low, high = (
+            self.spreads[tolerance].distribution(tolerance).ppf([self.rare, 1.0 - self.rare])
+        )
         nodes = NODES
         if name == "frequency":
             half_width = self._region.narrowest()
             nodes = math.ceil(PER_RESONANCE * (high - low) / half_width)
-        return np.linspace(low, high, min(max(nodes, NODES), MOST_NODES))
+        nodes = min(max(nodes, NODES), MOST_NODES)
+        if name == "damping":  # sigma^2 of a mount without much damping is as its inverse
+            first, last = math.log(max(1.0 + low, LEAST_DAMPING)), math.log1p(high)
+            nodes = max(nodes, math.ceil((last - first) / LOG_STEP) + 1)
+            return np.asarray(np.expm1(np.linspace(first, last, nodes)))
+        return np.linspace(low, high, nodes)
+
+
+def _place(name: str, amounts: Vector) -> Vector:
+    """Amounts as the coordinate in which the motion is interpolated."""
+    return np.log(np.maximum(1.0 + amounts, LEAST_DAMPING)) if name == "damping" else amounts
