@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics
@@ -18,8 +18,13 @@ from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
 
 MOST_ENERGY_CHANGE = 0.1
-"""Largest share of the energy that noise and damping may change during a contact, if its peak force
-is to follow from the energy alone."""
+"""Largest share of the energy that noise and damping may change during a contact, and largest share
+of its way that other modes may change, if its peak force is to follow from the energy alone."""
+
+
+def alone(duration: float) -> float:
+    """No share of the way of a contact comes from other modes, as there are none."""
+    return 0.0
 
 
 def build_response(
@@ -174,8 +179,13 @@ class StationaryMoments:
         how: str,
         bias: float | None = 0.0,
         speed_threshold: float = 0.0,
+        others: Callable[[float], float] = alone,
     ) -> PairResponse:
-        """The quantities of an impact pair; `damping_rate` (1/s) acts during contacts."""
+        """The quantities of an impact pair.
+
+        `damping_rate` (1/s) acts during contacts; `others` gives the share of the way in a contact
+        of some duration, s, that other modes change.
+        """
         biases = self._biases(pair.mass)
         values = {
             "collision_rate": _total(self.lower.rate, self.upper.rate),
@@ -196,7 +206,7 @@ class StationaryMoments:
         }
         return PairResponse(
             **found,
-            peak_force=self._peak_force(pair, damping_rate, how),
+            peak_force=self._peak_force(pair, damping_rate, how, bias, others),
             speed_threshold=speed_threshold,
         )
 
@@ -217,11 +227,16 @@ class StationaryMoments:
             "contact_force_upper": forces[1],
         }
 
-    def _peak_force(self, pair: Pair, damping_rate: float, how: str) -> Estimate | None:
-        """Mean over all contacts of their largest force, N, neglecting noise and damping in them.
+    def _peak_force(
+        self, pair: Pair, damping_rate: float, how: str, bias: float | None,
+        others: Callable[[float], float],
+    ) -> Estimate | None:  # fmt: skip
+        """Mean over all contacts of their largest force, N, neglecting noise, damping and other
+        modes in them.
 
         In a contact of the duration t, noise and damping change the energy by the share b t. Where
-        that is more than `MOST_ENERGY_CHANGE`, no number is given.
+        that, or what other modes change, is more than `MOST_ENERGY_CHANGE`, no number is given.
+        Its bias is known only where that of the other numbers of the stop is.
         """
         found = []
         for stop in pair.stops:
@@ -234,12 +249,12 @@ class StationaryMoments:
             return None
         peak = sum(each * force for each, force, _ in found) / rate
         duration = sum(share for _, _, share in found) / rate
-        change = damping_rate * duration
-        if change > MOST_ENERGY_CHANGE:
+        damped, moved = damping_rate * duration, others(duration)
+        if max(damped, moved) > MOST_ENERGY_CHANGE:
             return None
-        return Estimate(
-            value=pair.mass * peak, bias=pair.mass * peak * change, how=f"{how}, brief contacts"
-        )
+        change = damped + moved
+        left = None if bias is None else pair.mass * peak * change
+        return Estimate(value=pair.mass * peak, bias=left, how=f"{how}, brief contacts")
 
     def _speed_mean(self) -> float | None:
         speed_rate = _total(self.lower.speed_rate, self.upper.speed_rate)

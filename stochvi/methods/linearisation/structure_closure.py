@@ -15,9 +15,11 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import expm
 
 from stochvi.mathematics.arrays import Vector
 from stochvi.methods.linearisation import loose_mass, scattering, structure_bounds
@@ -388,7 +390,10 @@ def _response(outline: _Outline, one: _Solution, warned: Sequence[str]) -> Respo
     for gap, candidate, row in zip(one.gaps, one.candidates, modes.gaps, strict=True):
         answer, name = answer_of(gap.gap, candidate), gap.pair.name
         moments |= _of_stops(gap.pair, answer)
-        pairs[name] = answer.pair(gap.pair, gap.gap.damping_rate, outline.how, outline.bias)
+        pairs[name] = answer.pair(
+            gap.pair, gap.gap.damping_rate, outline.how, outline.bias,
+            others=partial(_unlike_one_mode, modes, one.law, row, gap, candidate),
+        )  # fmt: skip
         if gap.pair.relative:
             pairs[name] = replace(
                 pairs[name],
@@ -472,6 +477,34 @@ def _coordinate(
     if acceleration is not None:
         values["acceleration_std"] = math.sqrt(acceleration)
     return CoordinateResponse(**{name: outline.estimate(value) for name, value in values.items()})
+
+
+def _unlike_one_mode(
+    modes: ModalForm, law: LinearLaw, row: Vector, gap: _PairGap, candidate: Candidate,
+    duration: float,
+) -> float:  # fmt: skip
+    """How far the gap moves within a contact, without its stops, beside the one oscillator of its
+    closure; over the way of a free mass at the mean impact speed.
+
+    A push moves the gap by all modes. At a touch these have the mean that position and speed of the
+    gap give them, and scatter about it. Of a single mode nothing is left.
+    """
+    n, omega = modes.size, gap.gap.omega
+    flow = np.zeros((2 * n, 2 * n))
+    flow[:n, n:], flow[n:, :n], flow[n:, n:] = np.eye(n), -np.diag(modes.squares), -modes.damping
+    seen = np.zeros((2, 2 * n))
+    seen[0, :n], seen[1, n:] = row, row
+    moved = seen[0] @ expm(flow * duration)
+    given = law.covariance @ seen.T @ np.linalg.inv(seen @ law.covariance @ seen.T)
+    left = law.covariance - given @ seen @ law.covariance
+    speed = math.sqrt(math.pi / 2.0 * candidate.velocity_mean_square)
+    by_push = moved[n:] @ row / (row @ row)
+    alone = math.cos(omega * duration), float(np.sinc(omega * duration / math.pi)) * duration
+    unlike = moved @ given - np.array(alone)
+    farthest = max(abs(stop.position - candidate.mean) for stop in gap.pair.stops)
+    way = abs(unlike[0]) * farthest + abs(unlike[1]) * speed
+    way += abs(by_push - alone[1]) * speed + math.sqrt(max(float(moved @ left @ moved), 0.0))
+    return float(way / (speed * duration))
 
 
 def _of_stops(pair: Pair, answer: StationaryMoments) -> dict[tuple[str, str], float]:

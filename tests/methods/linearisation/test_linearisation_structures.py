@@ -20,13 +20,16 @@ from stochvi import (
     exact,
     linearise,
 )
+from stochvi.mathematics.arrays import Vector
 from stochvi.methods.linearisation import linearise_all, linearised_structures
+from stochvi.model.build_response import MOST_ENERGY_CHANGE
+from stochvi.model.free_motion import free_motion
 from stochvi.model.model import model_of
 from stochvi.model.scales import scales_of
 from stochvi.results.response import Response
 from stochvi.scenes.excitations import ConstantLoad, Excitation, FilteredNoise, Sine
 from stochvi.scenes.impact_laws import Elastic, ForceTable, Hertz, Law, Viscoelastic
-from stochvi.scenes.structures import Matrices
+from stochvi.scenes.structures import Matrices, Modes
 from support.accuracies import quick_cases
 
 DAMPING, STIFFNESS, MASS = (
@@ -269,6 +272,64 @@ def test_a_rate_of_onsets_says_its_peak_force() -> None:
     for name in ("peak_force", "contact_probability", "contact_force_lower", "collision_rate"):
         key = ("stops", name)
         assert found[key].value == pytest.approx(expected[key].value, rel=1e-9), name
+
+
+def two_modes(stiffness: float) -> Scene:
+    """Two light modes of a place that meets a stop."""
+    return Scene(
+        structure=Modes(
+            frequency_hz=[42.6, 68.7], zeta=[0.003, 0.02], shapes={"u": [0.34, -0.88]},
+            participation=[0.5, -0.5],
+        ),
+        impact_pairs=[
+            ImpactPair(on="u", lower=-6e-4, upper=6e-4, law=Elastic(stiffness=stiffness))
+        ],
+        excitations=[WhiteNoise(on="base", intensity=1.0)],
+    )  # fmt: skip
+
+
+def peaks_of_touches(scene: Scene, count: int) -> Vector:
+    """Largest forces of contacts of all modes over the mean speed of touches, from touches of the
+    free Gaussian motion; noise and earlier contacts are left out."""
+    model = model_of(scene)
+    modes, n = model.modal, model.modal.size
+    row, squares, damping = modes.gaps[0], modes.squares, np.diag(modes.damping)
+    stop, law = model.pairs[0].stops[1], model.pairs[0].stops[1].law
+    square = np.diag(free_motion(model).law.covariance)
+    x2, v2 = square[:n], square[n:]
+    random = np.random.default_rng(1)
+    z = random.standard_normal((2 * n, count)) * np.sqrt(square)[:, None]
+    speed = math.sqrt(float(row**2 @ v2)) * random.rayleigh(size=count)
+    q = z[:n] + np.outer(x2 * row / (row**2 @ x2), np.ones(count)) * (stop.position - row @ z[:n])
+    v = z[n:] + np.outer(v2 * row / (row**2 @ v2), np.ones(count)) * (speed - row @ z[n:])
+    found, step = np.zeros(count), 2e-3 / math.sqrt(float(row @ row) * law.stiffness)
+    for _ in range(2000):
+        force = law.stiffness * np.maximum(row @ q - stop.position, 0.0)
+        found = np.maximum(found, force)
+        v = v + step * (-squares[:, None] * q - damping[:, None] * v - np.outer(row, force))
+        q = q + step * v
+    return found / speed.mean()
+
+
+@pytest.mark.parametrize(("stiffness", "brief"), [(4e5, False), (4e8, True)])
+def test_peak_forces_of_a_structure_are_told_where_other_modes_leave_them(
+    stiffness: float, brief: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a long contact the modes do not move as one oscillator."""
+    scene = two_modes(stiffness)
+    peaks = peaks_of_touches(scene, 4000)
+    truth, error = peaks.mean(), peaks.std() / math.sqrt(len(peaks))
+    told = linearise(scene).impact_pairs["stops"].peak_force
+    monkeypatch.setattr("stochvi.model.build_response.MOST_ENERGY_CHANGE", math.inf)
+    stops = linearise(scene).impact_pairs["stops"]
+    alone = stops.peak_force.value / stops.impact_speed_mean.value
+    away = abs(alone - truth) / alone
+    if brief:
+        assert told is not None and told.bias is None  # as that of the other numbers of the stop
+        assert away < MOST_ENERGY_CHANGE + 3.0 * error / alone
+    else:
+        assert told is None
+        assert away > MOST_ENERGY_CHANGE + 3.0 * error / alone
 
 
 # Several solutions, and spectra -----------------------------------------------------------------
