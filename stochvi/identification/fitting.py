@@ -13,6 +13,7 @@ from scipy import linalg, optimize, stats
 from stochvi.identification.candidates import Candidate
 from stochvi.identification.measurements import Measurement
 from stochvi.mathematics.arrays import Matrix, Vector
+from stochvi.results.intervals import CONFIDENCE, GAUSSIAN_95, student_quantile
 from stochvi.scenes.impact_laws import ImpactLaw
 
 STEP = 1e-5
@@ -137,9 +138,11 @@ class Fit:
 
     def standard_errors(self) -> Vector:
         """Standard errors of the numbers of the law in SI units, by their derivatives, and of those
-        of the test itself behind them."""
+        of the test itself behind them; they are widened so that their normal 95 % intervals are
+        Student's."""
         turn = self._derivatives(self._in_si)
-        return np.sqrt(np.maximum(np.diag(turn @ self.covariance @ turn.T), 0.0))
+        widened = student_quantile(1.0 - CONFIDENCE, self.degrees) / GAUSSIAN_95
+        return widened * np.sqrt(np.maximum(np.diag(turn @ self.covariance @ turn.T), 0.0))
 
     def _in_si(self, numbers: Vector) -> Vector:
         own = self.candidate.numbers(numbers[: self.own], self.test.scale).values()

@@ -28,7 +28,8 @@ LEVEL = 0.05
 """Probability below which a law is rejected."""
 
 SPARE = 2
-"""Number of observations that are needed beyond the numbers of a law."""
+"""Number of observations that are needed beyond the numbers of a law, so that laws are compared;
+the first law alone is fitted with one."""
 
 CORRELATED = 3.0
 """Inflation of variances by correlated residuals from which a note tells of it."""
@@ -101,8 +102,9 @@ def identify(test: Measurement, *, at_speed: float | None = None) -> Identificat
         law = by_speed(law, body, exponent, at_speed or test.scale.speed)
     else:
         law = as_written(law, mass)
+    least = min(criteria)
     told = {
-        each.candidate.name: _told(each, criterion - min(criteria), p)
+        each.candidate.name: _told(each, criterion - least if least < math.inf else 0.0, p)
         for each, criterion, p in zip(fits, criteria, rejected, strict=True)
     }
     return Identification(
@@ -125,8 +127,10 @@ def _carried(test: Measurement) -> tuple[list[Candidate], list[Candidate]]:
         if len(each.start) + own + SPARE <= count and len(each.start) <= distinct
     ]
     if not known:
+        known = [each for each in every[:1] if len(each.start) + own < count]
+    if not known:
         raise ValueError(
-            f"test must have at least {1 + own + SPARE} observations, got {count}; measure more"
+            f"test must have at least {2 + own} observations, got {count}; measure more"
         )
     return known, [each for each in every if each not in known]
 

@@ -8,17 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import binom
+from scipy.stats import binom, t
 
 import stochvi
 from stochvi import PowerLaw, identify
 from stochvi.identification import DropRecord, ForceCurve, Identification, Rebounds
-from stochvi.identification.candidates import DAMPED
+from stochvi.identification.candidates import DAMPED, RIGID
 from stochvi.identification.fitting import Errors, fit
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.impact_laws.bodies import (
     hunt_crossley_restitution,
     viscoelastic_restitution,
+    yielding_restitution,
 )
 from stochvi.scenes.scene import scene_from
 from support.drops import G, contact, force, record, restitution
@@ -29,9 +30,10 @@ CASES = pytest.mark.parametrize("cases", [30, pytest.param(400, marks=pytest.mar
 
 
 def within(found: Identification, name: str, truth: float, *, law: str | None = None) -> bool:
-    """Whether the 95 % interval of a number of a law holds the truth (Student's t, nearly)."""
+    """Whether the 95 % interval of a number of a law holds the truth."""
     each = found.fits[law or found.chosen].numbers[name]
-    return abs(each.value - truth) <= 2.07 * each.standard_error
+    low, high = each.interval()
+    return low <= truth <= high
 
 
 def coverage(held: list[bool], least: float = 0.95) -> None:
@@ -127,8 +129,7 @@ def test_the_times_of_times_give_the_restitution_within_its_error(
     scatter: float, timing: float, cases: int
 ) -> None:
     def one(random: np.random.Generator) -> bool:
-        each = identify(impacts_of(random, scatter, timing)).fits["constant"].numbers["R"]
-        return abs(each.value - 0.8) <= 2.36 * each.standard_error  # 7 degrees of freedom
+        return within(identify(impacts_of(random, scatter, timing)), "R", 0.8, law="constant")
 
     coverage(covered(cases, one), 0.9)  # the weights of eight ratios are themselves estimated
 
@@ -287,8 +288,57 @@ def test_few_observations_carry_few_numbers() -> None:
     one_speed = identify(Rebounds(approach=np.ones(9), rebound=0.7 + 0.01 * np.arange(9)))
     assert "power of the speed" not in one_speed.fits and one_speed.chosen == "constant"
     assert "does not tell constant from" in one_speed.warnings[0]
-    with pytest.raises(ValueError, match="test must have at least 3 observations, got 2"):
-        identify(Rebounds(approach=[1.0, 2.0], rebound=[0.7, 1.4]))
+    two = identify(Rebounds(approach=[1.0, 2.0], rebound=[0.7, 1.41]))
+    assert list(two.fits) == ["constant"] and "which was not fitted" in two.warnings[0]
+    with pytest.raises(ValueError, match="test must have at least 2 observations, got 1"):
+        identify(Rebounds(approach=[1.0], rebound=[0.7]))
+
+
+@pytest.mark.parametrize("rows", [2, 3, 4, 6])
+def test_the_interval_of_few_rebounds_is_that_of_student(rows: int) -> None:
+    """A constant restitution is the mean of the ratios."""
+    random = np.random.default_rng(rows)
+    R = 0.7 + 0.02 * random.normal(size=rows)
+    speeds = np.geomspace(0.5, 2.0, rows)
+    found = identify(Rebounds(approach=speeds, rebound=R * speeds)).fits["constant"].numbers["R"]
+    error = R.std(ddof=1) / np.sqrt(rows)
+    low, high = t.interval(0.95, rows - 1, loc=R.mean(), scale=error)
+    assert found.interval() == pytest.approx((low, high), rel=1e-4)
+    # the control: a normal interval is narrower
+    assert high - low > 1.2 * 2.0 * 1.96 * error
+
+
+FEW = {
+    "constant": (lambda w: 0.7 + 0.0 * w, [0.7]),
+    "viscoelastic body": (lambda w: viscoelastic_restitution(0.25 * w**0.2), [0.25]),
+    "Hunt and Crossley": (lambda w: hunt_crossley_restitution(0.3 * w), [0.3]),
+    "yielding body": (lambda w: yielding_restitution(w / 0.1), [0.1]),
+    "power of the speed": (lambda w: 0.7 * (w / np.exp(np.log(w).mean())) ** -0.1, [0.7, -0.1]),
+}
+"""Restitutions over the speed, and the numbers of their laws."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", FEW)
+@pytest.mark.parametrize(
+    ("rows", "cases"),
+    [(3, 60), *(pytest.param(n, 200, marks=pytest.mark.verify) for n in (3, 4, 5, 8))],
+)
+def test_intervals_of_few_rows_hold_as_often_as_they_say(law: str, rows: int, cases: int) -> None:
+    candidate = next(each for each in RIGID if each.name == law)
+    curve, truth = FEW[law]
+    speeds = np.geomspace(0.3, 3.0, rows)
+
+    def one(random: np.random.Generator) -> np.ndarray:
+        R = np.clip(curve(speeds) + 0.01 * random.normal(size=rows), 0.01, 1.0)
+        found = fit(candidate, Rebounds(approach=speeds, rebound=R * speeds), Errors(None, False))
+        values = list(candidate.numbers(found.numbers[: found.own], found.test.scale).values())
+        return np.abs(np.array(values) - truth) <= 1.96 * found.standard_errors()
+
+    # speeds in the exponent, and R up to its fourth power: not quite linear
+    held = np.array(covered(cases, one))
+    for each in held.T:
+        coverage(list(each), 0.93)
 
 
 @pytest.mark.parametrize(
