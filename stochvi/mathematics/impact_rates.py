@@ -29,6 +29,24 @@ class StopStatistics(NamedTuple):
 NO_STOP = StopStatistics(0.0, 0.0, 0.0)
 
 
+ROUNDING = 1e-9
+"""Relative rounding error of sums of impact speeds."""
+
+
+def more_than_counted(rate: float, speed_rate: float, speed_square_rate: float) -> bool:
+    """Whether F1 is more than the counted impacts have, so that F1 over their rate is no mean
+    speed: a mean is at most the rms.
+
+    A mass at rest on its stop has part in F1, and impacts slower than the threshold of the rate.
+
+    >>> more_than_counted(1.0, 3.0, 5.0), more_than_counted(2.0, 3.0, 5.0)
+    (True, False)
+    """
+    if rate <= 0.0:
+        return speed_rate > 0.0
+    return (speed_rate / rate) ** 2 > (1.0 + ROUNDING) * speed_square_rate / rate
+
+
 class ContactStatistics(NamedTuple):
     """Statistics of the contacts with a compliant stop, besides the rate at which they begin.
 

@@ -7,7 +7,11 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from stochvi.mathematics.impact_rates import ContactStatistics, StopStatistics
+from stochvi.mathematics.impact_rates import (
+    ContactStatistics,
+    StopStatistics,
+    more_than_counted,
+)
 from stochvi.mathematics.spectra import response_moments
 from stochvi.model.balances import residuals
 from stochvi.model.cautions import scene_notes
@@ -16,6 +20,12 @@ from stochvi.model.model import Model, Pair, Stop, model_of
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.response import CoordinateResponse, PairResponse, Response
 from stochvi.scenes.scene import Scene
+
+NO_MEAN_SPEED = (
+    "no mean impact speed is given: F1 is more than the counted impacts have, "
+    "as a mass rests on its stop or many impacts are slower than the threshold"
+)
+"""Warning where F1 over the rate is no mean speed."""
 
 MOST_ENERGY_CHANGE = 0.1
 """Largest share of the energy that noise and damping may change during a contact, and largest share
@@ -159,6 +169,7 @@ class StationaryMoments:
                 for pair in model.pairs
             },
             assumptions=assumptions,
+            warnings=[NO_MEAN_SPEED] if self._impacts[0] and self._speed_mean() is None else [],
             cost=Cost(wall_time=time.perf_counter() - started),
             identities=self._identities(model, how),
         )
@@ -257,9 +268,18 @@ class StationaryMoments:
         return Estimate(value=pair.mass * peak, bias=left, how=f"{how}, brief contacts")
 
     def _speed_mean(self) -> float | None:
-        speed_rate = _total(self.lower.speed_rate, self.upper.speed_rate)
-        rate = _total(self.lower.rate, self.upper.rate)
-        return speed_rate / rate if speed_rate is not None and rate else None
+        rate, first, second = self._impacts
+        if not rate or first is None or second is None or more_than_counted(rate, first, second):
+            return None
+        return first / rate
+
+    @property
+    def _impacts(self) -> tuple[float | None, float | None, float | None]:
+        """Rate of the counted impacts on both stops, F1 and F2."""
+        rate, first, second = (
+            _total(lower, upper) for lower, upper in zip(self.lower, self.upper, strict=True)
+        )
+        return rate, first, second
 
     def _biases(self, mass: float) -> dict[str, float]:
         """Bounds on the errors of the quantities of a response, from `errors`."""

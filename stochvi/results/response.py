@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cache
@@ -75,6 +76,19 @@ class CoordinateResponse(Quantities[Estimate | None]):
     upcrossing_rate: Estimate | None = None
 
 
+NEVER_ZERO = (
+    "collision_rate", "collision_rate_lower", "collision_rate_upper", "impact_speed_rate",
+    "impact_speed_square_rate", "contact_probability", "contact_force_lower", "contact_force_upper",
+)  # fmt: skip
+"""Quantities of a stop that are above 0 however far it is: where a formula gives 0, they are less
+than the smallest number of double precision, which then is their bias."""
+
+
+def _has_error(found: Estimate) -> bool:
+    """Whether a number has an error or an upper limit, or one that is not known."""
+    return bool(found.standard_error or found.bias is None or found.bias or found.upper_95)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PairResponse(Quantities[Estimate | float | None]):
     """The impacts of one impact pair.
@@ -121,6 +135,13 @@ class PairResponse(Quantities[Estimate | float | None]):
     relative_displacement_std: Estimate | None = None
     relative_velocity_std: Estimate | None = None
     speed_threshold: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in NEVER_ZERO:
+            found = getattr(self, name)
+            if found is not None and found.value == 0.0 and not _has_error(found):
+                # the attributes of a frozen class
+                object.__setattr__(self, name, replace(found, bias=sys.float_info.min))
 
     def _names(self) -> Sequence[str]:
         """Names of the quantities, without the relative motion where the gap is a coordinate."""

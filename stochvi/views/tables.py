@@ -312,11 +312,15 @@ def value_with_error(estimate: Estimate, scale: float = 0.0, *, with_bias: bool 
     '0.500(20)+-0.01'
     >>> value_with_error(Estimate(value=0.5, standard_error=0.02, bias=None))
     '0.500(20)+-?'
+    >>> value_with_error(Estimate(value=0.0, bias=2e-18), with_bias=False)
+    '0+-2e-18'
     """
     if estimate.upper_95 is not None:
         return f"at most {estimate.upper_95:.2g}"
     if abs(estimate.value) < NEGLIGIBLE * scale:
         return "0"
+    if estimate.standard_error == 0.0 == estimate.value and estimate.bias:
+        return f"0+-{estimate.bias:.2g}"  # nothing is relative to 0
     if estimate.standard_error == 0.0:
         # many digits of an approximation would mean nothing
         if estimate.bias is not None and estimate.bias <= ROUGH * abs(estimate.value):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from stochvi.mathematics.arrays import Array, Vector
+from stochvi.mathematics.arrays import Array, Booleans, Vector
 from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, corner_exponent
 from stochvi.mathematics.quadrature import gauss_panels
 from stochvi.methods.fokker_planck.basis import EXTRA_NODES, Indices, VelocityCells, legendre
@@ -224,11 +224,40 @@ class StripDensity:
         for strip, _, weights, q in self._strips():
             ends = strip.cells.values(np.array([-reach, reach])) @ (weights @ q)
             found += float(np.abs(ends).sum()) * math.exp(-(reach**2) / 2.0)
-        walls = {stop.side for stop in self.scaled.reached if stop.rigid}
-        for side, x in ((-1, self.scaled.left), (1, self.scaled.right)):
-            if side not in walls and not (self.scaled.halved and side < 0):
-                found += abs(float(self.displacement_density(x))) * self.scaled.length
+        for _, x in self._open_ends():
+            found += abs(float(self.displacement_density(x))) * self.scaled.length
         return found
+
+    @property
+    def fastest(self) -> float:
+        """Largest velocity of the mesh, m/s."""
+        return self.scaled.reach * self.scaled.speed
+
+    def beyond(self, x: ArrayLike, v: ArrayLike) -> Booleans:
+        """Whether places lie where the mesh ends without a stop, or velocities beyond its own."""
+        places, speeds = np.broadcast_arrays(
+            np.asarray(x, dtype=float), np.abs(np.asarray(v, dtype=float))
+        )
+        folded, _ = self._folded(places)
+        found = speeds > self.fastest
+        for side, end in self._open_ends():
+            found = found | (side * (folded - end) > 0.0)
+        return found
+
+    def border(self) -> float:
+        """Largest density where the mesh ends without a stop, 1/m * s/m."""
+        v = self.fastest * np.linspace(-1.0, 1.0, BORDER_VELOCITIES)
+        found = [self.density(x, self.fastest * side) for _, x, _, _ in self._strips()
+                 for side in (-1.0, 1.0)]  # fmt: skip
+        found += [self.density(end, v) for _, end in self._open_ends()]
+        return float(max(np.abs(each).max() for each in found))
+
+    def _open_ends(self) -> list[tuple[int, float]]:
+        """Sides and places where the box ends without a stop and without a mirror image."""
+        walls = {stop.side for stop in self.scaled.reached if stop.rigid}
+        ends = ((-1, self.scaled.left), (1, self.scaled.right))
+        mirror = -1 if self.scaled.halved else 0
+        return [(side, end) for side, end in ends if side not in walls and side != mirror]
 
     def averages(self, slowest: float) -> Averages:
         """All averages; rates count impacts faster than `slowest`, m/s."""
@@ -350,6 +379,9 @@ class StripDensity:
         )
 
 
+BORDER_VELOCITIES = 65
+"""Number of velocities at which the density is computed where a box ends without a stop."""
+
 BORDER = 1e-12
 """Share of the length of a box within which a place counts as lying on a border of its strips."""
 
@@ -404,8 +436,17 @@ class StationaryDensity:
         return self.fine.density(x, v)
 
     def density_error(self, x: ArrayLike, v: ArrayLike) -> Vector:
-        """Difference of the joint densities on the last two meshes, 1/m * s/m."""
-        return np.abs(self.fine.density(x, v) - self.coarse.density(x, v))
+        """Difference of the joint densities on the last two meshes, 1/m * s/m.
+
+        Beyond the mesh `density` is 0, and this is the largest density where the mesh ends. A
+        larger `speed_threshold` makes it reach farther.
+        """
+        change = np.abs(self.fine.density(x, v) - self.coarse.density(x, v))
+        outside = self.fine.beyond(x, v)
+        if not outside.any():
+            return change
+        most = max(self.fine.border(), self.coarse.border())
+        return np.where(outside, MARGINS.safety * most, change)
 
     def displacement_density(self, x: ArrayLike) -> Vector:
         """Density of the displacement, 1/m."""
@@ -454,11 +495,15 @@ class StationaryDensity:
         return self.fine.flux_density(stop.position, stop.side, w)
 
     def rate_above(self, side: str, speed: ArrayLike) -> Vector:
-        """Impacts on the "lower" or "upper" stop faster than `speed`, 1/s."""
+        """Impacts on the "lower" or "upper" stop faster than `speed`, 1/s.
+
+        NaN for speeds that the mesh does not reach: one made for a larger `speed_threshold` does.
+        """
         stop = self._stop(side)
         if stop is None:
             return np.zeros(np.shape(speed))
-        return self.fine.flux(stop.position, stop.side, 1, speed)
+        found = self.fine.flux(stop.position, stop.side, 1, speed)
+        return np.where(np.asarray(speed, dtype=float) > self.fine.fastest, np.nan, found)
 
     def limit_rate(self, side: str) -> Estimate | None:
         """Impacts of any speed on a stop, 1/s; None where the rate has no limit.

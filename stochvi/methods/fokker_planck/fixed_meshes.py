@@ -82,28 +82,42 @@ class Moments(NamedTuple):
     speed_square_rate_upper: Array
 
 
+FASTEST = 4.0
+"""Fastest impacts whose rate these meshes find, in units of the speed of the box: all of them reach
+farther, and rates of so rare impacts still differ from mesh to mesh."""
+
+
 class Solution(NamedTuple):
-    """The averages on one level, and the parts of its rates that are too slow for its meshes."""
+    """The averages on one level, and the parts of its rates that are too slow for its meshes.
+
+    `fall` bounds the rate of impacts faster than the threshold, over that of those faster than
+    `FASTEST`, which the rates count where the threshold lies beyond; else it is 1.
+    """
 
     moments: Moments
     unresolved_lower: Array
     unresolved_upper: Array
+    fall: Array
 
 
 def solve(scenes: OscillatorArrays, speed: Array, level: Level, threshold: Array) -> Solution:
     """Averages on the meshes of a level; `speed` is the scale s, `threshold` in m/s."""
     scaled = boxes_of(scenes, speed, level.one_stop.reach)
-    slowest = threshold / scaled.speed
+    slowest = np.minimum(threshold / scaled.speed, FASTEST)
+    # the density falls at least as fast as it would with the damper alone
+    beyond = threshold**2 - (slowest * scaled.speed) ** 2
+    beyond = np.where(threshold > FASTEST * scaled.speed, beyond, 0.0)
+    fall = np.exp(-beyond / 2.0 / damper_alone(scenes))
     found = np.empty((len(BoxMoments._fields), len(speed)))
     both = scaled.stop_left & scaled.stop_right
     for mesh, places in zip(level, (np.flatnonzero(~both), np.flatnonzero(both)), strict=True):
         for start in range(0, len(places), CHUNK):
             some = places[start : start + CHUNK]
             found[:, some] = box_moments(scaled.take(some), mesh, slowest[some])
-    return _in_si(scaled, BoxMoments(*found))
+    return _in_si(scaled, BoxMoments(*found), fall)
 
 
-def _in_si(scaled: Boxes, found: BoxMoments) -> Solution:
+def _in_si(scaled: Boxes, found: BoxMoments, fall: Array) -> Solution:
     """Averages in SI units from those of the dimensionless box; those of a halved box are extended
     to both halves."""
     length, speed, halved = scaled.half_length, scaled.speed, scaled.halved
@@ -126,7 +140,7 @@ def _in_si(scaled: Boxes, found: BoxMoments) -> Solution:
         found.crossing_rate * frequency * np.where(halved, 0.5, 1.0),
         *sides[:-2],
     )
-    return Solution(averages, *sides[-2:])
+    return Solution(averages, sides[-2], sides[-1], fall)
 
 
 def unreached(scenes: OscillatorArrays, speed: Array, upcrossing_rate: Array) -> Moments:
@@ -141,7 +155,7 @@ def unreached(scenes: OscillatorArrays, speed: Array, upcrossing_rate: Array) ->
     lowest = scenes.lowest()
     far = scenes.climb(speed**2 * FARTHEST_STOP**2 / 2.0)
     press = np.abs(scenes.force(lowest))
-    hottest = np.where(_leans(scenes), _damper_alone(scenes), speed**2)
+    hottest = np.where(_leans(scenes), damper_alone(scenes), speed**2)
     sides, factors = [], []
     for distance in (lowest - scenes.lower, scenes.upper - lowest):
         away = np.where(np.isfinite(distance), distance, 0.0)
@@ -165,7 +179,7 @@ def _leans(scenes: OscillatorArrays) -> Booleans:
     return np.asarray(lossy.any(axis=0), dtype=np.bool_)
 
 
-def _damper_alone(scenes: OscillatorArrays) -> Array:
+def damper_alone(scenes: OscillatorArrays) -> Array:
     """Mean square velocity without stops, S0 / (2 b), m^2/s^2; infinite without damping."""
     with np.errstate(divide="ignore"):
         return np.asarray(scenes.intensity / (2.0 * scenes.damping_rate), dtype=np.float64)
@@ -215,6 +229,18 @@ def errors(
             for name in Moments._fields
         )
     )
+
+
+def with_lost_rates(fine: Solution, bounds: Moments) -> tuple[Moments, Moments]:
+    """Averages and bounds, where impacts faster than a threshold are lost on the mesh: their rate
+    is 0, within what the damper alone leaves of the fastest that are found."""
+    lost = fine.fall < 1.0
+    rates, errors = {}, {}
+    for name in ("rate_lower", "rate_upper"):
+        rate, error = getattr(fine.moments, name), getattr(bounds, name)
+        rates[name] = np.where(lost, 0.0, rate)
+        errors[name] = np.where(lost, (np.abs(rate) + error) * fine.fall, error)
+    return fine.moments._replace(**rates), bounds._replace(**errors)
 
 
 def _ratio(difference: Array, size: Array) -> Array:

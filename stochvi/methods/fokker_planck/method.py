@@ -16,12 +16,14 @@ from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, ContactStatis
 from stochvi.methods.fokker_planck.conditions import check_rtol, unmet
 from stochvi.methods.fokker_planck.density import Averages, StationaryDensity
 from stochvi.methods.fokker_planck.fixed_meshes import (
+    FASTEST,
     LEVELS,
     Level,
     Moments,
     errors,
     solve,
     unreached,
+    with_lost_rates,
 )
 from stochvi.methods.fokker_planck.linear_boxes import speed_scale
 from stochvi.methods.fokker_planck.motion import Motion
@@ -80,7 +82,9 @@ def fokker_planck(
         to some 1e-8; rates are brought to 10 %.
     speed_threshold
         Slowest impact that a rate counts, m/s. Default: 0 between elastic stops, else
-        about 5 % of the rms velocity: 5 % of an estimate by the balance of energy.
+        about 5 % of the rms velocity: 5 % of an estimate by the balance of energy. The meshes are
+        made to reach it; a rate too small for them, below 1e-12 of the crossings of the mean, is 0
+        with an upper bound as its bias.
     budget
         Seconds after which no finer mesh is begun; None for no limit.
 
@@ -238,12 +242,14 @@ def _on_fixed_meshes(
     else the best ones; None where there are none."""
     scenes = OscillatorArrays.of(model)
     speed, threshold = speed_scale(scenes), np.array([speed_threshold])
+    if speed_threshold > FASTEST * speed[0]:
+        return None
     before = _first_levels(scenes, speed, threshold)
     rates, best = _finite_rates(model, speed_threshold), None
     for level in LEVELS[len(before) :]:
         fine, bounds = _refine(scenes, speed, level, threshold, before)
         found = _averages(_physical(fine)), _averages(bounds)
-        if _resolved(found, rtol, rates):
+        if _resolved((_averages(fine), found[1]), rtol, rates):
             return found
         if _worst(found) < (math.inf if best is None else _worst(best)):
             best = found
@@ -314,7 +320,7 @@ def _refine(
     """Averages on a level of meshes, with bounds on their errors from the two levels before."""
     fine = solve(scenes, speed, level, threshold)
     far = unreached(scenes, speed, fine.moments.upcrossing_rate)
-    return fine.moments, errors(scenes, before, fine, far)
+    return with_lost_rates(fine, errors(scenes, before, fine, far))
 
 
 class Batch(NamedTuple):
@@ -362,7 +368,8 @@ def fokker_planck_many(
     -------
     Batch
         `values` and `errors` hold arrays of the common shape. The three coarsest meshes are used
-        whatever error they leave: look at `errors`.
+        whatever error they leave: look at `errors`. A rate of impacts faster than these meshes
+        find is 0, and its error an upper bound.
 
     Raises
     ------

@@ -18,6 +18,7 @@ outflow of the mode over what it holds.
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -302,7 +303,8 @@ def _rice_rate(model: Model, lower: float, upper: float) -> Estimate | None:
         rice_rate(barrier - model.rest, deviation, model.omega * deviation)
         for barrier in (lower, upper)
     )
-    return Estimate(value=rate, how="Rice")
+    # a rate that comes out as 0 is only less than the smallest number
+    return Estimate(value=rate, bias=0.0 if rate else sys.float_info.min, how="Rice")
 
 
 def _check_start(start: Start, lower: float, upper: float, turning: Sequence[Stop]) -> None:

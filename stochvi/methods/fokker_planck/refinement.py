@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -100,7 +100,7 @@ def refine(
     `rates` are the sides whose rate of impacts faster than `threshold` is wanted, too. After the
     first two meshes, a further one is begun only if it can be expected to end before the deadline.
     """
-    scaled, patches, field = _first(motion)
+    scaled, patches, field = _first(motion, threshold)
     makers = Strips()
     refinement: Refinement | None = None
     found = field.averages(threshold)
@@ -124,12 +124,18 @@ def refine(
             refinement = None  # this mesh is too coarse for a density; a finer one may give one
             continue
         errors = _errors(field, before, found)
-        refinement = Refinement(field, found, errors, coarser)
+        least = MIN_IMPACT_RATIO * found.upcrossing_rate
+        if threshold > scaled.speed:
+            # what rounding leaves of the digits of rare impacts
+            names = [f"rate_{stop.name}" for stop in scaled.reached]
+            rounded = {name: getattr(errors, name) + WORST_RATE * least for name in names}
+            errors = errors._replace(**rounded)
+        lost = _fast_impacts(field, coarser, found, threshold)
+        refinement = _with_bounds(Refinement(field, found, errors, coarser), lost)
         if _cut(field)["variance"] > 2.0 * rtol * found.variance:
             break  # what lies beyond the ends of the box does not shrink with the mesh
-        if worst_relative_error(found, errors) <= rtol and rates_not_resolved(
-            found, errors
-        ).isdisjoint(rates):
+        vague = rates_not_resolved(found, errors) | {s for s, most in lost.items() if most > least}
+        if worst_relative_error(found, errors) <= rtol and vague.isdisjoint(rates):
             break
     if refinement is None:
         raise NotConverged(UNSOLVED)
@@ -154,7 +160,9 @@ def _degrees(stage: int) -> Degrees:
     return Degrees(place, velocity)
 
 
-def _first(motion: Motion) -> tuple[ScaledMotion, tuple[Patch, ...], StripDensity]:
+def _first(
+    motion: Motion, threshold: float
+) -> tuple[ScaledMotion, tuple[Patch, ...], StripDensity]:
     """The coarsest mesh, of a box beyond which there is hardly any probability.
 
     A mass that is pressed onto an inelastic stop reaches farther than exp(-energy / s^2) says. A
@@ -162,7 +170,7 @@ def _first(motion: Motion) -> tuple[ScaledMotion, tuple[Patch, ...], StripDensit
     """
     stretch, hit = 1.0, set[Stop]()
     for _ in range(MOST_STRETCHES + len(motion.stops)):
-        scaled = scaled_motion(motion, stretch, hit)
+        scaled = scaled_motion(motion, stretch, hit, threshold)
         patches = graded(scaled, first_patches(scaled), SLOWEST[0])
         try:
             field = _field(scaled, Strips().make(patches, FIRST_DEGREES), SLOWEST[0])
@@ -239,6 +247,59 @@ def _errors(field: StripDensity, coarse: Averages, fine: Averages) -> Averages:
     )
 
 
+SPEEDS_TRIED = 32
+"""Number of speeds up to the threshold at which the rate of faster impacts is compared between two
+meshes."""
+
+RARE = 1e-6
+"""Impacts on a stop per crossing of the mean below which a rate that no mesh resolves is 0, with a
+bound as its bias."""
+
+
+def _fast_impacts(
+    field: StripDensity, coarser: StripDensity, found: Averages, threshold: float
+) -> dict[str, float]:
+    """Bounds on the rates of impacts faster than a threshold, by side, where both meshes may have
+    lost them: their difference then says nothing.
+
+    The density falls at least as fast as it would with the damper alone. The rates of ever faster
+    impacts are followed up to where both meshes no longer agree on them, or fall less than that.
+    Where they agree nowhere, at most F2 / threshold^2 impacts are faster.
+    """
+    bounds = {}
+    motion = field.scaled.motion
+    hottest = motion.squares[1] if motion.model.drag is None else math.inf
+    speeds = threshold * np.arange(1, SPEEDS_TRIED + 1) / SPEEDS_TRIED
+    slower = (threshold**2 - speeds**2) / 2.0 / hottest
+    for stop in field.scaled.reached if threshold > 0.0 else ():
+        fine, coarse = (each.flux(stop.position, stop.side, 1, speeds) for each in (field, coarser))
+        known = MARGINS.safety * np.abs(fine - coarse) <= WORST_RATE * fine
+        known &= fine > MIN_IMPACT_RATIO * found.upcrossing_rate
+        most = np.maximum(fine, 0.0) * np.exp(-slower)
+        known[1:] &= ~known[:-1] | (most[1:] <= (1.0 + WORST_RATE) * most[:-1])
+        ends = np.flatnonzero(known & ~np.append(known[1:], False))
+        if len(ends) and ends[0] == SPEEDS_TRIED - 1:
+            continue
+        bound = getattr(found, f"speed_square_rate_{stop.name}") / threshold**2
+        if len(ends):
+            bound = min(bound, float(most[ends[0]]))
+        bounds[stop.name] = MARGINS.safety * bound
+    return bounds
+
+
+def _with_bounds(refinement: Refinement, lost: Mapping[str, float]) -> Refinement:
+    """A rate that the meshes have lost is 0 within its bound where that says that it is rare; else
+    its error grows to the bound."""
+    found, errors = refinement.averages, refinement.errors
+    for side, bound in lost.items():
+        name = f"rate_{side}"
+        if bound <= RARE * found.upcrossing_rate:
+            found, errors = found._replace(**{name: 0.0}), errors._replace(**{name: bound})
+        else:
+            errors = errors._replace(**{name: max(bound, getattr(errors, name))})
+    return refinement._replace(averages=found, errors=errors)
+
+
 def _ratio(change: Averages, sizes: Averages, name: str) -> float:
     size = getattr(sizes, name)
     return getattr(change, name) / size if size > 0.0 else 0.0
@@ -266,6 +327,13 @@ def _unreached(field: StripDensity, crossing_rate: float) -> dict[str, float]:
         for power, (name, factor) in enumerate(zip(HITS, rayleigh, strict=True), start=1):
             flux = abs(float(field.flux(nearest, stop.side, power)))
             found[f"{name}_{stop.name}"] = MARGINS.safety * max(rice * factor, flux * falls)
+        if not stop.rigid:
+            # p s^2 / force beyond a place of the density p, and a force that turns the mass round
+            pull = abs(float(motion.force(np.array(stop.position))))
+            rate = found[f"rate_{stop.name}"]
+            found[f"contact_{stop.name}"] = math.sqrt(2.0 * math.pi) * speed * rate / pull
+            found[f"force_{stop.name}"] = 2.0 * found[f"speed_rate_{stop.name}"]
+            found[f"power_{stop.name}"] = found[f"speed_square_rate_{stop.name}"] / 2.0
     return found
 
 

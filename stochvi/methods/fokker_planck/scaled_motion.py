@@ -32,6 +32,10 @@ REACH = 7.2
 """A box ends at the energy t REACH^2 / 2 above the energy of its farthest stop, and so do its
 velocities. t is that of the weight exp(-energy / t); the part of F2 beyond is 2e-10."""
 
+FASTEST = 30.0
+"""Largest energy of impacts that a box is made for, in units of t: their rate is then as small a
+part of the whole as the rounding of a number."""
+
 SYMMETRIC = 1e-10
 """Share of the largest force by which the forces on both sides may differ in a symmetric scene,
 because of rounding."""
@@ -91,8 +95,8 @@ class ScaledMotion:
     reached
         The stops within reach.
     rare_energy
-        The energy in units of t of what must be resolved however rare it is: that of the nearest
-        stop, or of a barrier between wells if that is higher.
+        The energy in units of t of what must be resolved however rare it is: that of the slowest
+        impact to count on the nearest stop, or of a barrier between wells if that is higher.
     barrier
         Height of the barrier above the shallower well in units of t; 0 without a barrier.
     """
@@ -226,10 +230,13 @@ class ScaledMotion:
         )
 
 
-def scaled_motion(motion: Motion, stretch: float = 1.0, hit: Collection[Stop] = ()) -> ScaledMotion:
+def scaled_motion(
+    motion: Motion, stretch: float = 1.0, hit: Collection[Stop] = (), threshold: float = 0.0
+) -> ScaledMotion:
     """The box of a motion, its weight `stretch` times as wide in velocity as expected.
 
     Stops that are known to be `hit` are within reach, whatever the law exp(-energy / s^2) says.
+    The box reaches beyond impacts of the speed `threshold`, m/s, and these must be resolved.
 
     Raises
     ------
@@ -246,7 +253,8 @@ def scaled_motion(motion: Motion, stretch: float = 1.0, hit: Collection[Stop] = 
     }
     within = square * FARTHEST_STOP**2 / 2.0
     reached = tuple(stop for stop in motion.stops if heights[stop] <= within or stop in hit)
-    energies = [heights[stop] / weight for stop in reached] or [0.0]
+    fast = min(max(threshold**2 / weight - 1.0, 0.0) / 2.0, FASTEST)
+    energies = [heights[stop] / weight + fast for stop in reached] or [0.0]
     reach = math.sqrt(REACH**2 + 2.0 * max(energies))
     left, right = motion.span(weight * reach**2 / 2.0)
     if motion.model.restoring is not None:

@@ -22,6 +22,7 @@ from stochvi.mathematics.state_space import step_covariance, transition
 from stochvi.methods.fokker_planck.conditions import check_rtol, unmet_by_transient
 from stochvi.methods.fokker_planck.error_margins import ErrorMargins
 from stochvi.methods.fokker_planck.evolution import projections, time_groups
+from stochvi.methods.fokker_planck.fixed_meshes import FASTEST
 from stochvi.methods.fokker_planck.initial_states import (
     Gaussian,
     InitialState,
@@ -434,6 +435,7 @@ def _refined(
         fine = _with_early(fine, problem)
         if coarse is not None:
             values, errors = fine, _bounds(coarse, fine, projected)
+            errors = _with_lost_rates(values, errors, problem)
             if _worst(values, errors) <= rtol:
                 break
         coarse, took = fine, time.perf_counter() - began
@@ -445,6 +447,23 @@ def _refined(
         for state, law in zip(states, problem.early, strict=True)
     )
     return values, errors, found
+
+
+def _with_lost_rates(values: Moments, errors: Moments, problem: _Problem) -> Moments:
+    """Errors, where the rates count impacts faster than any that the meshes find: at most F2 over
+    the squared threshold are faster."""
+    if problem.threshold <= FASTEST * problem.layout.box.speed:
+        return errors
+    square = problem.threshold**2
+    bounds = {
+        f"rate_{side}": (
+            np.abs(getattr(values, f"speed_square_rate_{side}"))
+            + getattr(errors, f"speed_square_rate_{side}")
+        )
+        / square
+        for side in ("lower", "upper")
+    }
+    return errors._replace(**bounds)
 
 
 def _sizes(values: Moments) -> Moments:

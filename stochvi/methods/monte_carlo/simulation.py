@@ -10,7 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION
+from stochvi.mathematics.impact_rates import COLLAPSE_RESTITUTION, more_than_counted
 from stochvi.methods.monte_carlo.path_statistics import Layout, PathStatistics, StepPairs
 from stochvi.methods.monte_carlo.plan import Plan
 from stochvi.methods.monte_carlo.prices import check_price
@@ -39,7 +39,7 @@ from stochvi.methods.monte_carlo.step_bias import (
     share_below,
 )
 from stochvi.model.balances import residuals
-from stochvi.model.build_response import build_response
+from stochvi.model.build_response import NO_MEAN_SPEED, build_response
 from stochvi.model.coverage import beyond_one_oscillator
 from stochvi.model.model import Pair, model_of
 from stochvi.results.errors import NotConverged
@@ -80,9 +80,6 @@ BETWEEN_IMPACTS = (
 )
 """Assumption of an answer with accelerations where a stop is rigid."""
 
-
-ROUNDING = 1e-9
-"""Relative error of the sums over impacts of one speed."""
 
 FARTHEST, PLACES = 8.0, 2000
 """Largest distance from the mean, in standard deviations, at which wells of a spring are looked
@@ -389,10 +386,8 @@ class Simulation:
         return float(np.max(energy - np.maximum(before, after[::-1]))) / square
 
     def _mean_is_unknown(self, pair: Pair) -> bool:
-        """Whether F1 is more than the counted impacts have, as their mean speed is at most their
-        rms speed: a stop at rest has part in it, or impacts below the threshold."""
-        rate, first, second = self._impacts(pair)
-        return first**2 > (1.0 + ROUNDING) * rate * second
+        """Whether F1 is more than the counted impacts have."""
+        return more_than_counted(*self._impacts(pair))
 
     def _share_of_slow_impacts(self, pair: Pair) -> float:
         """Largest share of the impacts of a pair that twice the step may not resolve."""
@@ -548,10 +543,7 @@ class Simulation:
                     "all; the mean impact speed is F1 over the rate"
                 )
             if self._mean_is_unknown(pair):
-                yield (
-                    f"no mean impact speed{of} is given: F1 is more than the counted impacts have, "
-                    "as a mass rests on its stop or many impacts are slower than the threshold"
-                )
+                yield NO_MEAN_SPEED.replace(" is given", f"{of} is given")
             for stop in pair.stops:
                 if collapses(stop):
                     yield (

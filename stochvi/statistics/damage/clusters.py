@@ -275,7 +275,7 @@ class Clusters:
         value, error = self.rates(counts)
         how = f"{len(self.part.path)} clusters; bias: clusters that meet"
         if not value and not events:
-            return Estimate(value=0.0, how=f"none in {how}")
+            return Estimate(value=0.0, bias=None, how=f"none in {how}")
         if not value:
             most = upper_limit_unseen(1.0) * float(self.part.weight.max() / self.part.weight.sum())
             return Estimate(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -10,6 +11,7 @@ import pytest
 
 from stochvi import (
     ConstantLoad,
+    Estimate,
     ImpactPair,
     NotApplicable,
     NotConverged,
@@ -21,7 +23,12 @@ from stochvi import (
     fokker_planck,
     transient,
 )
-from stochvi.methods.fokker_planck import fokker_planck_many, refinement
+from stochvi.methods.closed_form import exact_density
+from stochvi.methods.fokker_planck import (
+    fokker_planck_density,
+    fokker_planck_many,
+    refinement,
+)
 from stochvi.methods.fokker_planck.density import Averages, StripDensity
 from stochvi.methods.fokker_planck.motion import Motion
 from stochvi.methods.fokker_planck.scaled_motion import scaled_motion
@@ -31,6 +38,7 @@ from stochvi.scenes import NonlinearOscillator
 from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
 from support.known import oscillator
+from support.weighted_ensemble import rates_above
 
 HITS = ("rate_upper", "speed_rate_upper", "speed_square_rate_upper")
 
@@ -236,3 +244,99 @@ def test_a_transient_that_begins_below_the_lowest_place_of_the_box_has_a_scale()
     )
     with pytest.raises(ValueError, match="start must lie between the stops"):
         transient(scene, [1.0])
+
+
+# Rates of impacts that are so fast that they are rare ---------------------------------------------
+
+
+def test_rates_of_fast_impacts_between_elastic_stops() -> None:
+    """Rayleigh's distribution of speeds is exact there: a rate is right, or 0 with a bound, however
+    fast the impacts."""
+    scene = oscillator(-1.0, 1.0)
+    law = exact_density(scene)
+    for speed, seen in ((2.0, True), (4.0, True), (6.0, True), (9.0, False), (20.0, False)):
+        truth = float(law.rate_above("upper", speed))
+        rate = (
+            fokker_planck(scene, speed_threshold=speed).impact_pairs["stops"].collision_rate_upper
+        )
+        assert rate is not None and rate.bias is not None
+        assert abs(rate.value - truth) <= rate.bias
+        assert (rate.value > 0.0) == seen
+        assert rate.bias > 0.0 and rate.bias < (0.1 * truth if seen else 1e-12)
+
+
+def test_every_solution_bounds_the_rates_that_its_mesh_loses() -> None:
+    scene = oscillator(-1.0, 1.0)
+    law = exact_density(scene)
+    speeds = np.array([0.5, 2.0, 5.0, 6.0, 9.0])
+    truth = np.asarray(law.rate_above("upper", speeds))
+    many = fokker_planck_many(
+        omega=np.ones(5),
+        damping_rate=0.1,
+        intensity=0.2,
+        lower=-1.0,
+        upper=1.0,
+        speed_threshold=speeds,
+    )
+    assert np.all(np.abs(many.values.rate_upper - truth) <= many.errors.rate_upper)
+    assert np.all(many.errors.rate_upper > 0.0)
+    for speed in (0.5, 6.0):
+        late = transient(scene, [100.0], speed_threshold=speed)
+        known = float(law.rate_above("upper", speed))
+        assert abs(late.values.rate_upper[0] - known) <= late.errors.rate_upper[0] + 1e-3 * known
+
+
+def test_a_density_says_how_little_lies_beyond_its_mesh() -> None:
+    scene = oscillator(-1.0, 1.0)
+    found, law = fokker_planck_density(scene), exact_density(scene)
+    assert found.density(0.0, 30.0) == 0.0
+    assert 0.0 < float(law.density(0.0, 9.0)) < float(found.density_error(0.0, 9.0)) < 1e-9
+    assert math.isnan(float(found.rate_above("upper", 9.0)))
+    farther = fokker_planck_density(scene, speed_threshold=6.0)
+    assert float(farther.rate_above("upper", 6.0)) == pytest.approx(
+        float(law.rate_above("upper", 6.0)), rel=1e-4
+    )
+
+
+RARE = {
+    "two stops": ((0.1, 0.2), (-1.0, 1.0), 0.8, (2.0, 3.0, 3.5)),
+    "pressed on one": ((0.1, 0.2), (-1e9, -1.0), 0.7, (2.0, 3.0, 3.5)),
+    "light damping": ((0.02, 0.04), (-1.0, 1e9), 0.3, (1.0, 2.0, 2.5)),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RARE)
+def test_rates_of_fast_impacts_on_inelastic_stops(name: str) -> None:
+    """Against a weighted ensemble, down to rates of 1e-9 a second; that of impacts that are 10 %
+    faster does not pass."""
+    (damping, intensity), stops, restitution, speeds = RARE[name]
+    sampled, errors = rates_above(damping, intensity, stops, restitution, speeds, 160.0, 5)
+    lower, upper = (None if abs(stop) > 1e8 else stop for stop in stops)
+    scene = oscillator(lower, upper, restitution, damping=damping, intensity=intensity)
+    for speed, value, error in zip(speeds, sampled, errors, strict=True):
+        rate = fokker_planck(scene, speed_threshold=speed).impact_pairs["stops"].collision_rate
+        assert rate is not None and rate.bias is not None and rate.bias > 0.0
+        judge = Estimate(value=value, standard_error=error, bias=0.02 * value + rate.bias)
+        assert_agrees(judge, rate.value)
+    faster = fokker_planck(scene, speed_threshold=1.1 * speeds[1]).impact_pairs["stops"]
+    assert faster.collision_rate is not None
+    with pytest.raises(AssertionError):
+        assert_agrees(
+            Estimate(value=sampled[1], standard_error=errors[1], bias=0.02 * sampled[1]),
+            faster.collision_rate.value,
+        )
+
+
+def test_no_mean_speed_that_the_counted_impacts_cannot_have() -> None:
+    """F1 over the rate of the fastest impacts exceeds their rms speed by far."""
+    scene = oscillator(-1.0, 1.0, 0.8)
+    rare, usual = (fokker_planck(scene, speed_threshold=speed) for speed in (2.0, 0.05))
+    assert rare.impact_pairs["stops"].impact_speed_mean is None
+    assert [note for note in rare.warnings if note.startswith("no mean impact speed is given")]
+    pair = usual.impact_pairs["stops"]
+    assert pair.impact_speed_mean is not None and pair.collision_rate is not None
+    assert pair.impact_speed_square_rate is not None
+    square = pair.impact_speed_square_rate.value / pair.collision_rate.value
+    assert pair.impact_speed_mean.value**2 < square
+    assert not [note for note in usual.warnings if "no mean impact speed" in note]
