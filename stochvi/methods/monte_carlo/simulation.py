@@ -604,8 +604,14 @@ def _missed(residual: Estimate) -> bool:
 
 def run_until_accurate(simulation: Simulation, rel_error: float) -> None:
     """Add paths until every governed quantity has the relative error `rel_error`."""
-    remaining = choose_step(simulation, rel_error)
+    remaining, pilot = choose_step(simulation, rel_error)
     deadline = simulation.run.deadline
+    if deadline.passed() and pilot is not None and pilot.fine.count > 1:
+        raise deadline.fell_short(
+            f"after {pilot.fine.count} paths of the pilot that chooses the step",
+            "raise budget",
+            pilot_answer(simulation, pilot),
+        )
     short = ("the accuracy asked for was not reached",)
 
     def more() -> int:
@@ -638,9 +644,17 @@ def run_until_accurate(simulation: Simulation, rel_error: float) -> None:
         )
 
 
-def choose_step(simulation: Simulation, rel_error: float) -> float:
+def pilot_answer(simulation: Simulation, pilot: Simulation) -> Response:
+    """What a pilot says, as the answer so far of a simulation that has no paths yet."""
+    pilot.seed = simulation.seed
+    interrupted = simulation.run.deadline.interrupted
+    warning = f"these are the {pilot.fine.count} paths of the pilot that chooses the step"
+    return pilot.response((warning,), interrupted)
+
+
+def choose_step(simulation: Simulation, rel_error: float) -> tuple[float, Simulation | None]:
     """Refine the plan of a simulation, before its first path, as far as `rel_error` needs; returns
-    the relative bias that is left, if it is larger.
+    the relative bias that is left, if it is larger, and the last pilot.
 
     A pilot of paths of its own (PILOT_SEED) is simulated at both steps, until its bias is clearly
     above or below `rel_error`, or it takes PILOT_SHARE of the paths of the run, when the estimate
@@ -652,11 +666,11 @@ def choose_step(simulation: Simulation, rel_error: float) -> float:
         last = simulation.refinements == MOST_REFINEMENTS
         pilot, bias = _pilot(simulation, rel_error, last)
         if bias <= rel_error:
-            return 0.0
+            return 0.0, pilot
         if last:
-            return largest_bias(pilot, SIGNIFICANT)
+            return largest_bias(pilot, SIGNIFICANT), pilot
         simulation.refine()
-    return 0.0
+    return 0.0, None
 
 
 def _pilot(simulation: Simulation, rel_error: float, last: bool) -> tuple[Simulation, float]:

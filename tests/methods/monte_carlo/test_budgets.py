@@ -30,6 +30,8 @@ from stochvi.methods.monte_carlo.rigid_white import COLLAPSE_RESTITUTION, WhiteP
 from stochvi.model.model import model_of
 from stochvi.results import Interrupted
 from stochvi.results.deadline import NEVER, Deadline, graceful_interrupt
+from stochvi.results.estimates import Estimate
+from stochvi.results.response import Response
 from stochvi.sampling import run as sampling_run
 from stochvi.sampling.blocks import FULL_LANES
 from stochvi.sampling.run import Run
@@ -236,6 +238,33 @@ def test_paths_are_not_begun_after_ctrl_c() -> None:
         signal.raise_signal(signal.SIGINT)
         with pytest.raises(Interrupted, match="before any path"):
             check_price([plan_of(2e3)], 3, deadline)
+
+
+def test_ctrl_c_in_the_pilot_keeps_its_paths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They are the answer so far, with the seed that was asked for, and agree with a whole run."""
+    add_paths = simulation.Simulation.add_paths
+
+    def pressed(self: simulation.Simulation, *asked: Any, **more: Any) -> bool:
+        found = add_paths(self, *asked, **more)
+        if self.seed == simulation.PILOT_SEED:
+            signal.raise_signal(signal.SIGINT)
+        return found
+
+    scene = oscillator(-1.0, 1.0, 0.5)
+    with monkeypatch.context() as patched:
+        patched.setattr(simulation.Simulation, "add_paths", pressed)
+        with graceful_interrupt(), pytest.raises(Interrupted, match="paths of the pilot") as stop:
+            simulate(scene, rel_error=0.05, seed=5, threads=1, budget=1e5)
+    so_far = stop.value.partial
+    assert isinstance(so_far, Response) and so_far.interrupted
+    assert so_far.provenance["seed"] == 5 and so_far.cost.impacts > 100
+    whole = simulate(scene, rel_error=0.05, seed=5, threads=1)
+    one, other = (
+        each.impact_pairs["stops"]["collision_rate"] for each in (so_far, whole)
+    )  # fmt: skip
+    assert isinstance(one, Estimate) and isinstance(other, Estimate)
+    apart = math.hypot(one.reach(4.5), other.reach(4.5))
+    assert abs(one.value - other.value) < apart < 0.5 * other.value
 
 
 def test_progress_does_not_go_back_where_the_step_is_halved(
