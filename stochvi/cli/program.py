@@ -93,7 +93,9 @@ def _end_output() -> None:
 
 def stop(message: str, code: int) -> NoReturn:
     """End the program with a message on stderr and an exit code."""
-    for line in message.splitlines():
+    from stochvi.results.sizes import few_lines
+
+    for line in few_lines(message.splitlines()).splitlines():
         echo(f"stochvi: {line.strip()}")
     sys.exit(code)
 

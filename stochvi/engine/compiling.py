@@ -63,6 +63,7 @@ import re
 import sys
 import time
 import uuid
+import warnings
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -328,9 +329,20 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
     if function is None:
         return lambda given: kernel(given, **options)
     if config.DISABLE_JIT:
+        _say_uncompiled()
         return function
     usual = {"nopython": True, "boundscheck": None, "error_model": "numpy", "nogil": True}
     return Kernel(function, targetoptions=usual | options)
+
+
+@cache
+def _say_uncompiled() -> None:
+    """Warn, once, that nothing is compiled."""
+    warnings.warn(
+        "NUMBA_DISABLE_JIT is set: kernels are not compiled, take a hundred times as long, and "
+        "give other last digits than compiled ones; unset it",
+        stacklevel=3,
+    )
 
 
 class KernelCache(NullCache):  # type: ignore[misc]

@@ -39,12 +39,30 @@ def spaced(name: str, first: float, last: float, number: int) -> list[float]:
     return found
 
 
+MOST_LETTERS = 2000
+"""Largest number of letters in a line of a message."""
+
+
+def short_line(line: str) -> str:
+    """A line of a message; of a longer one its ends, as what was found stands before the remedy.
+
+    >>> len(short_line(70_000 * "9")), short_line(70_000 * "9")[1000:1022]
+    (2022, ' (68000 letters more) ')
+    """
+    left_out = len(line) - MOST_LETTERS
+    if left_out <= 0:
+        return line
+    half = MOST_LETTERS // 2
+    return f"{line[:half]} ({left_out} letters more) {line[-half:]}"
+
+
 def few_lines(lines: list[str]) -> str:
-    """The lines of a message, or the first of them and how many are left out.
+    """The lines of a message, or the first of them and how many are left out; of long lines the
+    ends.
 
     >>> few_lines(["one"] * 30).splitlines()[-1]
     'and 11 more like these'
     """
     if len(lines) > MOST_LINES:
         lines = [*lines[: MOST_LINES - 1], f"and {len(lines) - MOST_LINES + 1} more like these"]
-    return "\n".join(lines)
+    return "\n".join(map(short_line, lines))

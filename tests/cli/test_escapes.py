@@ -155,6 +155,27 @@ def test_keys_that_are_nested_too_deeply_are_refused(stochvi: Run, tmp_path: Pat
         assert "nested too deeply" in refused(stochvi("screen", deep))
 
 
+def test_impact_rates_need_stops(stochvi: Run, tmp_path: Path) -> None:
+    scene = scene_in(tmp_path)
+    before, _, after = scene.read_text("utf-8").partition("[[impact_pair]]")
+    scene.write_text(before + "[[excitation]]" + after.partition("[[excitation]]")[2], "utf-8")
+    assert "must have an impact_pair, got none; size" in refused(stochvi("clearance", scene))
+
+
+@pytest.mark.parametrize("where", ["title", "number", "option"])
+def test_a_message_never_quotes_a_book(stochvi: Run, tmp_path: Path, where: str) -> None:
+    """Both ends are kept: what is wrong stands in front, and what to do at the end."""
+    scene, long = scene_in(tmp_path), "7" * 70_000
+    if where != "option":
+        text = scene.read_text("utf-8")
+        key = f'{long} = "x"' if where == "title" else f"mass = '{long}'"
+        scene.write_text(text.replace("mass = 1.0", key), "utf-8")
+    words = ("--gaps", long + "x") if where == "option" else ()
+    done = stochvi("clearance", scene, *words)
+    assert done.code == 2 and max(map(len, done.err.splitlines())) < 2_100
+    assert done.err.startswith("stochvi: ")
+
+
 def test_a_sweep_does_not_follow_a_link_in_its_folder(stochvi: Run, tmp_path: Path):
     scene, out, outside = scene_in(tmp_path), tmp_path / "out", tmp_path / "outside"
     out.mkdir()

@@ -691,3 +691,13 @@ def test_a_numba_that_lacks_what_kernels_use_is_refused_in_a_sentence() -> None:
     assert (
         "has no JITCodeLibrary._get_module_for_linking, which kernels use; install" in done.stderr
     )
+
+
+def test_kernels_that_are_not_compiled_are_announced_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their digits are others than those of the same seed elsewhere."""
+    monkeypatch.setattr(compiling.config, "DISABLE_JIT", True)
+    compiling._say_uncompiled.cache_clear()
+    with pytest.warns(UserWarning, match="NUMBA_DISABLE_JIT is set") as told:
+        assert [compiling.kernel(each) for each in (abs, max)] == [abs, max]
+    assert len(told) == 1
+    compiling._say_uncompiled.cache_clear()
