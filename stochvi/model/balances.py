@@ -32,10 +32,16 @@ ENERGIES = ("kinetic", "potential", "dissipation")
 There each has the key ("", name)."""
 
 
+AT_REST = 1e-9
+"""Terms of the balance of force of a coordinate, relative to the largest of all coordinates, below
+which they are the rounding error of those."""
+
+
 def residuals(
     model: Model, moments: Mapping[tuple[str, str], Any], origin: Sequence[float]
 ) -> dict[str, Any]:
-    """Left side less right side of each balance that applies, relative to its largest term.
+    """Left side less right side of each balance that applies, relative to its largest term; that
+    of a coordinate at rest is relative to the largest of all coordinates.
 
     Parameters
     ----------
@@ -54,8 +60,8 @@ def residuals(
     """
     o = np.asarray(origin, float)
     mean = [moments[name, "x"] for name in model.coordinates]
-    found = {}
     pushes = _pushes(model, moments)
+    sums, scales = {}, {}
     for row, coordinate in enumerate(model.coordinates):
         terms = [model.stiffness[row, k] * mean[k] for k in range(len(mean))]
         terms += [-direction[row] * push for direction, _, push in pushes]
@@ -68,7 +74,14 @@ def residuals(
         # all terms may vanish by symmetry, but not the rms force of the coordinate's own spring
         deviation = _mean(moments[coordinate, "variance"]) ** 0.5
         name = "force" if len(mean) == 1 else f"force on {coordinate}"
-        found[name] = sum(terms) / _scale(terms, model.stiffness[row, row] * deviation)
+        sums[name] = sum(terms)
+        scales[name] = _scale(terms, model.stiffness[row, row] * deviation)
+    # a coordinate that is at rest but for rounding is missed by nothing beside the others
+    largest = max(scales.values())
+    found = {
+        name: each / (scales[name] if scales[name] > AT_REST * largest else largest)
+        for name, each in sums.items()
+    }
     rubs = any(pair.tangent is not None for pair in model.pairs)
     if rubs:  # mean impulses along stops, and of coupled impacts, are not added up
         found.clear()

@@ -27,6 +27,7 @@ from stochvi.results.intervals import (
     student_quantile,
 )
 from stochvi.results.progress import Progress
+from stochvi.results.quantity_units import unit_of
 from stochvi.results.response import Response
 from stochvi.sampling.options import check_options
 from stochvi.scenes.scene import Scene
@@ -478,6 +479,24 @@ DETERMINISTIC_ERROR = 1e-9
 """Relative error allowed to any deterministic number, for its quadrature and root finding."""
 
 
+AT_REST = 1e-12
+"""A quantity of a coordinate is rounding error below this part of the largest of all coordinates in
+the same unit: the coordinate is at rest."""
+
+
+def _largest(of: str, quantity: str, known: Mapping[tuple[str, str], Estimate]) -> float:
+    """Largest value of a quantity among everything that has it in the same unit."""
+    same = {other: each for (other, name), each in known.items() if name == quantity}
+    return max(
+        (
+            abs(each.value)
+            for other, each in same.items()
+            if unit_of(other, quantity) == unit_of(of, quantity)
+        ),
+        default=0.0,
+    )
+
+
 def _row(
     response: Response,
     of: str,
@@ -502,7 +521,8 @@ def _row(
         errors: tuple[float, ...] = (estimate.standard_error, truth.standard_error)
         degrees = degrees_of_freedom(response, reference, errors)
         errors += (estimate.bias_error, truth.bias_error)
-        biases = (estimate.bias or 0.0, truth.bias or 0.0, DETERMINISTIC_ERROR * size)
+        rounding = AT_REST * _largest(of, quantity, known)
+        biases = (estimate.bias or 0.0, truth.bias or 0.0, DETERMINISTIC_ERROR * size + rounding)
         tolerance = reach(student_quantile(alarm_rate, degrees), errors, biases)
         beyond = math.copysign(max(abs(difference) - sum(biases), 0.0), difference)
         score = normal_score(beyond, math.hypot(*errors), degrees)
@@ -511,7 +531,9 @@ def _row(
             verdict = TOO_RARE
         elif of != BALANCE and _bias_unknown(estimate, truth):
             tolerance, verdict = None, BIAS_UNKNOWN
-        elif response.cost.paths and _vanish(size, estimate, truth):
+        elif response.cost.paths and _vanish(
+            max(size, rounding / DETERMINISTIC_ERROR), estimate, truth
+        ):
             tolerance, score, verdict = None, None, ZERO
     elif reference is not None and counts_others(
         quantity, threshold_of(response, of), threshold_of(reference, of)

@@ -87,3 +87,44 @@ def test_two_masses_and_a_box_that_loses_nothing_balance() -> None:
     (pair,) = model.pairs
     wrong = replace(model, pairs=(replace(pair, mass=1.1 * pair.mass),))
     assert abs(residuals(wrong, moments, (0.0, 0.0))["virial"]) > 0.01
+
+
+def test_a_coordinate_at_rest_is_missed_by_nothing() -> None:
+    """A box on its mounts over a stop below its centre, shaken along z: what rounding moves along y
+    is no fault, but a force along y that is missing is one, however small beside those along z."""
+    mounts = [
+        {"at": [x, y, -0.06], "stiffness": [2.2e4, 2.2e4, 3.4e4], "damping": [9.0, 9.0, 14.0]}
+        for x in (-0.2, 0.2)
+        for y in (-0.15, 0.15)
+    ]
+    box = {"kind": "rigid-body", "mass": 12.0, "inertia": [0.2, 0.25, 0.15], "mount": mounts}
+    stop = {
+        "name": "s", "at": [0.0, 0.0, -0.08], "direction": [0, 0, 1], "lower": -8e-4,
+        "law": {"kind": "restitution", "coefficient": 0.4},
+    }  # fmt: skip
+    shaken = {
+        "kind": "psd",
+        "axis": "z",
+        "frequency_hz": [5.0, 500.0],
+        "density": [0.1, 0.1],
+        "unit": "(m/s2)2/Hz",
+    }
+    model = model_of(Scene(structure=box, impact_pair=[stop], excitation=[shaken]))  # type: ignore[call-arg]
+    rate = 20.0
+
+    def missed(**means: float) -> dict[str, float]:
+        moments = {
+            (name, moment): value
+            for name in model.coordinates
+            for moment, value in (("x", means.get(name, 3e-20)), ("variance", 1e-38))
+        }
+        moments |= {("z", "variance"): 1e-6, ("s", "f1_lower"): rate, ("s", "f2_lower"): 2.0}
+        return residuals(model, moments, [0.0] * len(model.coordinates))
+
+    lifted = 12.0 * 1.4 * rate / (4.0 * 3.4e4)
+    found = missed(z=lifted)
+    assert {name.removeprefix("force on ") for name in found} == set(model.coordinates)
+    for name, value in found.items():
+        assert abs(value) < 1e-12, name
+    assert abs(missed(z=0.9 * lifted)["force on z"]) > 0.05
+    assert abs(missed(z=lifted, y=1e-6 * lifted)["force on y"]) > 0.5

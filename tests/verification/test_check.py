@@ -20,6 +20,8 @@ from stochvi import (
     load_scene,
     simulate,
 )
+from stochvi.results.estimates import Cost
+from stochvi.results.response import CoordinateResponse
 from stochvi.scenes.datasets import shipped_scene
 from stochvi.verification.check import (
     APPROXIMATE,
@@ -191,3 +193,22 @@ def test_rates_above_another_speed_are_not_compared() -> None:
     elastic = oscillator(-1.0, 1.0, 1.0)
     alike = compare([exact(elastic)], [average(elastic)])
     assert OTHER_THRESHOLD not in {row.verdict for row in alike.comparisons}
+
+
+def test_a_coordinate_at_rest_agrees_whatever_rounding_leaves() -> None:
+    """Rounding errors of one coordinate beside the motion of another are not compared; a motion
+    that is small, but larger than that, is."""
+
+    def answer(method: str, y: float) -> Response:
+        coordinates = {
+            name: CoordinateResponse(displacement_std=Estimate(value=value, how=method))
+            for name, value in (("x", 1e-3), ("y", y))
+        }
+        return Response(
+            method=method, coordinates=coordinates, impact_pairs={}, identities={}, effects=[],
+            assumptions=[], warnings=[], cost=Cost(), provenance={},
+        )  # fmt: skip
+
+    for one, other, agrees in ((1e-19, 2e-19, True), (1e-9, 2e-9, False)):
+        found = compare([answer("one", one), answer("other", other)])
+        assert found.passed == agrees
