@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,10 +14,10 @@ import pytest
 from scipy.stats import beta
 
 from stochvi import Scene, SceneError, load_scene, reliability, simulate
-from stochvi.results.estimates import Estimate
+from stochvi.results.estimates import Cost, Estimate
 from stochvi.scenes import ImpactPair, Isolator, Restitution, WhiteNoise
-from stochvi.statistics.reliability.answer import Chance
-from stochvi.statistics.reliability.phases import NEGLIGIBLE, joint_chance
+from stochvi.statistics.reliability.answer import Chance, Reliability
+from stochvi.statistics.reliability.phases import NEGLIGIBLE, _together, joint_chance
 
 PROFILE = "mil-std-810h-truck-vertical-5hz"
 
@@ -47,6 +49,35 @@ def test_the_risk_of_a_mission_is_that_of_its_phases_together() -> None:
     assert found.hits is not None
     assert found.hits.value == pytest.approx(sum(float(each.hits or 0) for each in alone), rel=1e-9)
     assert found.chances["hit"].why.startswith("phase cold has ")
+
+
+def test_impacts_that_were_not_seen_in_a_phase_do_not_count_as_none() -> None:
+    """A phase is hit in one mission of three, but no impact was simulated in it: the mean of the
+    mission is at least a third, or it is not told."""
+    scene = mission([ROAD, ROUGH])
+    one = reliability(scene.in_phase("rough"), mission=600.0, rel_error=0.5, seed=1)
+    run = SimpleNamespace(cost=lambda **_: Cost(wall_time=0.0), seed=0)
+
+    def together(limit: float) -> tuple[Reliability, dict[str, str]]:
+        hit = one.chances["hit"]
+        likely = replace(hit, estimate=Estimate(value=0.3), lower=0.3, upper=0.3)
+        unseen = Estimate(value=0.0, bias=None, upper_95=limit)
+        seen = Estimate(value=0.03, standard_error=0.001, bias=0.0)
+        phases = {
+            "road": replace(one, chances={"hit": likely}, hits=unseen, hits_interval=(0.0, limit)),
+            "rough": replace(one, hits=seen, hits_interval=(0.028, 0.032)),
+        }
+        missing: dict[str, str] = {}
+        return _together(scene, phases, missing, {}, run), missing
+
+    found, missing = together(5.0)
+    assert found.hits is None and found.hits_interval is None
+    assert missing == {"road, expected_hits": "no impact was seen; raise budget"}
+    # few impacts that were not seen are a bias
+    found, missing = together(0.002)
+    assert found.hits is not None and not missing
+    assert found.hits.value == 0.03 and found.hits.bias == pytest.approx(0.002)
+    assert found.hits_interval is not None and found.hits_interval[1] > 0.0325
 
 
 def test_two_halves_are_one_mission() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from stochvi.mathematics.arrays import Matrix
 from stochvi.mathematics.state_space import transition
+from stochvi.methods.periodic.speed_scatter import speed_scatter
 
 PARTS = 0.05
 """Longest part of a flight in which its end is searched for: as a share of a flight without spring
@@ -221,15 +222,13 @@ class RelayBetweenStops:
         """Standard deviation of the impact speeds in the long run, m/s, where the restitution
         scatters a little from impact to impact.
 
-        It is abs(q) w std / (R sqrt(1 - q^2)) with q = `forgotten`.
+        To second order, see `speed_scatter`.
 
         Parameters
         ----------
         restitution_std
-            Standard deviation of the restitution, much smaller than 1.
+            Standard deviation of the restitution, much smaller than R.
         """
-        if not self.restitution > 0.0:
-            return 0.0
-        kept = self.forgotten
-        each = kept * self.impact_speed * restitution_std / self.restitution
-        return abs(each) / math.sqrt(1.0 - kept**2)
+        return speed_scatter(
+            self.next_speed, self.forgotten, self.impact_speed, self.restitution, restitution_std
+        )

@@ -14,6 +14,7 @@ from typing import NamedTuple, Self
 import numpy as np
 
 from stochvi.mathematics.arrays import Vector
+from stochvi.methods.periodic.speed_scatter import speed_scatter
 
 
 class Throw(NamedTuple):
@@ -85,7 +86,7 @@ class SwitchedDrive:
 
     >>> late = SwitchedDrive(restitution=0.5, force=10.0, switching=0.4329, delay=0.02)
     >>> round(late.impact_speed, 3), round(late.speed_std(0.1), 3)
-    (4.949, 0.237)
+    (4.949, 0.24)
     """
 
     restitution: float
@@ -230,26 +231,18 @@ class SwitchedDrive:
         """Standard deviation of the impact speeds in the long run, m/s, where the restitution
         scatters a little from impact to impact.
 
-        A restitution acts by R w alone, so that dw' / dR is q w / R with q = `forgotten`.
-        Deviations of the speed then follow d' = q d + (q w / R) dR, and have the variance
-
-            (q w std R / R)^2 / (1 - q^2).
+        See `speed_scatter`: to second order in the scatter of the rebounds. The first order is
+        abs(q) w std / (R sqrt(1 - q^2)) with q = `forgotten`; it is up to two times
+        too small where a delay makes q small.
 
         Parameters
         ----------
         restitution_std
-            Standard deviation of the restitution, much smaller than 1.
-
-        Returns
-        -------
-        float
-            The standard deviation, to first order.
+            Standard deviation of the restitution, much smaller than R.
         """
-        if not self.restitution > 0.0:
-            return 0.0
-        kept = self.forgotten
-        each = kept * self.impact_speed * restitution_std / self.restitution
-        return abs(each) / math.sqrt(1.0 - kept**2)
+        return speed_scatter(
+            self.next_speed, self.forgotten, self.impact_speed, self.restitution, restitution_std
+        )
 
     def next_speed(self, speed: float) -> float:
         """Speed of the impact after one of a speed, m/s; see `throw`."""

@@ -192,6 +192,20 @@ def _together(
     stepped = bias_of_steps(
         steps, {name: float(each.hits or 0.0) for name, each in found.items()}, lags
     )
+    # impacts of phases in which none was seen, of which a limit alone is known
+    unseen = {
+        name: each.hits.upper_95
+        for name, each in found.items()
+        if name not in idle and each.hits is not None and each.hits.upper_95 is not None
+    }
+    if total is not None and total.value > 0.0 and sum(unseen.values()) > total.value:
+        missing |= (
+            dict.fromkeys(
+                (f"{name}, expected_hits" for name in unseen), "no impact was seen; raise budget"
+            )
+            | missing
+        )
+        total = None
     if total is not None and total.bias is not None:
         total = replace(total, bias=total.bias + stepped)
     intervals = [each.hits_interval for each in busy if each.hits_interval is not None]
@@ -283,13 +297,15 @@ def _hazards(probabilities: Sequence[float]) -> Vector:
 
 def _sum(estimates: Sequence[Estimate]) -> Estimate:
     """The sum of independent estimates."""
-    biases = [each.bias for each in estimates if each.bias is not None]
     value = sum(each.value for each in estimates)
     limits = [each.upper_95 for each in estimates if each.upper_95 is not None]
+    # what was not seen is at most its limit
+    bounds = [each.bias if each.upper_95 is None else each.upper_95 for each in estimates]
+    biases = [bias for bias in bounds if bias is not None]
     return Estimate(
         value=value,
         standard_error=math.hypot(*(each.standard_error or 0.0 for each in estimates)),
-        bias=sum(abs(bias) for bias in biases) if len(biases) == len(estimates) else None,
+        bias=sum(map(abs, biases)) if value > 0.0 and len(biases) == len(estimates) else None,
         upper_95=math.hypot(*limits) if value == 0.0 and limits else None,
         how="of independent phases",
     )

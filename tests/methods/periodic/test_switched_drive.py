@@ -162,6 +162,33 @@ def test_speeds_scatter_as_restitutions_do() -> None:
     assert still.speed_std(0.1) == 0.0
 
 
+@pytest.mark.parametrize(
+    ("restitution", "std", "delay"), [(0.3, 0.05, 0.03), (0.5, 0.05, 0.1), (0.6, 0.1, 0.0)]
+)
+def test_the_scatter_of_speeds_holds_where_the_first_order_fails(
+    restitution: float, std: float, delay: float
+) -> None:
+    """Impact by impact by closed throws of this test, each with a restitution of its own."""
+    force, switching, count = 10.0, 0.3, 40_000
+    drive = SwitchedDrive(restitution=restitution, force=force, switching=switching, delay=delay)
+    random, speed = np.random.default_rng(5), np.full(count, drive.impact_speed)
+    for _ in range(12):
+        u = np.maximum(restitution + std * random.standard_normal(count), 0.0) * speed
+        thrown, rising = u * delay - force * delay**2 / 2.0, u - force * delay
+        passing = np.sqrt(rising**2 + 2.0 * force * (switching - thrown))
+        late = switching + passing * delay + force * delay**2 / 2.0
+        speed = np.sqrt(u**2 + 4.0 * force * (late - thrown))
+    found, known = float(speed.std()), drive.speed_std(std)
+    # what the third order adds, and the error of a standard deviation of skewed numbers
+    higher = 2.0 * (std / restitution) ** 2
+    kurtosis = float(np.mean((speed - speed.mean()) ** 4)) / found**4
+    assert found == pytest.approx(known, rel=higher + 4.5 * np.sqrt((kurtosis - 1.0) / 4.0 / count))
+    if delay == 0.1:  # the control: the first order alone
+        q = drive.forgotten
+        first = abs(q) * drive.impact_speed * std / restitution / np.sqrt(1.0 - q**2)
+        assert abs(first - found) > 3.0 * abs(known - found)
+
+
 def test_a_force_that_comes_too_late_is_refused() -> None:
     late = SwitchedDrive(restitution=0.3, force=10.0, switching=0.3, delay=0.3)
     with pytest.raises(ValueError, match="delay must be so short that the striker neither falls"):
