@@ -19,7 +19,7 @@ import click
 
 from stochvi.cli.output import console_for, echo, progress_bar
 from stochvi.cli.program import FAILED, stop
-from stochvi.results.deadline import Deadline, asked_for, graceful_interrupt
+from stochvi.results.deadline import Deadline, asked_for, graceful_interrupt, of_command
 from stochvi.results.progress import showing
 
 if TYPE_CHECKING:
@@ -431,7 +431,8 @@ def common(*names: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
                 shown_in(options.units),
             ):
                 if has_budget:
-                    with graceful_interrupt(), options.within(budget):
+                    due = Deadline.after(budget)
+                    with graceful_interrupt(), options.within(budget), of_command(due):
                         command(options, **given)
                 else:
                     command(options, **given)

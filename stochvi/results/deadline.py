@@ -342,6 +342,32 @@ def ended_by(budget: float | None, patience: float = OVERDUE_SECONDS) -> Iterato
             raise deadline.fell_short(where, "raise budget", answer) from None
 
 
+_command: ContextVar[Deadline | None] = ContextVar("command", default=None)
+"""Deadline of the command that is under way; None outside commands."""
+
+
+@contextmanager
+def of_command(deadline: Deadline) -> Iterator[None]:
+    """Let what is read within the `with` block mind the deadline of a command (`in_command`)."""
+    before = _command.set(deadline)
+    try:
+        yield
+    finally:
+        _command.reset(before)
+
+
+@contextmanager
+def in_command() -> Iterator[None]:
+    """End the `with` block as `ended_by` does once the budget of the command, or Ctrl-C, is long
+    over. Nothing changes outside commands, and within a calculation that is ended so anyway."""
+    deadline = _command.get()
+    if deadline is None or watched():
+        yield
+        return
+    with asked_for(deadline.budget), ended_by(deadline.rest):
+        yield
+
+
 @contextmanager
 def _silent_where_it_is_ignored() -> Iterator[None]:
     """Print nothing of an `Overdue` that comes in a destructor, where Python cannot raise it."""

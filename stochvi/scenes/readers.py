@@ -13,6 +13,7 @@ import numpy as np
 from stochvi.mathematics.arguments import shown
 from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.units import DENSITIES, UNITS, Unit, listed_units, unit
+from stochvi.results.deadline import in_command
 from stochvi.results.errors import SceneError
 from stochvi.scenes.foreign_files import LARGEST_DATA_FILE, Foreign, read_foreign, read_numpy
 from stochvi.scenes.text_headings import unit_in
@@ -105,7 +106,8 @@ def read_columns(
         return _read_arrays(path, names, variables)
     if suffix in IDE_SUFFIXES:
         return _read_ide(path, names, column)
-    return _read_text(path, names, column, function_type)
+    with in_command():  # millions of lines that are not plain numbers take a minute
+        return _read_text(path, names, column, function_type)
 
 
 def _read_text(
@@ -161,7 +163,7 @@ def _read_text(
         x=times, y=found[-1], unit=known, stated_in=f"line {line} of {path}",
         heading=" ".join(table.headings[place].cells),
         unread=table.headings[place].unread if known is None else "",
-        lines=[number for number, _ in table.lines],
+        lines=table.numbers,
         remarks=[(f"line {number} of {path}", text) for number, text in table.remarks],
     )  # fmt: skip
 

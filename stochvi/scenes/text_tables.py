@@ -6,15 +6,17 @@ from __future__ import annotations
 
 import codecs
 import difflib
+import io
 import math
 import re
 from array import array
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,6 +140,15 @@ def _alike(path: Path) -> str:
     return f"; it was looked for in the folder {path.parent.resolve()}"
 
 
+LARGE_TEXT = 1_000_000
+"""Size of a text file, bytes, from which its rows are read at once where they are plain."""
+
+PART = 100_000
+"""Length of each part of a large text from which its layout is found, bytes."""
+
+PLAIN_BYTES = b"0123456789+-.eE,; \t|\r\n"
+"""Bytes of plain rows of numbers."""
+
 MANY_ROWS = 1000
 """Number of rows from which a table is worth being read at once."""
 
@@ -157,6 +168,15 @@ class TextTable:
     delimiter: str | None
     headings: Sequence[Heading]
     decimal_comma: bool
+    values: NDArray[np.float64] | None = None
+    """All columns, (rows, columns), of a large table that was read at once."""
+
+    @property
+    def numbers(self) -> Sequence[int]:
+        """The numbers of the lines of the rows in the file."""
+        if self.values is not None:
+            return range(self.lines[0][0], self.lines[0][0] + len(self.lines))
+        return [number for number, _ in self.lines]
 
     def stated(self, *quantities: str) -> tuple[Unit | None, int]:
         """The one unit of some quantities that the lines above the rows state, and its line."""
@@ -217,6 +237,8 @@ class TextTable:
         SceneError
             With the line that is not as the others are.
         """
+        if self.values is not None:
+            return [self.values[:, place].copy() for place in places]
         count = len(self.headings)
         stamped = [self.is_stamp(place) for place in places]
         if not any(stamped) and (plain := self._plain_columns(count)) is not None:
@@ -383,8 +405,83 @@ def read_text_table(path: Path, names: Sequence[str], largest: int | None = None
     SceneError
         With the line, what was got and what helps.
     """
+    check_file(path, largest or LARGEST_TEXT_FILE)
+    if (
+        path.stat().st_size > LARGE_TEXT and (plain := _read_at_once(path, names)) is not None
+    ):  # fmt: skip
+        return plain
+    return _table_of(path, decoded(path, largest), names)
+
+
+class PlainRows(Sequence[tuple[int, str]]):
+    """The rows of a table that was read at once: their lines, and the text of the first one."""
+
+    def __init__(self, first: tuple[int, str], count: int) -> None:
+        self._first, self._count = first, count
+
+    def __len__(self) -> int:
+        return self._count
+
+    @overload
+    def __getitem__(self, place: int) -> tuple[int, str]: ...
+    @overload
+    def __getitem__(self, place: slice) -> Sequence[tuple[int, str]]: ...
+    def __getitem__(self, place: int | slice) -> tuple[int, str] | Sequence[tuple[int, str]]:
+        if isinstance(place, slice):
+            return [self[n] for n in range(*place.indices(self._count))]
+        if not 0 <= place < self._count:
+            raise IndexError(place)
+        return self._first if place == 0 else (self._first[0] + place, "")
+
+
+def _read_at_once(path: Path, names: Sequence[str]) -> TextTable | None:
+    """A large table whose rows hold nothing but numbers, in a tenth of the time that a look at
+    every cell takes; None for any other, which is read line by line.
+
+    Its layout comes from its beginning, its middle and its end.
+    """
+    content = path.read_bytes().rstrip(b"\r\n")
+    begin = content.find(b"\n", PART) + 1
+    if not begin or b"\0" in content[:begin] or b"\r" in content[:begin].replace(b"\r\n", b""):
+        return None
+    middle = content.find(b"\n", len(content) // 2) + 1
+    end = content.rfind(b"\n", 0, len(content) - PART) + 1
+    parts = content[:begin] + content[middle : middle + content[middle:].find(b"\n", PART) + 1]
+    try:
+        text = (parts + content[end:]).decode("utf-8-sig")
+        part = _table_of(path, text, names)
+    except (UnicodeDecodeError, SceneError):
+        return None
+    row = part.lines[0][0]
+    start = 0
+    for _ in range(row - 1):
+        start = content.find(b"\n", start) + 1
+    body = content[start:].removeprefix(codecs.BOM_UTF8)
+    if start > begin or body.translate(None, PLAIN_BYTES):
+        return None
+    if part.decimal_comma:
+        if b"." in body or part.delimiter == ",":
+            return None
+        body = body.replace(b",", b".")
+    body = body.replace(b"\r\n", b"\n")
+    sign = (part.delimiter or " ").encode()
+    first, _, _ = body.partition(b"\n")
+    if ends := len(first) - len(first.rstrip(sign)):  # delimiters that end the lines
+        body = (body + b"\n").replace(ends * sign + b"\n", b"\n").rstrip(b"\n")
+    try:
+        found = np.loadtxt(io.BytesIO(body), delimiter=part.delimiter, comments=None, ndmin=2)
+    except ValueError:
+        return None
+    if found.shape != (body.count(b"\n") + 1, len(part.headings)):
+        return None
+    found[~np.isfinite(found)] = np.nan
+    return replace(part, lines=PlainRows(part.lines[0], len(found)), values=found)
+
+
+def _table_of(path: Path, written: str, names: Sequence[str]) -> TextTable:
+    """The rows and headings of a text, as `read_text_table` finds them in a file."""
     needed, wanted = len(names), f"{_counted(len(names))} ({', '.join(names)})"
-    text = _plainly_written(decoded(path, largest).replace("\r\n", "\n").replace("\r", "\n"))
+    text = _plainly_written(written.replace("\r\n", "\n").replace("\r", "\n"))
     lines = [
         (number, line)
         for number, line in enumerate(text.split("\n"), start=1)

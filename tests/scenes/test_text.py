@@ -382,3 +382,50 @@ def test_a_large_table_that_is_read_at_once_holds_the_same_numbers(
     file.write_text("\n".join(["frequency,density", *rows, "7.0,missing"]), encoding="utf-8")
     with pytest.raises(SceneError, match="line 42"):
         read_text_table(file, ("frequency", "density")).columns(0, 1)
+
+
+ROWS_OF_A_LARGE_FILE = {
+    "commas": ("{:.4f},{:.5f}\n", "."),
+    "decimal commas": ("{:.4f};{:.5f}\r\n", ","),
+    "blanks": (" {:.4f}   {:.5e}\n", "."),
+    "a delimiter at the end": ("{:.4f}\t{:.5f}\t\n", "."),
+    "a note": ("{:.4f},{:.5f}\n", "."),
+    "a gap": ("{:.4f},{:.5f}\n", "."),
+    "a cell too many": ("{:.4f},{:.5f}\n", "."),
+    "a cell too few": ("{:.4f};{:.5f}\n", "."),
+    "a letter": ("{:.4f},{:.5f}\n", "."),
+}
+
+
+@pytest.mark.parametrize("kind", ROWS_OF_A_LARGE_FILE)
+def test_a_large_file_that_is_read_at_once_is_what_it_is_line_by_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """The judge is the reader of lines, and where it refuses so must the other."""
+    form, point = ROWS_OF_A_LARGE_FILE[kind]
+    values = np.random.default_rng(3).normal(size=1500)
+    rows = [form.format(n / 800, v).replace(".", point) for n, v in enumerate(values)]
+    spoilt = {
+        "a note": "# a bump\n", "a gap": "0.9,\n", "a cell too many": "0.9,1.0,2.0\n",
+        "a cell too few": "0.9\n", "a letter": "0.9,1O\n",
+    }  # fmt: skip
+    if kind in spoilt:
+        rows[720] = spoilt[kind]
+    file = tmp_path / "run.csv"
+    file.write_bytes(("time (s);acc (mg)\n" + "".join(rows)).encode("utf-8-sig"))
+
+    def found(large: int) -> str | tuple[list[list[float]], list[int], str | None]:
+        monkeypatch.setattr("stochvi.scenes.text_tables.LARGE_TEXT", large)
+        monkeypatch.setattr("stochvi.scenes.text_tables.PART", 2000)
+        try:
+            table = read_text_table(file, ("time", "acceleration"))
+            columns = table.columns(0, 1)
+        except SceneError as error:
+            return str(error)
+        if large == 0:
+            assert (table.values is not None) == (kind not in spoilt)
+        unit = table.headings[1].unit
+        filled = [np.nan_to_num(column, nan=1e9).tolist() for column in columns]
+        return filled, list(table.numbers), unit and unit.name
+
+    assert found(0) == found(10**9)
