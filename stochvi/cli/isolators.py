@@ -80,6 +80,9 @@ def clearance(options: Common, scene: str, gaps: str, **asked: Any) -> None:
     from stochvi.views.isolator_tables import print_clearance, print_record
 
     loaded = load_scene(scene)
+    if not loaded.impact_pairs:
+        why = "the scene needs an impact_pair, for its law; screen and size need none"
+        raise NotApplicable("clearance", [why])
     linear = solve(loaded)
     record = linear.record
     stds = {name: gap.displacement_std for name, gap in linear.impact_pairs.items()}

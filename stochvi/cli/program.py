@@ -50,13 +50,15 @@ class Commands(click.Group):
 
 def _stop_for(error: BaseException) -> NoReturn:
     """End with the sentence and the exit code of an error; raise it again if it has none."""
-    from stochvi.results.errors import NotConverged, StochviError, reason_of
+    from stochvi.results.errors import NotConverged, StochviError, beyond_arithmetic, reason_of
 
     if isinstance(error, KeyboardInterrupt):
         stop(str(error) or "interrupted by Ctrl-C; nothing was kept", FAILED)
     if isinstance(error, NotConverged):
         stop(str(error), FAILED)
-    if isinstance(error, StochviError | ValueError | ArithmeticError):
+    if isinstance(error, ArithmeticError) and not isinstance(error, StochviError):
+        stop(f"the scene {beyond_arithmetic(error)}", BAD_INPUT)
+    if isinstance(error, StochviError | ValueError):
         stop(str(error), BAD_INPUT)
     if isinstance(error, MemoryError):
         stop(f"not enough memory ({error}); reduce paths or samples", BAD_INPUT)

@@ -415,6 +415,7 @@ def response_law(
 ) -> ResponseLaw:
     """The law of a motion from its one-sided density at frequencies up to `top` (Hz). The lowest
     natural frequency is `natural`, and the narrowest resonance `width` wide (Hz)."""
+    natural, width = min(natural, top), min(width, top)  # a stiffer mount follows its base
     step = width / POINTS_IN_BANDWIDTH
     coarse = np.geomspace(0.1 * min(natural, top), top, 2000)
     below = np.cumsum(coarse * density_at(coarse))

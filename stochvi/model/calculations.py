@@ -11,11 +11,20 @@ from contextlib import ExitStack
 from dataclasses import replace
 from typing import Any, ParamSpec, TypeVar
 
+import numpy as np
+
 from stochvi.mathematics.arguments import CHECKS, argument_checker, shown
 from stochvi.mathematics.shown_units import USUAL, shown_in
 from stochvi.results.base import Result
 from stochvi.results.deadline import asked_for, ended_by, watched
-from stochvi.results.errors import Interrupted, NotConverged, SceneError
+from stochvi.results.errors import (
+    Interrupted,
+    NotApplicable,
+    NotConverged,
+    SceneError,
+    StochviError,
+    beyond_arithmetic,
+)
 from stochvi.results.origin import call_of
 from stochvi.results.progress import showing, shown_in_notebooks
 from stochvi.scenes.scene import Scene
@@ -69,6 +78,13 @@ def calculation(function: Callable[P, T]) -> Callable[P, T]:
             except (NotConverged, Interrupted) as error:
                 error.partial = recorded(error.partial, given)
                 raise
+            except (ArithmeticError, np.linalg.LinAlgError) as error:
+                if isinstance(error, StochviError):
+                    raise
+                scenes = [each for each in given.values() if isinstance(each, Scene)]
+                document = scenes[0].document(as_written=True) if scenes else None
+                why = f"the scene {beyond_arithmetic(error, document)}"
+                raise NotApplicable(function.__name__, [why]) from error
         return answer
 
     def recorded(answer: Any, given: Mapping[str, Any]) -> Any:

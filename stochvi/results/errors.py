@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from stochvi.results.sizes import few_lines
@@ -35,6 +36,39 @@ def reason_of(error: OSError) -> str:
     number = error.errno or 0
     systems_own = getattr(error, "winerror", None) is not None or said == os.strerror(number)
     return (REASONS.get(number, said) if systems_own else said).lower()
+
+
+BEYOND, EXTREME = (
+    "has numbers that are too large, too small or too far apart to calculate with",
+    20.0,
+)
+"""What is said of an overflow, a division by 0 or a matrix without a solution; and the decimal
+exponent from which a number of the scene is named with it."""
+
+
+def beyond_arithmetic(error: Exception, document: Any = None) -> str:
+    """The sentence for numbers beyond what a computer calculates with, with the most extreme one.
+
+    >>> beyond_arithmetic(OverflowError("range"), {"mount": [{"mass": 1e300}]}).partition("; ")[2]
+    'look at mount.0.mass = 1e+300'
+    """
+    found = max(_numbers(document), key=lambda each: abs(math.log10(abs(each[1]))), default=None)
+    where = ""
+    if found is not None and abs(math.log10(abs(found[1]))) >= EXTREME:
+        where = f"; look at {found[0]} = {found[1]:g}"
+    said = str(error.args[-1]) if error.args else type(error).__name__
+    return f"{BEYOND} ({said}){where}"
+
+
+def _numbers(document: Any, key: str = "") -> Iterator[tuple[str, float]]:
+    """The numbers of a document that are not 0, with their keys."""
+    if isinstance(document, int | float) and not isinstance(document, bool):
+        if document and math.isfinite(document):
+            yield key, float(document)
+    elif isinstance(document, Mapping | Sequence) and not isinstance(document, str | bytes):
+        parts = document.items() if isinstance(document, Mapping) else enumerate(document)
+        for name, part in parts:
+            yield from _numbers(part, f"{key}.{name}".strip("."))
 
 
 class StochviError(Exception):

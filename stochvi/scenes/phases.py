@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from stochvi.scenes.changed_mounts import changed_mount
 from stochvi.scenes.excitations import BASE, Excitation, Excitations, RoadNoise, TabulatedNoise
+from stochvi.scenes.excitations.base import LARGEST_LEVEL
 from stochvi.scenes.moving_bands import MovingBand
 from stochvi.scenes.validation import Checked, Count, Number, Positive, Seconds
 
@@ -115,6 +116,8 @@ class Phase(Checked):
 
     @model_validator(mode="after")
     def _shaken(self) -> Self:
+        if abs(self.level_db) > LARGEST_LEVEL:
+            raise ValueError(f"has level_db outside -200..200, got {self.level_db:g}")
         if self.axis is not None and self.profile is None:
             raise ValueError(f"has axis {self.axis!r} without a profile")
         if self.profile is not None and self.excitations:

@@ -24,7 +24,7 @@ from pydantic import (
 )
 
 from stochvi.mathematics.units import Unit, measured, plain_number, unit
-from stochvi.results.errors import SceneError
+from stochvi.results.errors import SceneError, beyond_arithmetic
 
 
 def _plain_number(value: Any) -> Any:
@@ -198,6 +198,8 @@ class Checked(BaseModel):
             super().__init__(**data)
         except ValidationError as error:
             raise SceneError(_problems(error, type(self))) from None
+        except ArithmeticError as error:
+            raise SceneError(beyond_arithmetic(error, data)) from None
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """A copy with other values, which are not checked; `replace` checks them.
@@ -369,6 +371,8 @@ def _sentence(detail: Any) -> str:
         case "callable_type":
             return f"must be a function, got {got}"
         case "value_error":
+            if isinstance(limits["error"], np.linalg.LinAlgError):
+                return beyond_arithmetic(limits["error"], detail.get("input"))
             return str(limits["error"])
         case _:
             return f"is not valid ({detail['msg']}), got {got}"

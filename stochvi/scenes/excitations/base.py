@@ -441,7 +441,8 @@ def _check_heading(heading: str, named: Unit | None) -> None:
     if other:
         raise SceneError(
             [("file", f"has the heading {heading!r} above its values, expected no {other[1]}; "
-              "multiply the values by the sensitivity of the sensor, and mend the heading")]
+              "divide the values by the sensitivity of the sensor (V per g; a density by its "
+              "square), and mend the heading")]
         )  # fmt: skip
 
 

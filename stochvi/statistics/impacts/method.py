@@ -205,6 +205,8 @@ def impacts(
     else:
         taken = run.until(sampler, paths, deadline=sampling)
     done, counted = taken.paths, joined(taken.sample)
+    if done < 2:  # one path has no error
+        raise sampling.fell_short("after one path", "raise budget")
     found = counted.fine
     twice = max((len(each.numbers) for each in counted.twice.values()), default=0)
     short = _fell_short(done, paths, _largest_error([*found.values()], plan), asked, sampling)
