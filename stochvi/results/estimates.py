@@ -344,5 +344,5 @@ def provenance(scene: Mapping[str, Any], seed: int | None = None) -> dict[str, A
         "libraries": {name: version_of(name) for name in ("numpy", "scipy", "numba")},
         "processor": platform.machine(),
         "seed": seed,
-        "scene": dict(scene),
+        "scene": scene,
     }

@@ -15,6 +15,16 @@ from pathlib import Path
 from typing import Any
 
 
+class SceneDocument(dict[str, Any]):
+    """The plain document of a scene, which knows the scene that it was `made_from` in this process:
+    functions in it have no keys. Copies, and documents of other processes, are plain dicts."""
+
+    made_from: Any = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return dict, (dict(self),)
+
+
 @dataclass(frozen=True, kw_only=True)
 class InputFile:
     """A file that an answer rests on: its name, and the SHA-256 digest of its bytes."""

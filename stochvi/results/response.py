@@ -217,13 +217,18 @@ class Response(Result):
 
         They are calculated when this is called. Those of a simulation take some seconds at most,
         with the seed of the answer, and have 95 % bands. Those of averaging have bands from the
-        atlas of its errors. There are none of other methods, and of scenes that the answer cannot
-        make again.
+        atlas of its errors. There are none of other methods.
 
         Returns
         -------
         Mapping[str, BandedDensity or AveragedBins]
             Each with its `edges`, `density` and `bands()`; simulated ones with `standard_error`.
+
+        Raises
+        ------
+        NotApplicable
+            Where the answer comes from a file and its scene has a Python function, or a file that
+            is not there any more.
 
         See Also
         --------

@@ -16,6 +16,7 @@ from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.random_level import RandomLevel
 from stochvi.mathematics.spectra import Table
 from stochvi.results.errors import SceneError, toml_remedy
+from stochvi.results.origin import SceneDocument
 from stochvi.scenes.absorbers import Absorber, absorbers_of, on_oscillator
 from stochvi.scenes.between_units import VariedNumber, VariedPositive, mean_unit, varied
 from stochvi.scenes.cross_densities import CrossDensity, impossible, impossible_whites
@@ -1113,7 +1114,11 @@ class Scene(Checked):
         factor, instead of the numbers that these come to.
         """
         context = AS_WRITTEN if as_written else None
-        return self.model_dump(mode="json", by_alias=True, exclude_none=True, context=context)
+        found = SceneDocument(
+            self.model_dump(mode="json", by_alias=True, exclude_none=True, context=context)
+        )
+        found.made_from = self
+        return found
 
 
 SIDED = " "

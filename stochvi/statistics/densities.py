@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from stochvi.methods.averaging import AveragedDensity, average_density
 from stochvi.methods.monte_carlo.history_plans import HistoryPlan, plan_histories
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.deadline import partial_result
-from stochvi.results.errors import StochviError
+from stochvi.results.errors import NotApplicable, SceneError
 from stochvi.results.estimates import Estimate
 from stochvi.results.intervals import GAUSSIAN_95
 from stochvi.results.response import Response
@@ -210,21 +210,39 @@ class AveragedBins:
 
 def densities_of(found: Response) -> Mapping[str, BandedDensity | AveragedBins]:
     """The densities that the picture of a simulation or of averaging shows: of the only coordinate,
-    or of every gap; none where the scene cannot be made again from the answer."""
+    or of every gap.
+
+    Raises
+    ------
+    NotApplicable
+        Where the scene cannot be made again from the answer.
+    """
+    scene = _scene_of(found.provenance.get("scene", {}))
+    motions = motions_of(found, model_of(scene))
+    method, _, variant = found.method.partition(":")
+    if method == "average":
+        averaged = average_density(scene, variant=variant)
+        return {
+            name: AveragedBins(np.linspace(low, high, BINS + 1), averaged)
+            for name, (_, low, high) in motions.items()
+        }
+    seed = found.provenance.get("seed") or 0
+    return partial_result(densities, scene, motions, seed=seed, budget=SECONDS)
+
+
+def _scene_of(document: Mapping[str, Any]) -> Scene:
+    """The scene of an answer: the one that it was asked for, or one by its keys."""
+    known = getattr(document, "made_from", None)
+    if known is not None and known.document() == document:
+        return known  # type: ignore[no-any-return]
     try:
-        scene = scene_from(found.provenance["scene"])
-        motions = motions_of(found, model_of(scene))
-        method, _, variant = found.method.partition(":")
-        if method == "average":
-            averaged = average_density(scene, variant=variant)
-            return {
-                name: AveragedBins(np.linspace(low, high, BINS + 1), averaged)
-                for name, (_, low, high) in motions.items()
-            }
-        seed = found.provenance.get("seed") or 0
-        return partial_result(densities, scene, motions, seed=seed, budget=SECONDS)
-    except (StochviError, KeyError, ValueError):
-        return {}
+        return scene_from(document)
+    except SceneError as error:
+        raise NotApplicable(
+            "densities",
+            [f"the answer must know its scene, whose document cannot be read: {error}; ask for it "
+             "again, by simulate or average, in this process"],
+        ) from None  # fmt: skip
 
 
 def motions_of(found: Response, model: Model) -> dict[str, tuple[Vector, float, float]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -9,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from stochvi.mathematics.shown_units import LENGTH, SPEED, TIME
+from stochvi.results.errors import StochviError
 from stochvi.results.quantity_units import ROTATIONS
 from stochvi.views.absorber_sine import plot_absorber_sine
 from stochvi.views.absorbers import draw_design, draw_levels
@@ -90,8 +92,11 @@ def plot_response(found: Response, ax: Axes | None = None) -> Axes:
     Other methods are drawn by the mean and one standard deviation of each coordinate and gap, with
     the rates and mean speeds of impacts.
     """
-    if densities := found.densities():
-        return _plot_densities(found, densities, ax)
+    with contextlib.suppress(
+        StochviError, ValueError
+    ):  # without its scene an answer has no densities
+        if densities := found.densities():
+            return _plot_densities(found, densities, ax)
     rows: list[tuple[str, Any, Any]] = [
         (name, each.displacement_mean, each.displacement_std)
         for name, each in found.coordinates.items()

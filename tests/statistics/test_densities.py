@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
+import pickle
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -11,7 +13,16 @@ import pytest
 from scipy.stats import norm
 
 import stochvi
-from stochvi import Elastic, ImpactPair, Oscillator, Restitution, Scene, WhiteNoise
+from stochvi import (
+    Elastic,
+    ForceFunction,
+    ImpactPair,
+    NotApplicable,
+    Oscillator,
+    Restitution,
+    Scene,
+    WhiteNoise,
+)
 from stochvi.mathematics.arrays import Vector
 from stochvi.statistics import densities as module
 from stochvi.statistics.densities import BandedDensity, densities, motions_of
@@ -89,6 +100,28 @@ def test_every_gap_of_several_has_its_density_and_other_methods_have_none() -> N
     beyond = motions_of(found := stochvi.exact(soft), stochvi.model.model.model_of(soft))
     assert beyond["x"][2] > 0.6  # a compliant stop lets the mass pass
     assert found.densities() == {}
+    plt.close("all")
+
+
+def test_a_stop_that_is_a_function_has_its_density(tmp_path: Path) -> None:
+    """That of the spring which the function is; from a file nobody knows the function."""
+    answers = []
+    for law in (ForceFunction(force=lambda y, v: 20.0 * y), Elastic(stiffness=20.0)):
+        soft = ELASTIC.replace(impact_pairs=[ImpactPair(lower=-1.0, upper=0.6, law=law)])
+        answers.append(stochvi.simulate(soft, paths=64, seed=1, threads=1))
+    by_function, by_law = (each.densities()["x"] for each in answers)
+    error = np.hypot(
+        np.interp(by_law.edges[:-1], by_function.edges[:-1], by_function.standard_error),
+        by_law.standard_error,
+    )
+    there = np.interp(by_law.edges[:-1], by_function.edges[:-1], by_function.density)
+    assert np.mean(np.abs(by_law.density - there) < 4.0 * error + 1e-6) > 0.95
+    assert "made_from" not in json.dumps(answers[0].to_dict())
+    read = stochvi.load_answer(stochvi.save_answer(answers[0], tmp_path / "answer.json"))
+    with pytest.raises(NotApplicable, match="ask for it again"):
+        read.densities()
+    assert read.plot() is not None
+    assert pickle.loads(pickle.dumps(answers[1])).provenance == answers[1].provenance
     plt.close("all")
 
 
