@@ -31,6 +31,7 @@ from stochvi.sampling.sampler import TrialSampler
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.cluster_paths import WINDOWS, ClusterPaths, Part
 from stochvi.statistics.crossing_ages import FEWEST_PATHS, LEAST_PATHS
+from stochvi.statistics.hardness import is_speed
 
 UNFINISHED = 0.05
 """Clusters do not seem to end from this share of the impacts in the second half of the window on.
@@ -135,7 +136,7 @@ class Bursts:
     def largest(self, name: str, outputs: Sequence[str] | None = None) -> Vector:
         """(clusters,): the largest "impact_speed" of all pairs, or the largest "peak_acceleration"
         of some outputs, by default of all."""
-        if name == "impact_speed":
+        if is_speed(name):
             return np.asarray(self.fastest.max(axis=0))
         known = self.outputs
         rows = [known.index(each) for each in (known if outputs is None else outputs)]

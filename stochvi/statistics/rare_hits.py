@@ -37,6 +37,7 @@ from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import UNFINISHED
 from stochvi.statistics.cluster_paths import WINDOW_RELAXATIONS, WINDOWS, ClusterPaths
+from stochvi.statistics.hardness import is_speed
 from stochvi.statistics.pair_crossings import Draws, GapRecords
 from stochvi.statistics.trial_splitting import (
     PILOT,
@@ -173,7 +174,7 @@ class ImpactTrials(Kind):
     def _score_of(self, motion: Vector, burn_in: int, counted: int, stride: int) -> Vector:
         """The scores of trials with such a motion without stops. Where no stop is hit, it is a
         negative number that rises with how close the motion comes to a stop."""
-        trials, sharp = motion.shape[2] // 2, self.event == "peak_acceleration"
+        trials, sharp = motion.shape[2] // 2, not is_speed(self.event)
         found = self.paths.follow(
             motion, accelerations=sharp, stride=stride, burn_in=burn_in, counted=counted
         )
@@ -334,7 +335,7 @@ def kinds_of(
     model = model_of(scene)
     own = int(np.random.SeedSequence([seed, STREAM]).generate_state(1, np.uint64)[0] >> 1)
     paths = ClusterPaths(model, own, HORIZONS)
-    if event == "peak_acceleration" and not paths.outputs:
+    if not is_speed(event) and not paths.outputs:
         raise NotApplicable("peak_acceleration", [NEEDS_FORCE])
     records, modes = paths.records, paths.model.modal.size
     chosen = paths.outputs if outputs is None else outputs

@@ -37,6 +37,7 @@ from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import MOTIONS, RigidBody
 from stochvi.statistics.bursts import Bursts, chance_of
 from stochvi.statistics.cluster_paths import WINDOW_RELAXATIONS, WINDOWS
+from stochvi.statistics.hardness import is_speed
 from stochvi.statistics.impact_counts import clusters_apart
 from stochvi.statistics.pair_crossings import FirstCrossings, PairMotion
 from stochvi.statistics.trial_splitting import risk_of_windows
@@ -173,7 +174,7 @@ def widening_of(model: Model, limit: Limit) -> float:
     limit."""
     motion = PairMotion(model)
     speeds = motion.velocity_std
-    if limit.event == "impact_speed":
+    if is_speed(limit.event):
         ratio = limit.value / float(speeds.max())
     else:
         rows = model.output_rows[[model.outputs.index(name) for name in limit.outputs]]
@@ -243,7 +244,7 @@ class WindowSampler(ListSampler):
 
     def simulate(self, first_path: int, paths: int) -> Vector:
         """The largest of some windows."""
-        if self.event == "impact_speed":
+        if is_speed(self.event):
             found = np.zeros((len(self.parts), 1, paths))
             path, time, speed = self._impacts(first_path, paths)
             for part, largest in zip(self.parts, found, strict=True):

@@ -22,6 +22,7 @@ from stochvi.mathematics.shown_units import (
 from stochvi.mathematics.truncated_normal import normal_density
 from stochvi.mathematics.units import power_ratio
 from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.statistics.hardness import is_speed
 from stochvi.views.axes import (
     PAGE,
     add_grid,
@@ -370,9 +371,9 @@ def _hard_hits(review: Review) -> tuple[pd.DataFrame, str, ShownQuantity]:
     """The table of probabilities of hard impacts, and their limit in words."""
     table = review.exceedances
     assert table is not None
-    if table["event"].iloc[0] == "peak_acceleration":
-        return table, "largest peak acceleration", ACCELERATION
-    return table, "largest impact speed", SPEED
+    if is_speed(table["event"].iloc[0]):
+        return table, "largest impact speed", SPEED
+    return table, "largest peak acceleration", ACCELERATION
 
 
 def _chance_label(review: Review) -> str:
@@ -405,7 +406,7 @@ def _limit_mark(ax: Axes, review: Review) -> None:
     target = review.sizing.target
     if target.exceedance is None:
         return
-    peak = target.name == "peak_acceleration"
+    peak = not is_speed(target.name)
     place = (ACCELERATION if peak else SPEED)(target.value)
     ax.axvline(place, color=COLOURS["stop"], linewidth=1.0)
     ax.axhline(target.exceedance, color=COLOURS["stop"], linewidth=1.0)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from stochvi.isolators.sizing.answer import NEAR_ONE, over_percent, spoken_mission
 from stochvi.mathematics.shown_units import SPEED, shown_as
 from stochvi.results.estimates import format_with_error
+from stochvi.statistics.hardness import is_speed, unit_of_limit
 from stochvi.views.tables import (
     new_table,
     print_assumptions,
@@ -26,9 +27,6 @@ if TYPE_CHECKING:
     from stochvi.statistics.impacts import ImpactStatistics
     from stochvi.statistics.reliability import Reliability
     from stochvi.statistics.spectra import ResponseSpectrum
-
-LIMIT_UNITS = {"impact_speed": "m/s", "peak_acceleration": "m/s^2"}
-"""Units of the limits that a mission may have, by the event of exceeding them."""
 
 STARTS = {"rest": "rest", "stationary": "the stationary motion"}
 """The starts of a mission in words."""
@@ -179,9 +177,9 @@ def print_reliability(console: Console, found: Reliability, limit_in_g: str | No
         estimate = chance.estimate
         limit = ""
         if chance.limit is not None:
-            quantity = shown_as(LIMIT_UNITS[name])
+            quantity = shown_as(unit_of_limit(name))
             limit = f" > {quantity.text(chance.limit, 'g')}"
-            if name == "peak_acceleration" and limit_in_g and quantity.chosen is None:
+            if not is_speed(name) and limit_in_g and quantity.chosen is None:
                 limit = f" > {limit_in_g.removesuffix('g').strip()} g"
         unseen = estimate.value == 0.0
         known = estimate.bias is not None and not unseen

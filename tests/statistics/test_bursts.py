@@ -1,6 +1,7 @@
 """Impact clusters from first impacts on, against exact laws and against simulating everything."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -29,6 +30,9 @@ from stochvi.engine.sums import (
     POSITION_FORCE,
     SHARPEST,
 )
+from stochvi.isolators.sizing.answer import Target
+from stochvi.isolators.sizing.exceedances import exceedances, window_sampler
+from stochvi.isolators.sizing.targets import limit_of_pairs, widening
 from stochvi.mathematics.impact_rates import rice_rate
 from stochvi.methods.monte_carlo.tabulated import plan_tabulated
 from stochvi.model.model import model_of
@@ -36,7 +40,10 @@ from stochvi.results.estimates import Estimate, of_events
 from stochvi.scenes.impact_laws import Law, SpeedRestitution
 from stochvi.statistics.bursts import Bursts, bursts, chance_of, is_far
 from stochvi.statistics.cluster_paths import ClusterPaths, widened
+from stochvi.statistics.rare_hits import rare_hits
+from stochvi.statistics.structure_hits import Limit, widening_of
 from stochvi.testing import assert_agrees
+from stochvi.views.report.stops import limit_in_words
 from support.accuracies import rel_errors
 from support.one_mass import Flown, fly_along, stops_at
 
@@ -336,3 +343,26 @@ def test_a_rare_chance_has_the_relative_biases_of_its_rate_and_of_the_ends_of_a_
     assert found.value == pytest.approx(1e-4, rel=1e-4)
     assert found.standard_error == pytest.approx(1e-5, rel=2e-4)
     assert found.bias == pytest.approx((0.02 + 0.03) * 1e-4, rel=2e-4)
+
+
+@pytest.mark.parametrize("event", ["impact_energy", "hit"])
+def test_an_event_that_is_not_known_is_refused_and_not_taken_for_another(event: str) -> None:
+    scene = unit(4.0, Elastic(stiffness=1e4))
+    found = bursts(scene, rel_error=0.5, seed=1)
+    assert found.largest("impact_speed").tolist() != found.largest("peak_acceleration").tolist()
+    sampler = window_sampler(scene, event, 10.0, 1)
+    target = Target(name=event, value=1.0, unit="J", exceedance=0.1)
+    asked: list[Callable[[], object]] = [
+        lambda: found.largest(event),
+        lambda: found.exceedance_rate(event, 1.0),
+        lambda: rare_hits(scene, event, 1.0, mission=10.0, rel_error=0.5),
+        lambda: exceedances(scene, [4.0], 10.0, event=event),
+        lambda: widening_of(model_of(scene), Limit(event, 1.0)),
+        lambda: sampler.simulate(0, 2),
+        lambda: limit_of_pairs(scene, target, None),
+        lambda: widening(scene, target, 1.0, 4.0),
+        lambda: limit_in_words(target),
+    ]
+    for ask in asked:
+        with pytest.raises(ValueError, match="event must be 'impact_speed' or 'peak_accel"):
+            ask()

@@ -29,6 +29,7 @@ from stochvi.sampling.options import RunOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import Bursts, bursts
+from stochvi.statistics.hardness import IMPACT_SPEED, PEAK_ACCELERATION, unit_of_limit
 from stochvi.statistics.structure_hits import WindowSampler
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ def event_of(scene: Scene) -> str:
     """The quantity by which the hardest impact is judged: its peak acceleration or, where a stop is
     rigid and has no stiffness, its speed."""
     rigid = any(stop.rigid for stop in model_of(scene).stops)
-    return "impact_speed" if rigid else "peak_acceleration"
+    return IMPACT_SPEED if rigid else PEAK_ACCELERATION
 
 
 @sampled
@@ -107,6 +108,7 @@ def exceedances(
     import pandas as pd
 
     event, run = event or event_of(scene), Run.of(options)
+    unit_of_limit(event)  # refuses others before any work
     seen: list[TrialExtremes] = []
     for number, clearance in enumerate(clearances):
         stopped = at_clearances(scene, clearance)

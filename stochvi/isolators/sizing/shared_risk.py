@@ -42,6 +42,7 @@ from stochvi.results.estimates import Estimate
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.cluster_paths import WINDOWS
+from stochvi.statistics.hardness import is_speed
 from stochvi.statistics.pair_crossings import (
     FirstCrossings,
     PairMotion,
@@ -289,7 +290,7 @@ class SharedRisk(SizingMethod):
 
     def check_free_motion(self, exceedance: float) -> None:
         """Raise `NotApplicable` if springs and dampers alone exceed the limit of the target."""
-        if self.limit is None or self.limit.event != "peak_acceleration":
+        if self.limit is None or is_speed(self.limit.event):
             return
         alone = without_stops(self.model, self.limit, self.mission)
         if alone >= exceedance:

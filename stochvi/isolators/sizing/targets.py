@@ -10,6 +10,13 @@ from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.scenes.impact_laws import CompliantLaw
 from stochvi.scenes.scene import LARGEST_NUMBER, Scene
+from stochvi.statistics.hardness import (
+    IMPACT_SPEED,
+    PEAK_ACCELERATION,
+    UNIT_OF_LIMIT,
+    is_speed,
+    unit_of_limit,
+)
 from stochvi.statistics.structure_hits import (
     TYPICAL_SPEED,
     WIDEST,
@@ -30,8 +37,8 @@ def target_of(
     known = {
         "probability": (probability, "1"),
         "rate": (rate, "1/s"),
-        "impact_speed": (impact_speed, "m/s"),
-        "peak_acceleration": (peak_acceleration, "m/s^2"),
+        IMPACT_SPEED: (impact_speed, unit_of_limit(IMPACT_SPEED)),
+        PEAK_ACCELERATION: (peak_acceleration, unit_of_limit(PEAK_ACCELERATION)),
     }
     given = [name for name, (value, _) in known.items() if value is not None]
     if len(given) != 1:
@@ -47,7 +54,7 @@ def target_of(
         raise ValueError(f"{name} must be {span}, got {value:g}{percent}")
     if not 0.0 < exceedance < 1.0:
         raise ValueError(f"exceedance must be in (0, 1), got {exceedance:g}")
-    limited = name in ("impact_speed", "peak_acceleration")
+    limited = name in UNIT_OF_LIMIT
     return Target(name=name, value=value, unit=unit, exceedance=exceedance if limited else None)
 
 
@@ -55,7 +62,7 @@ def widening(scene: Scene, target: Target, velocity_std: float, clearance: float
     """Factor by which first impacts are drawn faster than usual, so that some exceed the limit."""
     model = model_of(scene)
     speed = target.value
-    if target.name == "peak_acceleration":
+    if not is_speed(target.name):
         left = max(target.value - model.omega**2 * clearance, 0.1 * target.value)
         softest = next(
             stop.law for stop in model.stops_per_unit_mass if isinstance(stop.law, CompliantLaw)
@@ -72,7 +79,7 @@ def check_at(scene: Scene, target: Target, at: str | None) -> None:
     """Raise `ValueError` where `at` belongs to another target, or names nothing of the scene."""
     if at is None:
         return
-    if target.name != "peak_acceleration":
+    if target.name != PEAK_ACCELERATION:
         raise ValueError(f"at = {at!r} belongs to peak_acceleration, which is not given")
     names = model_of(scene).outputs
     if not any(at in (name, name.rpartition(".")[0]) for name in names):
@@ -90,10 +97,12 @@ def limit_of_pairs(scene: Scene, target: Target, at: str | None) -> Limit | None
         raise NotApplicable(
             "size", ["the scene needs an impact_pair for every gap that is to be sized"]
         )
-    if target.name == "peak_acceleration":
-        check_forces(model)
-        return Limit(target.name, target.value, outputs_of(scene, at))
-    return Limit(target.name, target.value) if target.name == "impact_speed" else None
+    if target.exceedance is None:
+        return None
+    if is_speed(target.name):
+        return Limit(target.name, target.value)
+    check_forces(model)
+    return Limit(target.name, target.value, outputs_of(scene, at))
 
 
 def check_laws(scene: Scene, target: Target) -> None:
@@ -101,7 +110,7 @@ def check_laws(scene: Scene, target: Target) -> None:
     if not scene.impact_pairs:
         raise NotApplicable("size", [f"{target.name} needs an impact_pair, for its law"])
     rigid = [side for side, law in scene.impact_pairs[0].stops() if law.rigid]
-    if target.name == "peak_acceleration" and rigid:
+    if target.exceedance is not None and not is_speed(target.name) and rigid:
         raise NotApplicable(
             "size",
             [

@@ -129,8 +129,9 @@ def root(problem: Problem, start: Unknowns, *, patient: bool = True) -> Unknowns
     if not patient:
         return None
     # the hybrid steps of MINPACK stall at a kink and next to an edge of a density
-    slow = least_squares(
-        shifted, np.ones(len(start)), xtol=1e-14, ftol=None, gtol=None, max_nfev=60
-    )
+    with np.errstate(all="ignore"):  # nothing changes around a start that describes no response
+        slow = least_squares(
+            shifted, np.ones(len(start)), xtol=1e-14, ftol=None, gtol=None, max_nfev=60
+        )
     unknowns = start + (slow.x - 1.0)
     return unknowns if np.abs(problem(unknowns)).max() < ACCEPTED else None

@@ -39,6 +39,7 @@ from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.free_windows import has_fast_peaks
+from stochvi.statistics.hardness import is_speed
 from stochvi.statistics.pair_crossings import same_gaps
 from stochvi.statistics.reliability.answer import Chance, Reliability
 from stochvi.statistics.reliability.choice import MISSED, Hits, Jobs, Way
@@ -382,7 +383,7 @@ def _of_pairs(
             f"peak_acceleration of {limit.value:.4g} m/s^2 is exceeded without any stop, with a "
             f"probability of {alone:.3g} at least; only contacts are counted here"
             for limit in limits
-            if limit.event == "peak_acceleration"
+            if not is_speed(limit.event)
             and (alone := without_stops(model_of(scene), limit, mission)) >= AS_MUCH
         ],
         missing=missing,
@@ -625,10 +626,11 @@ def _beyond_at_the_start(
     )
     if outside <= AT_ONCE * chance.estimate.value:
         return []
-    beyond = "the stops" if chance.event == "hit" else "the barriers"
+    hit = {"hit": True, "passage": False}[chance.event]
+    beyond = "the stops" if hit else "the barriers"
     apart = (
         "; expected impacts, and all else, belong to the motion with the stops, and may be fewer"
-        if chance.event == "hit"
+        if hit
         else ""
     )
     return [

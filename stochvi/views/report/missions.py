@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stochvi.isolators.sizing.answer import NEAR_ONE, spoken_mission, spoken_percent
-from stochvi.mathematics.shown_units import ACCELERATION, SPEED
+from stochvi.mathematics.shown_units import ACCELERATION, SPEED, readable
 from stochvi.results.base import plain
 from stochvi.results.origin import Origin, origin_of
 from stochvi.results.quantity_units import of_angle
 from stochvi.scenes.structures import Isolator
+from stochvi.statistics.hardness import unit_of_limit
 from stochvi.views.axes import PAGE, axes_or_new, label_for_page
 from stochvi.views.colours import COLOURS
 from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history, plot_waterfall
@@ -153,9 +154,7 @@ def _event(chance: Chance) -> str:
     words = EVENTS[chance.event]
     if chance.limit is None:
         return words
-    if chance.event == "peak_acceleration":
-        return f"{words} {ACCELERATION.text(chance.limit)}"
-    return f"{words} {SPEED.text(chance.limit)}"
+    return f"{words} {readable(unit_of_limit(chance.event)).text(chance.limit)}"
 
 
 def _value(chance: Chance) -> str:

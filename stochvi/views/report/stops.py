@@ -19,6 +19,7 @@ from stochvi.mathematics.shown_units import (
     Size,
 )
 from stochvi.results.intervals import GAUSSIAN_95
+from stochvi.statistics.hardness import is_speed
 from stochvi.views.report.pages import Grid, Picture, Section, shown
 from stochvi.views.sizing import (
     plot_exceedances,
@@ -223,7 +224,8 @@ def _impacts_grid(motion: MotionBetweenStops, impacts: pd.DataFrame) -> Grid:
 
 def limit_in_words(target: Target) -> str:
     """The limit of a target: an acceleration in g, a speed in m/s, unless units are chosen."""
-    return target.in_g if target.name == "peak_acceleration" else target.limit
+    limited = target.exceedance is not None
+    return target.in_g if limited and not is_speed(target.name) else target.limit
 
 
 def exceeding_in_words(found: Exceeding | None) -> str:
@@ -239,7 +241,7 @@ def hard_hits_section(review: Review) -> Section:
     title, table = "Hard impacts", review.exceedances
     if table is None or not len(table):
         return Section(title=title)
-    peak = table["event"].iloc[0] == "peak_acceleration"
+    peak = not is_speed(table["event"].iloc[0])
     what, quantity = ("peak acceleration", ACCELERATION) if peak else ("impact speed", SPEED)
     marks = sorted(set(table.loc[table["mark"], "limit"]))
     rows = []

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import warnings
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from stochvi import (
     Isolator,
     Matrices,
     NotApplicable,
+    NotConverged,
     Oscillator,
     Restitution,
     Scene,
@@ -22,7 +25,7 @@ from stochvi import (
     linearise,
     simulate,
 )
-from stochvi.scenes import BoucWen, FilteredNoise
+from stochvi.scenes import BoucWen, FilteredNoise, VanDerPol
 
 ROPE = {"kind": "bouc-wen", "stiffness": 2.0, "yield_displacement": 0.3}
 RIGID = [ImpactPair(lower=-1.0, upper=1.0, law=Restitution(coefficient=1.0))]
@@ -137,3 +140,18 @@ def test_what_hysteresis_does_not_take_is_named() -> None:
         linearise(scene_of(excitation=band, spring=ROPE))
     with pytest.raises(NotApplicable, match=r"structure\.spring must be linear"):
         linearise(scene_of(spring=ROPE), form="force")
+
+
+def test_a_search_that_ends_nowhere_gives_no_warnings() -> None:
+    """A self-excited mass at a wall, from starts that describe no response."""
+    scene = Scene(
+        structure=Oscillator(
+            mass=1.0, damping=0.0, stiffness=1.0, damper=VanDerPol(damping=0.1, amplitude=0.5)
+        ),
+        impact_pairs=[ImpactPair(upper=1.0, law=Restitution(coefficient=0.8))],
+        excitations=[WhiteNoise(intensity=0.05)],
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with contextlib.suppress(NotConverged, NotApplicable):
+            linearise(scene)
