@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal, TypedDict, Unpack
@@ -20,7 +21,7 @@ from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.units import STANDARD_GRAVITY, listed_units
 from stochvi.mathematics.units import unit as unit_called
 from stochvi.results.errors import SceneError
-from stochvi.scenes.records import read_record
+from stochvi.scenes.records import CUT_OFF, cut_off, read_record
 from stochvi.scenes.si_columns import si_columns
 from stochvi.scenes.text_tables import all_columns, read_text_table
 
@@ -150,6 +151,8 @@ def _drop(
     if mass is None:
         raise ValueError("mass must be given for a drop (kg), got none")
     record, columns = read_record(path, **keys)
+    if cut_off(record.values):
+        warnings.warn(f"record {path.name}: {CUT_OFF}", stacklevel=4)
     known = columns.unit
     if given is not None:
         named = unit_called(given)

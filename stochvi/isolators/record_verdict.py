@@ -17,6 +17,7 @@ from stochvi.model.coverage import nonlinear
 from stochvi.model.model import Model, model_of
 from stochvi.results.base import plain
 from stochvi.scenes.excitations import RecordedNoise
+from stochvi.scenes.records import cut_off
 from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import MOTIONS, RigidBody
 
@@ -68,11 +69,6 @@ FASTER, START_LEFT = 1.5, 0.05
 """Ratio of the rate of mean crossings to the natural frequency above which the start from rest
 moves the mount more than the stationary motion. The start is left out of the judgement until it has
 died out to `START_LEFT` times the stationary motion."""
-
-CLIPPED_SAMPLES, CLIPPED_BAND, CLIPPED_RATIO = 8, 0.02, 2.0
-"""A record counts as cut off where at least `CLIPPED_SAMPLES` of its samples lie at its largest (or
-smallest) value. They must also be `CLIPPED_RATIO` times as many as in the band before it, whose
-width is `CLIPPED_BAND` times that value."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -529,22 +525,6 @@ def expected_peak(duration: float, law: ResponseLaw) -> float:
         below = peak_probability(middle, duration, law) < 0.5
         low, high = (middle, high) if below else (low, middle)
     return low
-
-
-def cut_off(values: Vector) -> bool:
-    """Whether samples pile up at the largest or the smallest value, as a logger leaves them."""
-    for side in (values, -values):
-        top = float(side.max())
-        if top == float(np.median(side)):
-            continue  # at rest for half of the time, as between shocks
-        # neighbouring values of a logger with few digits count as one band
-        following = float(np.max(side[side < top], initial=-math.inf))
-        width = max(CLIPPED_BAND * abs(top), 1.5 * (top - following))
-        at_top = int(np.sum(side == top))
-        before = int(np.sum(side >= top - width)) - at_top
-        if at_top >= CLIPPED_SAMPLES and at_top > CLIPPED_RATIO * before:
-            return True
-    return False
 
 
 class JudgedMotion(NamedTuple):

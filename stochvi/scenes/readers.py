@@ -117,6 +117,8 @@ def _read_text(
     table = read_text_table(path, names, LARGEST_DATA_FILE if record else None)
     count = len(table.headings)
     chosen = None if column is None else table.column_called(column)
+    if chosen is None and count > len(names) == len(table.numeric):
+        chosen = table.numeric[-1]  # the others hold remarks
     x = _column_of(table, quantity, chosen, needed=len(names) > 1)
     if x is None:
         if chosen is None and count > 1:
@@ -206,10 +208,9 @@ def _counts_rows(table: TextTable, chosen: int | None) -> bool:
     """Whether, of columns without headings, the first numbers the rows and another one rises."""
     if len(table.headings) < 3 or any(each.cells for each in table.headings):
         return False
-    first, *others = table.columns(*range(len(table.headings)))
+    first = table.columns(0)[0]
+    others = table.columns(*(n for n in table.numeric if n not in (0, chosen)))
     rise = [bool(np.all(np.diff(each) > 0.0)) for each in others]
-    if chosen:
-        rise.pop(chosen - 1)
     return bool(np.all(np.diff(first) == 1.0)) and any(rise)
 
 

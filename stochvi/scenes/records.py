@@ -85,6 +85,17 @@ that rounded times leave."""
 GAPS_LISTED = 3
 """Largest number of gaps that a sentence lists."""
 
+CLIPPED_SAMPLES, CLIPPED_BAND, CLIPPED_RATIO = 8, 0.02, 2.0
+"""A record counts as cut off where at least `CLIPPED_SAMPLES` of its samples lie at its largest (or
+smallest) value. They must also be `CLIPPED_RATIO` times as many as in the band before it, whose
+width is `CLIPPED_BAND` times that value."""
+
+CUT_OFF = (
+    "it is cut off at its largest or smallest value, as by a logger at the end of its range: the "
+    "motion under it is too small; measure again with a larger range"
+)
+"""What is said of such a record."""
+
 BLOCKS = 16
 """Number of blocks of a record for the jackknife error of its kurtosis."""
 
@@ -256,6 +267,22 @@ class Record:
         wanted = math.ceil((1.0 - RATES_EQUAL) * self.fs / resolution_hz)
         length = next_fast_len(min(wanted, longest), True)
         return _welch(self, min(length, longest))
+
+
+def cut_off(values: Vector) -> bool:
+    """Whether samples pile up at the largest or the smallest value, as a logger leaves them."""
+    for side in (values, -values):
+        top = float(side.max())
+        if top == float(np.median(side)):
+            continue  # at rest for half of the time, as between shocks
+        # neighbouring values of a logger with few digits count as one band
+        following = float(np.max(side[side < top], initial=-math.inf))
+        width = max(CLIPPED_BAND * abs(top), 1.5 * (top - following))
+        at_top = int(np.sum(side == top))
+        before = int(np.sum(side >= top - width)) - at_top
+        if at_top >= CLIPPED_SAMPLES and at_top > CLIPPED_RATIO * before:
+            return True
+    return False
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,17 +30,23 @@ MISSING = frozenset(
 spreadsheets, and the texts for infinity and NaN that C libraries of Windows print."""
 
 
-STARTS_FORMULA = re.compile(r"[=+\-@\t\r].")
-"""Start of a text that a spreadsheet runs as a formula."""
+STARTS_FORMULA = re.compile(r"\s*[=+\-@\uff1d\uff0b\uff0d\uff20].|[\t\r\n]", re.S)
+"""Start of a text that a spreadsheet runs as a formula, also with signs of full width, and after
+blanks, which some leave out."""
+
+LINE_ENDS = re.compile(r"\r\n?|[\n\v\f\x1c-\x1e\x85\u2028\u2029]")
+"""Characters that may end a row of a table for one of its readers."""
 
 
 def as_text(cell: str) -> str:
-    """A text as a spreadsheet shows it and does not run it, with an apostrophe before a formula.
+    """A text as a spreadsheet shows it and does not run it, in one line, with an apostrophe before
+    a formula.
 
-    >>> as_text("=1+1"), as_text("-0.5"), as_text("lower")
-    ("'=1+1", '-0.5', 'lower')
+    >>> as_text("=1+1"), as_text("-0.5"), as_text("lower"), as_text("a\\r=1+1")
+    ("'=1+1", '-0.5', 'lower', 'a =1+1')
     """
-    return f"'{cell}" if STARTS_FORMULA.match(cell) and not is_number(cell) else cell
+    formula = STARTS_FORMULA.match(cell) and not is_number(cell)
+    return ("'" if formula else "") + LINE_ENDS.sub(" ", cell)
 
 
 def is_number(cell: str) -> bool:

@@ -158,7 +158,7 @@ class TextTable:
     """The rows of a text file, still text, and the headings of its columns.
 
     `lines` are the rows with their numbers in the file, `above` the lines above them, and `remarks`
-    all other lines.
+    all other lines. `numeric` are the places of the columns that hold numbers or time stamps.
     """
 
     path: Path
@@ -168,6 +168,7 @@ class TextTable:
     delimiter: str | None
     headings: Sequence[Heading]
     decimal_comma: bool
+    numeric: Sequence[int]
     values: NDArray[np.float64] | None = None
     """All columns, (rows, columns), of a large table that was read at once."""
 
@@ -532,8 +533,13 @@ def _table_of(path: Path, written: str, names: Sequence[str]) -> TextTable:
         headings = headings_above(
             above, delimiter, count, len(some[0]), bool(STAMP.fullmatch(some[0][0]))
         )
+        numeric = [
+            place
+            for place in range(count)
+            if any(count_values(row[place : place + 1]) for row in some)
+        ]
         for place, each in enumerate(headings):
-            if each.unit and not any(count_values(cells[place : place + 1]) for cells in some):
+            if each.unit and place not in numeric:
                 raise MisfitHeading(each.line, count)
     except MisfitHeading as heading:
         raise SceneError(
@@ -542,7 +548,7 @@ def _table_of(path: Path, written: str, names: Sequence[str]) -> TextTable:
         ) from None
     return TextTable(
         path=path, lines=rows, above=above, remarks=above + below, delimiter=delimiter,
-        headings=headings,
+        headings=headings, numeric=numeric,
         decimal_comma=any("," in cell for cells in some for cell in cells if is_number(cell)),
     )  # fmt: skip
 
@@ -637,7 +643,7 @@ def _most_cells(line: str) -> int:
 def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:
     """Delimiter of most lines that hold numbers, number of cells of a line, and whether all of them
     are numbers."""
-    best = (0, 0)
+    best = (0, False)
     choice: tuple[str | None, int, bool] = None, 0, False
     for delimiter in DELIMITERS:
         whole: Counter[int] = Counter()
@@ -656,11 +662,14 @@ def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:
                 values = count_values(cells)
                 whole[len(cells)] += values == len(cells)
                 part[len(cells)] += values >= needed
-        for counts, full in ((whole, True), (part, False)):
-            usual, number = max(((n, -count) for count, n in counts.items()), default=(0, 0))
-            score = (usual, 0) if full else (0, usual)
-            if score > best:
-                best, choice = score, (delimiter, -number, full)
+        usual = max(whole.values(), default=0)
+        # a few rows without remarks do not make numbers of those that have them
+        full = 2 * usual > max(part.values(), default=0)
+        usual, number = max(
+            ((n, -count) for count, n in (whole if full else part).items()), default=(0, 0)
+        )
+        if (usual, full) > best:
+            best, choice = (usual, full), (delimiter, -number, full)
     if choice == (",", 2, True) and needed == 1 and _decimal_fractions(lines):
         return None, 1, True
     return choice

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from stochvi import RecordedNoise, SceneError, TabulatedNoise, screen
+from stochvi import RecordedNoise, SceneError, TabulatedNoise, linearise, replay, screen
 from stochvi.mathematics.spectra import MOST_BREAKPOINTS, response_moments
 from stochvi.results.estimates import Estimate
 from stochvi.scenes.readers import TIME_RESPONSE
@@ -277,6 +277,20 @@ def test_a_record_without_a_unit_is_asked_for_one(tmp_path: Path) -> None:
         RecordedNoise(file=path)
     with pytest.raises(SceneError, match=r"= 1000, expected 0\.1 to 25 Hz"):
         RecordedNoise(file=path, unit="g", resolution_hz=1000.0)
+
+
+def test_every_answer_from_a_record_that_is_cut_off_says_so(tmp_path: Path) -> None:
+    values = white_record(60.0).values
+    text = (
+        '[structure]\nkind = "isolator"\nfrequency_hz = 12.0\nzeta = 0.1\n'
+        '[[excitation]]\nkind = "record"\nfile = "run.csv"\nunit = "m/s2"\nfs = 400.0\n'
+    )
+    (tmp_path / "scene.toml").write_text(text)
+    for limit in (2.0 * values.std(), math.inf):
+        np.savetxt(tmp_path / "run.csv", np.clip(values, -limit, limit))
+        scene = load_scene(tmp_path / "scene.toml")
+        for notes in (screen(scene).notes, replay(scene).warnings, linearise(scene).warnings):
+            assert any("is cut off at its largest" in note for note in notes) == (limit < 1e9)
 
 
 # files of loggers ---------------------------------------------------------------------------

@@ -176,6 +176,45 @@ def test_rows_in_descending_order_and_rows_without_density_at_the_ends(tmp_path:
     assert_same(noise(tmp_path, "\n".join([ROWS[0], *ROWS]), unit="g2/Hz"))
 
 
+@pytest.mark.parametrize("decibels", [False, True])
+def test_a_table_that_begins_at_0_hz_has_its_energy_up_to_the_next_row(
+    tmp_path: Path, decibels: bool
+) -> None:
+    frequency, density = np.array([0.0, 5.0, 10.0, 30.0]), np.array([0.004, 0.012, 0.015, 0.006])
+    heights = 10.0 * np.log10(density) if decibels else density
+    rows = "\n".join(f"{f:.12g} {g:.12g}" for f, g in zip(frequency, heights, strict=True))
+    found = noise(tmp_path, rows, unit="dB re 1 g2/Hz" if decibels else "g2/Hz")
+    # straight lines up to 5 Hz, and the table without its first row from there on
+    omega, zeta = 2.0 * np.pi * 3.0, 0.1
+    f = np.linspace(5e-3, 5.0, 200_001)
+    gain = 1.0 / ((omega**2 - (2 * np.pi * f) ** 2) ** 2 + (2 * zeta * omega * 2 * np.pi * f) ** 2)
+    line = np.trapezoid(gain * np.interp(f, frequency, density) * STANDARD_GRAVITY**2, f)
+    rest = TabulatedNoise(frequency_hz=frequency[1:], density=density[1:], unit="g2/Hz").table
+    above = response_moments([rest], omega, 2.0 * zeta * omega).displacement
+    whole = response_moments([found.table], omega, 2.0 * zeta * omega).displacement
+    assert whole == pytest.approx(line + above, rel=1e-3)
+    assert whole > 10.0 * above  # the first row is not left out
+    assert "between 0 and 5 Hz its density is a straight line" in " ".join(found.assumptions())
+
+
+def test_the_offset_of_a_sensor_at_0_hz_is_left_out(tmp_path: Path) -> None:
+    found = noise(tmp_path, "\n".join(["0;5", *ROWS]), unit="g2/Hz")
+    assert_same(found)
+    assert "1 row without density or frequency" in " ".join(found.assumptions())
+
+
+def test_a_column_of_slopes_is_a_remark(tmp_path: Path) -> None:
+    slopes = ["+3 dB/oct", "flat", "-3 dB/oct", ""]
+    rows = [f"{row};{slope}" for row, slope in zip(ROWS, slopes, strict=True)]
+    assert_same(noise(tmp_path, "\n".join(["Frequency (Hz);PSD (g2/Hz);slope", *rows])))
+    assert_same(noise(tmp_path, "\n".join(rows), unit="g2/Hz"))
+
+
+def test_two_tables_in_one_file_are_not_to_be_sorted_into_one(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"line 5: .*; keep one table, as a second one seems"):
+        noise(tmp_path, "\n".join([*ROWS, *ROWS]), unit="g2/Hz")
+
+
 @pytest.mark.parametrize(
     ("rows", "words"),
     [

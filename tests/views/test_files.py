@@ -240,6 +240,23 @@ def test_a_band_that_touches_zero_does_not_stretch_a_logarithmic_axis(tmp_path: 
     assert low < 1e-4 and high > 1e-2 and high < 1e12 * low
 
 
+@pytest.mark.parametrize("end", ["\r", "\n", "\r\n", "\u2028", "\x0b"])
+def test_a_name_with_a_line_end_stays_in_its_cell(tmp_path: Path, end: str) -> None:
+    frame = pd.DataFrame({"pair": [f"{end}=1+1", f"a{end}=1+1"], "x": [1.0, 2.0]})
+    write_table(frame, tmp_path / "table.csv")
+    text = (tmp_path / "table.csv").read_bytes().decode()
+    assert [row.split(",") for row in text.splitlines()] == [
+        ["pair", "x"], ["' =1+1", "1.0"], ["a =1+1", "2.0"],
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("cell", ["\uff1d1+1", "\uff0b1+1", "\uff0d1+1", "\uff20SUM(A1)", " =1+1",
+                                  "\u00a0 =1+1", "  -1+cmd"])  # fmt: skip
+def test_signs_of_full_width_and_blanks_do_not_hide_a_formula(tmp_path: Path, cell: str) -> None:
+    write_table(pd.DataFrame({"pair": [cell]}), tmp_path / "table.csv")
+    assert (tmp_path / "table.csv").read_text("utf-8") == f"pair\n'{cell}\n"
+
+
 def test_no_text_of_a_table_is_a_formula_for_a_spreadsheet(tmp_path: Path) -> None:
     """Names of pairs and coordinates come from scenes that others write."""
     formulas = ["=HYPERLINK(1)", "+1+cmd", "-1+cmd", "@SUM(A1)", "\t=1"]

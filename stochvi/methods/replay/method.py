@@ -195,6 +195,9 @@ def replay(
         ),
         warnings=(
             *_without_samples(numbers, keep),
+            *dict.fromkeys(
+                doubt for each in records_of(scene, model) for doubt in each.noise.doubts()
+            ),
             *_without_mean(scene, model, found[-1]),
         ),
         cost=Cost(

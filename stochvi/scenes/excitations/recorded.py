@@ -22,10 +22,12 @@ from stochvi.scenes.excitations.base import (
     unread_unit,
 )
 from stochvi.scenes.records import (
+    CUT_OFF,
     FEWEST_BINS,
     FEWEST_SEGMENT_LENGTHS,
     LONGEST_WINDOW,
     Record,
+    cut_off,
     listed_gaps,
     read_record,
     response_error,
@@ -202,13 +204,21 @@ class RecordedNoise(DensityNoise):
             f"{estimate.resolution_hz:.3g} Hz, {100.0 * estimate.relative_error:.2g} % each",
         )
 
+    def doubts(self) -> tuple[str, ...]:
+        """Sentences on what makes the record itself doubtful: a text that may be a unit, its clock,
+        and whether it is cut off."""
+        record = self._as_read
+        clock = (record.interpolated,) if record.interpolated else ()
+        cut = (CUT_OFF,) if cut_off(record.values) else ()
+        return tuple(
+            f"record {Path(self.file).name}: {note}" for note in (*self._doubts, *clock, *cut)
+        )
+
     def cautions(self, omega: float, damping_rate: float, *, alone: bool = True) -> tuple[str, ...]:
         """Sentences on how uncertain the record leaves the response of an oscillator with this
         omega (rad/s) and damping rate (1/s); if one of these is 0, only on the record itself. The
         oscillator is `alone`, or the slowest mode of a structure of several."""
-        record = self._record
-        clock = (record.interpolated,) if record.interpolated else ()
-        found = [f"record {Path(self.file).name}: {note}" for note in (*self._doubts, *clock)]
+        record, found = self._record, [*self.doubts()]
         kurtosis, doubt = record.kurtosis()
         if kurtosis - 3.0 > SEEN * doubt:
             found.append(

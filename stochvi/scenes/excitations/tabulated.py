@@ -9,6 +9,7 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 from pydantic import PrivateAttr, model_validator
 
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.units import DENSITIES, Unit, power_ratio, unit
 from stochvi.results.errors import SceneError
@@ -190,8 +191,9 @@ class TabulatedNoise(DensityNoise):
 def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tuple[str, ...]]:
     """Rows of a file as a table needs them, and notes on what was changed.
 
-    Rows in descending order are reversed. Rows at 0 Hz, and rows with the density 0 at either end,
-    are left out. One of two equal rows is dropped.
+    Rows in descending order are reversed. Rows with the density 0 at either end are left out. From
+    a row at 0 Hz a straight line leads to the next one, unless it is so high that it is the offset
+    of a sensor; then it is left out. One of two equal rows is dropped.
 
     Raises
     ------
@@ -219,10 +221,12 @@ def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tupl
     falls = np.diff(frequency) < 0.0
     if falls.any():
         row = int(np.argmax(falls)) + 1
+        anew = falls.sum() == 1 and 1 < row < len(falls) and frequency[row] <= frequency[1]
         raise refuse(
             row,
             "needs increasing frequency_hz (twice the same for a step), got "
-            f"{frequency[row - 1]:g} before {frequency[row]:g}; sort the rows",
+            f"{frequency[row - 1]:g} before {frequency[row]:g}; "
+            + ("keep one table, as a second one seems to begin there" if anew else "sort the rows"),
         )
     for name, values, remedy in (
         ("frequency_hz", frequency, "take out the line"),
@@ -233,6 +237,14 @@ def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tupl
             row = int(np.argmax(wrong))
             got = f"needs positive finite values of {name}, got {values[row]:g}"
             raise refuse(row, f"{got}; {remedy}")
+    if line := _from_zero(frequency, density, decibels):
+        notes.append(
+            f"between 0 and {frequency[1]:g} Hz its density is a straight line on linear axes"
+        )
+        places, heights = line
+        frequency = np.concatenate([places, frequency[1:]])
+        density = np.concatenate([heights, density[1:]])
+        order = np.concatenate([np.full(len(places), order[0]), order[1:]])
     held = (frequency > 0.0) & (decibels | (density > 0.0))
     if not held.any():
         raise SceneError(f"{path} needs positive finite values of density, got none")
@@ -268,3 +280,25 @@ def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tupl
         x=frequency[kept], y=density[kept], unit=columns.unit, stated_in=columns.stated_in
     )
     return found, tuple(notes)
+
+
+def _from_zero(frequency: Vector, density: Vector, decibels: bool) -> tuple[Vector, Vector] | None:
+    """Breakpoints of a straight line from a row at 0 Hz to the next one, which a table on
+    logarithmic axes cannot begin with; None where there is no such row, or it is an offset."""
+    if len(frequency) < 3 or frequency[0] != 0.0 or frequency[1] == 0.0:
+        return None
+    first, following = 10.0 ** (density[:2] / 10.0) if decibels else density[:2]
+    if not 0.0 < first <= OFFSET * following:
+        return None
+    share = np.geomspace(NEAR_ZERO, 1.0, POINTS_FROM_ZERO)[:-1]
+    heights = first + share * (following - first)
+    return share * frequency[1], 10.0 * np.log10(heights) if decibels else heights
+
+
+NEAR_ZERO, POINTS_FROM_ZERO = 1e-3, 101
+"""Where the line from 0 Hz begins, by the next frequency, and number of points on it: a thousandth
+of its area is left out, and pieces on logarithmic axes follow it to 2e-4 between the points."""
+
+OFFSET = 10.0
+"""Ratio of the density at 0 Hz to the next one from which it is the square of an offset, and not
+motion."""
