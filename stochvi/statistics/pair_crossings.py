@@ -80,6 +80,10 @@ ADDED_VARIANCE = 1e-12
 then has no negative eigenvalues from rounding."""
 
 
+class ShocksMeet(NotApplicable):
+    """Shocks come before the motion after the last one is forgotten."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstCrossings(CrossingAges):
     """Ages of outcrossings of the stops of pairs, from which the first impacts of any follow.
@@ -228,10 +232,10 @@ class PairMotion:
             window=length + remembered, sizes=pulses.sizes, two_sided=pulses.two_sided,
         )  # fmt: skip
         if shocks.expected > MOST_IN_WINDOW:
-            raise NotApplicable(
+            raise ShocksMeet(
                 "first_crossings",
                 [f"shocks must be apart, got {shocks.expected:.3g} in the {shocks.window:.3g} s "
-                 "for which their motion is remembered; simulate follows them"],
+                 "for which their motion is remembered; reliability counts missions"],
             )  # fmt: skip
         return shocks
 

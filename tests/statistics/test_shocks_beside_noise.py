@@ -11,7 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from stochvi import (
+    Estimate,
     ImpactPair,
+    Isolator,
     Matrices,
     NotApplicable,
     Oscillator,
@@ -27,6 +29,7 @@ from stochvi.model.model import model_of
 from stochvi.scenes import Pulses
 from stochvi.scenes.phases import Phase
 from stochvi.statistics.pair_crossings import PairMotion
+from stochvi.testing import assert_agrees
 from support.accuracies import quick_cases
 
 Array = NDArray[np.float64]
@@ -268,9 +271,59 @@ def test_two_masses_whose_gaps_shocks_close() -> None:
     assert abs(own.value - counted) < 4.5 * math.hypot(error, own.standard_error) + (own.bias or 0)
 
 
+@pytest.mark.slow
+def test_shocks_that_meet_are_counted_in_missions() -> None:
+    """Three shocks a second on a mount of 15 Hz: each comes while the last one still moves it.
+    Against missions of this test: noise and half-sines in time, and the mount by its transform."""
+    rate, size_, width, mission, level = 3.0, 60.0, 0.011, 10.0, 0.5
+    struck = Scene(
+        structure=Isolator(frequency_hz=15.0, zeta=0.3),
+        impact_pairs=[ImpactPair(lower=-0.006, upper=0.007, law=Restitution(coefficient=0.6))],
+        excitations=[
+            TabulatedNoise(
+                frequency_hz=[5.0, 60.0], density=[level, level], unit="(m/s2)2/Hz", on="base"
+            ),
+            Pulses(
+                rate=rate, shape="half-sine", duration=width, amplitude=size_, sizes="normal",
+                on="base",
+            ),
+        ],
+    )  # fmt: skip
+    found = reliability(struck, mission=mission, seed=1, rel_error=0.05, budget=None).chances["hit"]
+    assert found.way == "missions" and found.lower < found.estimate.value < found.upper
+
+    random, step, before = np.random.default_rng(4), 1e-3, 2.0
+    count = int((mission + before) / step)
+    f, t = np.fft.rfftfreq(count, step), np.arange(count) * step
+    omega, natural = 2.0 * np.pi * f, 30.0 * np.pi
+    moved = -1.0 / (natural**2 - omega**2 + 0.6j * natural * omega)
+    hits = []
+    for _ in range(400):
+        waves = random.standard_normal(len(f)) + 1j * random.standard_normal(len(f))
+        force = waves * np.sqrt(0.25 * level * count / step) * ((f >= 5.0) & (f <= 60.0))
+        shocks = np.zeros(count)
+        for begun in random.uniform(0.0, count * step, random.poisson(rate * count * step)):
+            here = (t >= begun) & (t <= begun + width)
+            shocks[here] += (
+                size_ * random.standard_normal() * np.sin(np.pi * (t[here] - begun) / width)
+            )
+        z = np.fft.irfft(moved * (force + np.fft.rfft(shocks)), count)[int(before / step) :]
+        hits.append(z.max() > 0.007 or z.min() < -0.006)
+    share = float(np.mean(hits))
+    error = math.sqrt(share * (1.0 - share) / len(hits))
+    assert 0.1 < share < 0.9
+    own = found.estimate
+    both = Estimate(
+        value=own.value, standard_error=math.hypot(own.standard_error, error), bias=own.bias
+    )
+    assert_agrees(both, share)
+    with pytest.raises(AssertionError):  # the control: half of it
+        assert_agrees(both, 0.5 * share)
+
+
 def test_what_is_refused() -> None:
-    with pytest.raises(NotApplicable, match="shocks must be apart"):
-        reliability(scene(5.0, 5.0, shock(1.0, rate=20.0)), mission=10.0)
+    with pytest.raises(NotApplicable, match=r"shocks must be apart.*reliability counts missions"):
+        size(scene(5.0, 5.0, shock(1.0, rate=20.0)), probability=0.1, mission=10.0)
     with pytest.raises(NotApplicable, match="shocks must be of one kind"):
         reliability(scene(5.0, 5.0, shock(1.0), shock(2.0)), mission=10.0)
     wave = Sine(amplitude=1.0, frequency_hz=7.0, on="x")

@@ -40,7 +40,7 @@ from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.free_windows import has_fast_peaks
 from stochvi.statistics.hardness import is_speed
-from stochvi.statistics.pair_crossings import same_gaps
+from stochvi.statistics.pair_crossings import ShocksMeet, same_gaps
 from stochvi.statistics.reliability.answer import Chance, Reliability
 from stochvi.statistics.reliability.choice import MISSED, Hits, Jobs, Way
 from stochvi.statistics.reliability.conditioning import (
@@ -54,6 +54,7 @@ from stochvi.statistics.reliability.conditioning import (
     harder_hits_of_pairs,
     hits_of_pairs,
 )
+from stochvi.statistics.reliability.counted import counted_hits
 from stochvi.statistics.reliability.phases import of_phases
 from stochvi.statistics.reliability.random_levels import of_random_level
 from stochvi.statistics.structure_hits import Limit, check_forces, outputs_of, without_stops
@@ -327,6 +328,10 @@ def _of_pairs(
     some = replace(jobs, deadline=jobs.deadline.sooner(1.0 - FIRST_HITS))
     try:
         chance, risks, overlap = first_hits_of_pairs(scene, pair, mission, some)
+    except ShocksMeet:
+        model = model_of(scene)
+        hit = [pair] if pair else [each.name for each in model.pairs]
+        chance, risks, overlap = counted_hits(scene, model, hit, mission, some), {}, 0.0
     except NotApplicable as reason:
         raise NotApplicable("reliability", reason.conditions) from reason
     chances = {"hit": chance}
