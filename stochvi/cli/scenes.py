@@ -32,7 +32,8 @@ kind = "isolator"            # "oscillator": on a fixed base, "isolator": on a m
 frequency_hz = 12.0          # with exactly one of zeta, Q and loss_factor
 zeta = 0.1
 # mass = 2.5                 # kg; needed if a force acts on the mass
-# or: mass (kg), damping (N s/m) and stiffness (N/m); mounts = 4 if these are those of one of four
+# or: mass (kg), stiffness (N/m) and one of damping (N s/m), zeta, Q and loss_factor; mounts = 4 if
+# stiffness and damping are those of one of four
 # springs and dampers that are functions add to these: spring = { kind = "duffing",
 # cubic_stiffness = 1e9 } (N/m^3), or { kind = "polynomial", coefficients = [1e4, 0.0, 1e9] }
 # (N/m, N/m^2, ...), or a measured force { kind = "table", file = "mount.csv", unit = "mm,N" }, or

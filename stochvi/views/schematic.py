@@ -244,7 +244,10 @@ def _spring_in_words(scene: Scene) -> tuple[str, str]:
     if structure.frequency_hz is not None:
         return f"{structure.frequency_hz:g} Hz", _damper_in_words(structure)
     times = f"{structure.in_parallel} x " if structure.in_parallel > 1 else ""
-    return f"{times}{structure.stiffness:g} N/m", f"{times}{structure.damping:g} N s/m"
+    spring = f"{times}{structure.stiffness:g} N/m"
+    if structure.damping is None:
+        return spring, _damper_in_words(structure)
+    return spring, f"{times}{structure.damping:g} N s/m"
 
 
 def _damper_in_words(structure: Oscillator) -> str:

@@ -8,6 +8,7 @@ import pytest
 
 from stochvi import ConstantLoad, Isolator, Matrices, Scene, SceneError, WhiteNoise, exact
 from stochvi.model.model import model_of
+from stochvi.scenes.changed_mounts import changed_mount
 from stochvi.scenes.impact_laws import Elastic
 from stochvi.scenes.scene import ImpactPair
 
@@ -94,3 +95,38 @@ def test_coordinates_bear_names_of_their_own(names: list[str]) -> None:
     eye = [[1.0, 0.0], [0.0, 1.0]]
     with pytest.raises(SceneError, match="different names, none of them empty or 'base', got"):
         Matrices(coordinates=names, mass=eye, damping=eye, stiffness=eye)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "zeta"), [({"zeta": 0.08}, 0.08), ({"Q": 5.0}, 0.1), ({"loss_factor": 0.3}, 0.15)]
+)
+def test_a_mount_is_taken_as_a_catalogue_gives_it(ratio: dict[str, float], zeta: float) -> None:
+    """Six mounts of 9.3 kN/m each under 4.2 kg: mass, stiffness of one mount, and its damping."""
+    mount = Isolator(mass=4.2, stiffness=9300.0, mounts=6, **ratio)  # type: ignore[arg-type]
+    omega = math.sqrt(6.0 * 9300.0 / 4.2)
+    mass, damping, stiffness = (float(each[0, 0]) for each in mount.matrices)
+    assert mass == 4.2 and stiffness == pytest.approx(6.0 * 9300.0)
+    assert damping == pytest.approx(2.0 * zeta * math.sqrt(6.0 * 9300.0 * 4.2))
+    # a stiffer mount of the same rubber keeps its ratio
+    scene = Scene(structure=mount, excitations=[WhiteNoise(density=0.01, unit="g2/Hz")])
+    stiff = changed_mount(scene, 1.2, 1.0).structure
+    assert isinstance(stiff, Isolator)
+    assert stiff.omega == pytest.approx(1.2 * omega)
+    assert stiff.damping_rate == pytest.approx(2.0 * zeta * 1.2 * omega)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"stiffness": 9300.0, "zeta": 0.1}, "needs the mass as well as the stiffness with zeta"),
+        ({"mass": 4.2, "stiffness": 9300.0, "zeta": 0.1, "Q": 5.0}, "exactly one of zeta, Q"),
+        ({"mass": 4.2, "stiffness": 9300.0, "zeta": 0.1, "damping": 3.0}, "got a mixture"),
+        ({"mass": 4.2, "stiffness": 9300.0, "frequency_hz": 9.0, "zeta": 0.1}, "got a mixture"),
+        ({"mass": 4.2, "stiffness": 9300.0}, "one of damping, zeta, Q and loss_factor"),
+    ],
+)
+def test_a_mount_that_says_too_little_or_too_much_is_refused(
+    keys: dict[str, float], words: str
+) -> None:
+    with pytest.raises(SceneError, match=words):
+        Isolator(**keys)  # type: ignore[arg-type]

@@ -37,8 +37,8 @@ DAMPING_RATIOS = ("zeta", "Q", "loss_factor")
 class Oscillator(AnyStructure):
     """A mass on a spring and a damper, x'' + b x' + omega^2 x = f(t).
 
-    Give `mass`, `damping` and `stiffness`, or `frequency_hz` with exactly one of `zeta`, `Q` and
-    `loss_factor`.
+    Give `mass` and `stiffness` with exactly one of `damping`, `zeta`, `Q` and `loss_factor`, or
+    `frequency_hz` with one of the last three.
 
     Parameters
     ----------
@@ -86,15 +86,25 @@ class Oscillator(AnyStructure):
         physical = [name for name in ("damping", "stiffness") if getattr(self, name) is not None]
         ratios = [name for name in DAMPING_RATIOS if getattr(self, name) is not None]
         modal = ["frequency_hz", *ratios] if self.frequency_hz is not None else ratios
+        if physical == ["stiffness"] and modal == ratios != []:  # as catalogues give a mount
+            if self.mass is None:
+                raise ValueError(f"needs the mass as well as the stiffness with {ratios[0]}")
+            if len(ratios) > 1:
+                raise ValueError(
+                    f"needs exactly one of zeta, Q and loss_factor, got {', '.join(ratios)}"
+                )
+            return self
         if physical and modal:
             raise ValueError(
-                "must be given by mass, damping and stiffness or by frequency_hz with zeta, Q or "
-                f"loss_factor, got a mixture: {', '.join(physical + modal)}"
+                "must be given by mass, stiffness and one of damping, zeta, Q and loss_factor or "
+                "by frequency_hz with zeta, Q or loss_factor, got a mixture: "
+                f"{', '.join(physical + modal)}"
             )
         if not modal and (len(physical) < 2 or self.mass is None):
             raise ValueError(
-                "needs mass, damping and stiffness, or frequency_hz with exactly one of zeta, Q "
-                f"and loss_factor, got {given(self, 'mass', 'damping', 'stiffness')}"
+                "needs mass, stiffness and one of damping, zeta, Q and loss_factor, or "
+                "frequency_hz with exactly one of zeta, Q and loss_factor, got "
+                f"{given(self, 'mass', 'damping', 'stiffness')}"
             )
         if modal and (self.frequency_hz is None or len(ratios) != 1):
             raise ValueError(
@@ -171,7 +181,8 @@ class Isolator(Oscillator):
     ----------
     mounts
         How many equal mounts carry the mass side by side, where `stiffness` and `damping` are
-        those of one of them; `frequency_hz` is that of the mass on all mounts, and takes none.
+        those of one of them; a damping ratio, Q or loss factor is that of each and of all.
+        `frequency_hz` is that of the mass on all mounts, and takes none.
     gravity
         Whether gravity pulls the mass towards negative x: it then hangs at -g / omega^2, and
         stops, which are measured from the unloaded spring, lie closer below than above. Leave it
@@ -204,8 +215,8 @@ class Isolator(Oscillator):
     def _mounts_have_a_stiffness(self) -> Self:
         if self.mounts is not None and self.frequency_hz is not None:
             raise ValueError(
-                "takes mounts with the mass, and the stiffness and damping of one mount, got "
-                "frequency_hz, which belongs to all mounts together"
+                "takes mounts with the mass, the stiffness of one mount, and its damping, zeta, Q "
+                "or loss_factor, got frequency_hz, which belongs to all mounts together"
             )
         for name, keys in LIMITED.items():
             both = [key for key in keys if isinstance(getattr(self, key), Mean)]
