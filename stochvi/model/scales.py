@@ -64,6 +64,7 @@ def scales_of(
     substitutes = [_first_guess(modes, pair) for pair in model.pairs]
     scales: tuple[PairScale, ...] = ()
     law = following = linear_law(modes, substitutes)
+    free = linear_law(modes) if modes.tables and model.pairs else None
     for _ in range(ITERATIONS if model.pairs else 0):
         if following is None:  # no spring represents so wide a gap: the last law is kept
             break
@@ -72,6 +73,7 @@ def scales_of(
             _substitute(
                 modes,
                 law,
+                free,
                 pair,
                 modes.gaps[j],
                 old,
@@ -186,6 +188,7 @@ def _without_own_spring(
 def _substitute(
     modes: ModalForm,
     law: LinearLaw,
+    free: LinearLaw | None,
     pair: Pair,
     gap: Vector,
     old: EquivalentLinear,
@@ -199,9 +202,14 @@ def _substitute(
     where nothing holds the gap on a side without a stop.
     """
     square = _shaken(modes, law, pair, gap, method)
+    moving = square
     own, force = held
-    energy = pair.mass * square
     pressing = max(stop.side * (force - own * stop.position) for stop in pair.stops) / pair.mass
+    if free is not None and pressing > 0.0:
+        # a spring as stiff as a mass on its stop asks for moves the resonance out of a table, and
+        # the gap would seem to be at rest: what shakes it throws it off as fast as without the stop
+        square = max(square, free.variances(gap, modes.size))
+    energy = pair.mass * square
     lifting = _energy_behind(modes, law, pair, gap) if pressing > 0.0 else 0.0
     swinging = max(energy, lifting)
     try:
@@ -219,7 +227,7 @@ def _substitute(
         centre=(needed * spread.mean - force) / spring,
         damper=0.5 * (old.damper + power / square),
     )
-    leans = pressing * math.sqrt(cut.variance) > PRESSING_THRESHOLD * square
+    leans = pressing * math.sqrt(cut.variance) > PRESSING_THRESHOLD * moving
     return mixed, PairScale(
         speed=math.sqrt(square),
         pressing=pressing if leans else 0.0,

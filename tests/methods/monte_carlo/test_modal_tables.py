@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numba
 import numpy as np
 import pytest
 
 from stochvi import (
+    ConstantLoad,
     ImpactPair,
     Isolator,
     NotApplicable,
@@ -19,6 +21,7 @@ from stochvi import (
     WhiteNoise,
     simulate,
 )
+from stochvi.mathematics.arrays import Vector
 from stochvi.mathematics.frequency_response import beyond, bin_amplitudes, covariance, gains
 from stochvi.mathematics.spectra import Table
 from stochvi.mathematics.state_space import stationary_covariance
@@ -342,3 +345,88 @@ def test_a_mass_that_is_pressed_onto_its_stop_moves_as_it_does_alone(law: Law) -
     print(one, other, error, bias, too)
     assert np.all(np.abs(one - other) < bias + too + 4.5 * error)
     assert np.all(error < 0.02 * one)
+
+
+# A mass that a load presses onto its stop ---------------------------------------------------------
+
+
+def pressed_pair(load: float) -> Scene:
+    """Two masses; the first is shaken and pressed onto a stop where its spring is slack."""
+    return Scene(
+        structure=Matrices(
+            coordinates=["a", "b"],
+            mass=[[10.0, 0.0], [0.0, 2.0]],
+            damping=[[80.0, -20.0], [-20.0, 20.0]],
+            stiffness=[[6e4, -2e4], [-2e4, 2e4]],
+        ),
+        impact_pairs=[ImpactPair(on="a", lower=0.0, law=Restitution(coefficient=0.4))],
+        excitations=[
+            TabulatedNoise(on="a", frequency_hz=[5.0, 100.0], density=[4.0, 4.0], unit="N2/Hz"),
+            ConstantLoad(on="a", force=-load),
+        ],
+    )
+
+
+@numba.njit
+def pressed_sums(force, dt, load):  # type: ignore[no-untyped-def]
+    """F1, F2, the mean place of a and the mean square velocity of b, in short steps."""
+    x, y, v, w = 0.0, 0.0, 0.0, 0.0
+    sums = np.zeros(4)
+    first = len(force) // 8
+    for n in range(len(force)):
+        one = (force[n] - load - 6e4 * x + 2e4 * y - 80.0 * v + 20.0 * w) / 10.0
+        two = (2e4 * (x - y) + 20.0 * (v - w)) / 2.0
+        v, w = v + one * dt, w + two * dt
+        x, y = x + v * dt, y + w * dt
+        hit = -v if x < 0.0 and v < 0.0 else 0.0
+        x, v = max(x, 0.0), v if hit == 0.0 else 0.4 * hit
+        if n >= first:
+            sums += np.array([hit / dt, hit * hit / dt, x, w * w])
+    return sums / (len(force) - first)
+
+
+def pressed_by_steps(load: float, seed: int) -> tuple[Vector, Vector]:
+    """The same averages of 12 records of 18 s, and their standard errors."""
+    dt, count, records = 2e-5, 2**20, 12
+    random = np.random.default_rng(seed)
+    frequency = np.fft.rfftfreq(count, dt)
+    band = (frequency >= 5.0) & (frequency <= 100.0)
+    found = []
+    for _ in range(records):
+        lines = np.zeros(len(frequency), complex)
+        parts = random.standard_normal((2, int(band.sum())))
+        lines[band] = (parts[0] + 1j * parts[1]) * math.sqrt(4.0 * count / dt / 4.0)
+        found.append(pressed_sums(np.fft.irfft(lines, count), dt, load))
+    return np.mean(found, axis=0), np.std(found, axis=0, ddof=1) / math.sqrt(records)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("load", [8.0, 18.0, 60.0])
+def test_a_mass_that_is_pressed_onto_its_stop(load: float) -> None:
+    """The spring in place of the stop must not make the mass seem at rest, and the step vanish."""
+    found = simulate(pressed_pair(load), paths=32, duration=20.0, seed=2)
+    known, errors = pressed_by_steps(load, 1)
+    pair = next(iter(found.impact_pairs.values()))
+    judged = {
+        "F1": (pair.impact_speed_rate, known[0], errors[0]),
+        "F2": (pair.impact_speed_square_rate, known[1], errors[1]),
+        "place": (found.coordinates["a"].displacement_mean, known[2], errors[2]),
+        "other mass": (found.coordinates["b"].velocity_mean_square, known[3], errors[3]),
+    }
+    for name, (estimate, truth, error) in judged.items():
+        assert estimate is not None and estimate.bias is not None
+        # a mass that lies still is, for the plain steps, one that hits in each of them
+        if load < 60.0 or name != "F2":
+            both = replace(estimate, standard_error=math.hypot(estimate.standard_error, error))
+            assert_agrees(both, truth)
+            if load < 60.0:
+                with pytest.raises(AssertionError):
+                    assert_agrees(both, 1.3 * truth)
+    # the impulses (1 + R) m F1 hold the load and the spring, in both
+    assert known[0] * 14.0 == pytest.approx(load + 4e4 * known[2], rel=0.01)
+
+
+def test_steps_of_a_pressed_box_are_those_of_one_mass() -> None:
+    """Cargo on a floor: the time between samples follows from what shakes it, whatever the load."""
+    steps = [make_plan(model_of(pressed_pair(load))).step for load in (3.0, 18.0, 60.0, 300.0)]
+    assert max(steps) == pytest.approx(min(steps), rel=0.1) and min(steps) > 1e-3
