@@ -121,7 +121,7 @@ def headings_above(
         If a line names columns with units, but not those of the rows: nothing says which is which.
     """
     fitting: list[tuple[int, list[str], bool]] = []
-    last = len(above) - LAST_HEADINGS
+    last, misfit = len(above) - LAST_HEADINGS, None
     for place, (number, line) in enumerate(above):
         own = len(line) if place == len(above) - 1 else longest * (place >= last)
         cells = _heading_cells(line, delimiter, count, longest, own, stamped)
@@ -134,10 +134,16 @@ def headings_above(
             over = any(map(_is_abscissa, cells[len(cells) > count :]))
             if _one_value(line, cells, count) or not (over or any(map(_states_unit, cells))):
                 continue
-            raise MisfitHeading(number, len(cells))
+            misfit = misfit or MisfitHeading(number, len(cells))
+            continue
         labelled = ROW_OF_UNITS.match(cells[0]) is not None and count > 1
         cells = _without_label(cells[:count]) if labelled else cells[:count]
         fitting.append((number, cells, labelled or _all_units(cells)))
+    # a sentence above the headings may name units as well
+    if misfit is not None and not any(
+        number > misfit.line and all(map(_states_unit, row)) for number, row, _ in fitting
+    ):
+        raise misfit
     found = []
     # lines of units come last, because the name of a column is not looked for there
     named = sorted(fitting, key=lambda each: not _holds_units(each[1]))

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stochvi import SceneError, TabulatedNoise
+from stochvi import ForceTable, SceneError, TabulatedNoise
 from stochvi.mathematics.spectra import Table, response_moments
 from stochvi.mathematics.units import STANDARD_GRAVITY
 
@@ -285,3 +285,14 @@ def test_numbers_of_rows_are_not_read_as_frequencies(tmp_path: Path, heading: st
     else:
         with pytest.raises(SceneError, match="has the numbers of rows in its first column"):
             noise(tmp_path, text, column=3, unit="g2/Hz")
+
+
+def test_a_sentence_above_the_headings_may_name_units(tmp_path: Path) -> None:
+    """The shipped bumper has one, with another number of parts than the rows."""
+    path = tmp_path / "bumper.csv"
+    path.write_text(
+        "# a rubber bumper, static test: deflection (mm), force (N)\ndeflection_mm,force_N\n"
+        "0,0\n0.5,60\n1,150\n"
+    )
+    law = ForceTable(file=str(path))
+    assert law.deflection == (0.0, 0.0005, 0.001) and law.force == (0.0, 60.0, 150.0)
