@@ -44,7 +44,7 @@ MOST_LETTERS = 2000
 
 
 def short_line(line: str) -> str:
-    """A line of a message; of a longer one its ends, as what was found stands before the remedy.
+    """A line of a message, without the middle of a long one: its end is the remedy.
 
     >>> len(short_line(70_000 * "9")), short_line(70_000 * "9")[1000:1022]
     (2022, ' (68000 letters more) ')

@@ -496,7 +496,7 @@ class Summary:
 
 
 def summary_of_sizing(found: Sizing | MissionSizing) -> Summary:
-    """Clearance, 3 sigma and impacts of a sizing, or clearances by pair; of a mission of phases the
+    """Clearance, 3 sigma and impacts of a sizing, or clearances by pair; a mission of phases has
     clearances alone. The error of a clearance is that of its interval, taken for Gaussian."""
     from stochvi.isolators import Sizing
 

@@ -101,8 +101,8 @@ PLACES_FOR_NOISE = (
     "for Gaussian noise alone: clearances count from the static equilibrium, rounded up"
 )
 PLACES_TRIED = "tried, and not shown to keep the target"
-"""Headings of the table of places: of those to make, of those where a record does not agree with
-Gaussian noise, and of those that are not shown to keep the target."""
+"""Headings of the table of places: those to make; those for a record that does not agree with
+Gaussian noise; those that are not shown to keep the target."""
 
 
 UNSEEN = "unknown"

@@ -199,16 +199,16 @@ class ClearanceAnswer(Result):
 
     @property
     def made(self) -> RoundedClearance | None:
-        """The clearance to make, rounded up; that of the widest gap, where there are several. None
-        where it was not found or not shown to keep the target, or where a record does not agree
-        with the Gaussian noise for which it was found."""
+        """The clearance to make, rounded up; that of the widest gap, where there are several.
+
+        None where it was not found or not shown to keep the target. It is also None where a record
+        does not agree with the Gaussian noise for which it was found.
+        """
         return widest_of(self.each_made)
 
     @property
     def each_made(self) -> Mapping[str, RoundedClearance]:
-        """The clearance to make of each pair, rounded up; empty where they were not found or not
-        shown to keep the target, or where a record does not agree with the Gaussian noise for which
-        they were found."""
+        """The clearance to make of each pair, rounded up; empty where `made` is None."""
         return {} if self.doubtful or not self.shown_to_keep else self.rounded
 
     @property
