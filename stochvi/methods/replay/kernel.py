@@ -85,8 +85,13 @@ CONTACT, RESTS, LOST = range(3)
 """Columns of the tally of a stop: time in which it pushes (s), how often the mass came to rest on
 it (rigid stops), and the work of its force, per reduced mass (J/kg; 0 of a rigid one)."""
 
-DONE, TOO_MANY = range(2)
-"""Status: the march came to its end; it met more impacts than it may."""
+DONE, TOO_MANY, PAUSED, FULL = range(4)
+"""Status: the march came to its end; it met more impacts than it may; it has taken the steps of one
+call; its log is full. It goes on from the last two."""
+
+BEGUN, SAMPLE, KEPT, CHANGES, LOGGED = range(5)
+"""Counts of a march: whether it has begun, the sample at which it is, whether that was kept, the
+changes of state since then, and the impacts so far."""
 
 
 class Structure(NamedTuple):
@@ -170,10 +175,37 @@ class Limits(NamedTuple):
     ----------
     tick : a mass whose chatter on a rigid stop would end within this time (s) rests on it.
     most_impacts : number of impacts at which the march is given up.
+    most_steps : number of steps of one call.
     """
 
     tick: float
     most_impacts: int
+    most_steps: int
+
+
+class Course(NamedTuple):
+    """How far a march has come, and what it has found.
+
+    Parameters
+    ----------
+    counts : (5,), see BEGUN.
+    passed : (1,), time since the sample, s.
+    x, v, a, push : displacements, velocities and accelerations (samples, c) and forces of the stops
+        per reduced mass (samples, m), empty unless kept.
+    powers : (c, 4), sums of the powers 1 to 4 of the displacements.
+    extremes : (c, 3).
+    log : (rows, 4), log of impacts.
+    """
+
+    counts: np.ndarray
+    passed: np.ndarray
+    x: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    push: np.ndarray
+    powers: np.ndarray
+    extremes: np.ndarray
+    log: np.ndarray
 
 
 class Scratch(NamedTuple):
@@ -676,8 +708,31 @@ def add_contacts(last, span, stops, touch, series, log, scratch):
 
 
 @kernel
-def march(samples, structure, stops, start, limits, keep, seed):
-    """March from rest through the samples.
+def touch_first(structure, stops, touch, force, tick, moving):
+    """Let a mass that starts on a stop, or beyond one, touch it from the start."""
+    for s in range(len(touch.state)):
+        d = stops.sides[s] * (dot(stops.gaps[s], moving.q) - stops.places[s])
+        if d < 0.0:
+            continue
+        if stops.kinds[s] == RIGID:
+            strike(s, structure, stops, touch, force, tick, moving)
+        elif stops.kinds[s] == PIECES:
+            touch.state[s] = 0
+            while (
+                touch.state[s] + 1 < stops.laws.shape[1]
+                and d >= stops.laws[s, touch.state[s] + 1, 0]
+            ):
+                touch.state[s] += 1
+        elif stops.kinds[s] >= HERTZ:
+            touch.state[s] = 1
+            touch.depth[s] = SHALLOW * d
+        else:
+            touch.state[s] = 0
+
+
+@kernel
+def march(samples, structure, stops, limits, moving, touch, course):
+    """March through the samples, for some steps at a time.
 
     Parameters
     ----------
@@ -685,43 +740,24 @@ def march(samples, structure, stops, start, limits, keep, seed):
         What shakes the structure.
     structure, stops
         What moves, and what it can hit.
-    start
-        (n,), modal displacements at the start.
     limits
         Where chatter ends, and where the integration does.
-    keep
-        Whether displacements, velocities, absolute accelerations and forces of samples are kept.
-    seed
-        Seed of the restitutions that are drawn.
+    moving, touch, course
+        Where the march is, which is gone on from; and what it has found.
 
     Returns
     -------
-    tuple
-        Status; displacements, velocities and accelerations (samples, c) and forces of the stops per
-        reduced mass (samples, m), empty unless kept; sums of the powers 1 to 4 of the displacements
-        (c, 4), extremes (c, 3), tallies (m, 3), log of impacts (impacts, 4).
+    int
+        Status.
     """
     step, forces, base = samples
-    tick, most_impacts = limits
+    tick, most_impacts, most_steps = limits
+    counts, log, extremes = course.counts, course.log, course.extremes
     number, n = forces.shape
     m, c = len(stops.sides), len(structure.shapes)
-    rows = number if keep else 0
-    displacements, velocities = np.empty((rows, c)), np.empty((rows, c))
-    accelerations, pushes = np.empty((rows, c)), np.zeros((rows, m))
-    sums, extremes, tally = np.zeros((c, 4)), np.zeros((c, 3)), np.zeros((m, 3))
-    log, logged = np.empty((64, 4)), 0
-    moving = Moving(np.zeros(n), np.zeros(n))
+    keep = len(course.x) > 0
     q, v = moving
-    for i in range(n):
-        q[i] = start[i]
-    touch = Touch(
-        np.zeros(m, np.int64), np.zeros((m, 2), np.int64), np.zeros(m), np.zeros(m, np.int64),
-        np.zeros(m), tally, np.zeros(2, np.uint64),
-    )  # fmt: skip
-    state, zeros, depth, entry, speed, _, draws = touch
-    draws[0] = np.uint64(seed)
-    for s in range(m):
-        state[s], entry[s] = FREE, -1
+    state, zeros, depth, entry, speed, _, _ = touch
     powers = MOST_TERMS + 4
     series = Series(
         np.zeros((powers, n)), np.zeros((powers, n)), np.zeros((m, powers)), np.zeros((m, powers))
@@ -735,34 +771,25 @@ def march(samples, structure, stops, start, limits, keep, seed):
             damping += abs(structure.damping[i, j])
         slowest = max(slowest, math.sqrt(structure.squares[i]) + damping)
 
-    # a mass that starts on a stop, or beyond one, touches it from the start
-    for s in range(m):
-        d = stops.sides[s] * (dot(stops.gaps[s], q) - stops.places[s])
-        if d < 0.0:
-            continue
-        if stops.kinds[s] == RIGID:
-            strike(s, structure, stops, touch, forces[0], tick, moving)
-        elif stops.kinds[s] == PIECES:
-            state[s] = 0
-            while state[s] + 1 < stops.laws.shape[1] and d >= stops.laws[s, state[s] + 1, 0]:
-                state[s] += 1
-        elif stops.kinds[s] >= HERTZ:
-            state[s] = 1
-            depth[s] = SHALLOW * d
-        else:
-            state[s] = 0
-
-    for j in range(c):
-        extremes[j, HIGHEST] = extremes[j, LOWEST] = dot(structure.shapes[j], q)
+    if counts[BEGUN] == 0:
+        counts[BEGUN] = 1
+        touch_first(structure, stops, touch, forces[0], tick, moving)
+        for j in range(c):
+            extremes[j, HIGHEST] = extremes[j, LOWEST] = dot(structure.shapes[j], q)
     base_rate, begin = np.empty(c), np.empty(c)
-    for k in range(number):
+    steps = 0
+    for k in range(counts[SAMPLE], number):
         following = min(k + 1, number - 1)
         for i in range(n):
             slope[i] = (forces[following, i] - forces[k, i]) / step
         for j in range(c):
             base_rate[j] = (base[following, j] - base[k, j]) / step
-        passed, changes, fresh = 0.0, 0, True
+        passed = course.passed[0]
         while passed < step:
+            if steps == most_steps or counts[LOGGED] == len(log):
+                counts[SAMPLE], course.passed[0] = k, passed
+                return PAUSED if steps == most_steps else FULL
+            steps += 1
             for i in range(n):
                 series.x[0, i], series.x[1, i] = q[i], v[i]
                 force[i] = forces[k, i] + passed * slope[i]
@@ -778,26 +805,26 @@ def march(samples, structure, stops, start, limits, keep, seed):
             left = step - passed
             span, last = longest_step(left, slowest, stops, touch, series.d)
             expand_with_functions(span, last, force, slope, structure, stops, state, series)
-            if fresh:
-                fresh = False
+            if counts[KEPT] == 0:
+                counts[KEPT] = 1
                 for j in range(c):
                     x, power = 0.0, 1.0
                     for i in range(n):
                         x += structure.shapes[j, i] * q[i]
                     for order in range(4):
                         power *= x
-                        sums[j, order] += power
+                        course.powers[j, order] += power
                     if keep:
-                        displacements[k, j] = x
-                        velocities[k, j] = dot(structure.shapes[j], v)
-                        accelerations[k, j] = base[k, j] + dot(structure.shapes[j], series.a[0])
+                        course.x[k, j] = x
+                        course.v[k, j] = dot(structure.shapes[j], v)
+                        course.a[k, j] = base[k, j] + dot(structure.shapes[j], series.a[0])
                 if keep:
                     for s in range(m):
                         if not (stops.kinds[s] == DAMPED and state[s] == 1):
                             factor = stops.laws[s, 0, 0] if stops.kinds[s] == HERTZ else 1.0
-                            pushes[k, s] = factor * series.f[s, 0]
+                            course.push[k, s] = factor * series.f[s, 0]
             if k == number - 1:
-                break
+                return DONE
 
             when, which, way = next_change(span, last, stops, touch, series, scratch)
             taken = span if when < 0.0 else when
@@ -820,7 +847,7 @@ def march(samples, structure, stops, start, limits, keep, seed):
             passed = step if taken == left else passed + taken
             if when < 0.0:
                 continue
-            changes += 1
+            counts[CHANGES] += 1
             s = which
             zeros[s, 0] = zeros[s, 1] = 0
             kind = stops.kinds[s]
@@ -828,16 +855,11 @@ def march(samples, structure, stops, start, limits, keep, seed):
                 force[i] = forces[k, i] + passed * slope[i]
             if state[s] == FREE:
                 rate = stops.sides[s] * dot(stops.gaps[s], v)
-                if logged == len(log):
-                    longer = np.empty((2 * logged, 4))
-                    for row in range(logged):
-                        for column in range(4):
-                            longer[row, column] = log[row, column]
-                    log = longer
+                logged = counts[LOGGED]
                 log[logged, TIME] = k * step + passed
                 log[logged, STOP], log[logged, SPEED], log[logged, PEAK] = s, rate, 0.0
                 entry[s] = logged
-                logged += 1
+                counts[LOGGED] += 1
                 if kind == RIGID:
                     # the mass is on the stop, without the rounding of the time of the impact
                     off = dot(stops.gaps[s], q) - stops.places[s]
@@ -870,8 +892,8 @@ def march(samples, structure, stops, start, limits, keep, seed):
             else:
                 state[s] = FREE if kind == DAMPED else state[s] - 1
                 zeros[s, 1] = 1
-            if logged > most_impacts or changes > MOST_CHANGES:
-                return (TOO_MANY, displacements, velocities, accelerations, pushes, sums, extremes,
-                        tally, log[:logged])  # fmt: skip
-    return (DONE, displacements, velocities, accelerations, pushes, sums, extremes, tally,
-            log[:logged])  # fmt: skip
+            if counts[LOGGED] > most_impacts or counts[CHANGES] > MOST_CHANGES:
+                return TOO_MANY
+        course.passed[0] = 0.0
+        counts[KEPT] = counts[CHANGES] = 0
+    return DONE

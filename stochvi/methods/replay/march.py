@@ -11,6 +11,7 @@ from stochvi.engine.compiled_laws import functions_of, row_of_numbers
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.replay import kernel
 from stochvi.model.model import Model, Pair, Stop
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotConverged
 from stochvi.scenes.impact_laws import CompliantLaw
 
@@ -28,6 +29,11 @@ of the structure, rad. The chatter would still move it by 1e-12 of a displacemen
 
 MOST_IMPACTS = 10_000_000
 """Number of impacts at which a march is given up; their log takes 320 MB."""
+
+
+STEPS_AT_ONCE, MOST_STEPS = 20_000, 1e10
+"""Number of steps of one call of the kernel, between which the clock is looked at and Ctrl-C is
+heard; and that from which on a march is not begun: it takes hours."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -111,8 +117,9 @@ class Motion:
 
 
 def integrate(
-    model: Model, shaking: SampledExcitation, start: Vector, *, keep: bool = True, seed: int = 0
-) -> Motion:
+    model: Model, shaking: SampledExcitation, start: Vector, *, keep: bool = True, seed: int = 0,
+    deadline: Deadline = NEVER,
+) -> Motion:  # fmt: skip
     """Move a model from rest at `start` (m, of the coordinates) through what shakes it.
 
     Linear motion and contact are integrated by power series to rounding error, for forces that are
@@ -122,50 +129,101 @@ def integrate(
     Raises
     ------
     NotConverged
-        Where more than `MOST_IMPACTS` impacts were met.
+        Where more than `MOST_IMPACTS` impacts were met, where the motion is so fast that more than
+        `MOST_STEPS` steps would be taken, or where the deadline passes.
     """
     modes = model.modal
+    check_steps(model, shaking)
     forces = (shaking.forces + model.constant_force) @ modes.shapes
     stops = _stops(model)
     base = shaking.base.reshape(len(shaking.base), -1)
     tick = REST_ANGLE / (modes.fastest or 1.0 / shaking.step)
-    # displacements = shapes q with shapes' M shapes = 1
-    begin = modes.shapes.T @ model.mass @ start
-    status, x, v, a, push, powers, extremes, tally, log = kernel.march(
-        kernel.Samples(
-            shaking.step, np.ascontiguousarray(forces),
-            np.ascontiguousarray(base @ model.base_rows.T @ model.output_rows.T),
-        ),
-        kernel.Structure(
-            modes.squares.astype(float), np.ascontiguousarray(modes.damping),
-            np.ascontiguousarray(model.output_rows @ modes.shapes),
-        ),
-        stops, begin, kernel.Limits(tick, MOST_IMPACTS), keep, np.uint64(seed),
+    samples = kernel.Samples(
+        shaking.step, np.ascontiguousarray(forces),
+        np.ascontiguousarray(base @ model.base_rows.T @ model.output_rows.T),
     )  # fmt: skip
+    structure = kernel.Structure(
+        modes.squares.astype(float), np.ascontiguousarray(modes.damping),
+        np.ascontiguousarray(model.output_rows @ modes.shapes),
+    )  # fmt: skip
+    limits = kernel.Limits(tick, MOST_IMPACTS, STEPS_AT_ONCE)
+    # displacements = shapes q with shapes' M shapes = 1
+    moving = kernel.Moving(modes.shapes.T @ model.mass @ start, np.zeros(modes.size))
+    touch, course = _at_start(stops, len(structure.shapes), len(forces) if keep else 0, seed)
+    while True:
+        status = kernel.march(samples, structure, stops, limits, moving, touch, course)
+        if status not in (kernel.PAUSED, kernel.FULL):
+            break
+        if status == kernel.FULL:
+            course = course._replace(log=np.concatenate([course.log, np.empty_like(course.log)]))
+        if deadline.passed():
+            done = shaking.step * course.counts[kernel.SAMPLE]
+            raise deadline.fell_short(
+                f"at {done:.3g} s of a record of {shaking.step * (len(forces) - 1):.3g} s",
+                "raise budget",
+            )
     if status == kernel.TOO_MANY:
         raise NotConverged(
             f"the replay has more than {MOST_IMPACTS} impacts, the largest number that is counted; "
             "give a larger clearance or a smaller restitution"
         )
     masses = np.array([pair.mass for pair in model.pairs for _ in pair.stops])
-    log = log.copy()
+    log = course.log[: course.counts[kernel.LOGGED]].copy()
     log[:, kernel.PEAK] *= masses[log[:, kernel.STOP].astype(int)] if len(log) else 1.0
     return Motion(
         samples=len(forces),
         duration=shaking.step * (len(forces) - 1),
-        displacement=x,
-        velocity=v,
-        acceleration=a,
-        force=push * masses,
-        powers=powers,
-        highest=extremes[:, kernel.HIGHEST],
-        lowest=extremes[:, kernel.LOWEST],
-        largest_acceleration=extremes[:, kernel.ACCELERATION],
+        displacement=course.x,
+        velocity=course.v,
+        acceleration=course.a,
+        force=course.push * masses,
+        powers=course.powers,
+        highest=course.extremes[:, kernel.HIGHEST],
+        lowest=course.extremes[:, kernel.LOWEST],
+        largest_acceleration=course.extremes[:, kernel.ACCELERATION],
         impacts=log,
-        contact_time=tally[:, kernel.CONTACT],
-        rests=tally[:, kernel.RESTS],
-        lost=masses * tally[:, kernel.LOST],
+        contact_time=touch.tally[:, kernel.CONTACT],
+        rests=touch.tally[:, kernel.RESTS],
+        lost=masses * touch.tally[:, kernel.LOST],
     )
+
+
+def check_steps(model: Model, shaking: SampledExcitation) -> None:
+    """Refuse a march that would never end.
+
+    Raises
+    ------
+    NotConverged
+        Where it would take more than `MOST_STEPS` steps.
+    """
+    modes = model.modal
+    rates = np.sqrt(np.maximum(modes.squares, 0.0)) + np.abs(modes.damping).sum(axis=1)
+    rate = float(rates.max(initial=0.0))
+    steps = rate * shaking.step * (len(shaking.base) - 1) / kernel.ANGLE
+    if not steps <= MOST_STEPS:
+        raise NotConverged(
+            f"the structure must move slowly enough to be followed in {MOST_STEPS:.0g} steps, got "
+            f"{steps:.3g} steps for motion at {rate:.3g} rad/s; give a lower frequency or damping, "
+            "or a shorter record"
+        )
+
+
+def _at_start(
+    stops: kernel.Stops, coordinates: int, kept: int, seed: int
+) -> tuple[kernel.Touch, kernel.Course]:
+    """How stops are touched before the start, and what is found up to there: nothing."""
+    m, c = len(stops.sides), coordinates
+    touch = kernel.Touch(
+        state=np.full(m, kernel.FREE, np.int64), zeros=np.zeros((m, 2), np.int64),
+        depth=np.zeros(m), entry=np.full(m, -1, np.int64), speed=np.zeros(m),
+        tally=np.zeros((m, 3)), draws=np.array([seed, 0], np.uint64),
+    )  # fmt: skip
+    course = kernel.Course(
+        counts=np.zeros(5, np.int64), passed=np.zeros(1), x=np.zeros((kept, c)),
+        v=np.zeros((kept, c)), a=np.zeros((kept, c)), push=np.zeros((kept, m)),
+        powers=np.zeros((c, 4)), extremes=np.zeros((c, 3)), log=np.empty((64, 4)),
+    )  # fmt: skip
+    return touch, course
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,11 +232,15 @@ class ExactReplay:
 
     model: Model
     keep: bool
+    deadline: Deadline = NEVER
     runs = (1,)
 
     def move(self, shaking: SampledExcitation, seed: int, parts: int = 1) -> Motion:
         """The motion from rest under the constant loads."""
-        return integrate(self.model, shaking, rest_of(self.model), keep=self.keep, seed=seed)
+        return integrate(
+            self.model, shaking, rest_of(self.model), keep=self.keep, seed=seed,
+            deadline=self.deadline,
+        )  # fmt: skip
 
 
 def rest_of(model: Model) -> Vector:

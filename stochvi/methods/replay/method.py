@@ -22,7 +22,7 @@ from stochvi.mathematics.frequency_response import Force
 from stochvi.mathematics.spectra import Table
 from stochvi.methods.replay.answer import CoordinateReplay, Histories, PairReplay, Replay, ReplayAt
 from stochvi.methods.replay.drives import with_drives
-from stochvi.methods.replay.march import ExactReplay, Motion, SampledExcitation
+from stochvi.methods.replay.march import ExactReplay, Motion, SampledExcitation, check_steps
 from stochvi.model.calculations import calculation
 from stochvi.model.coverage import (
     functions_of_arrays,
@@ -32,6 +32,7 @@ from stochvi.model.coverage import (
     rubbing,
 )
 from stochvi.model.model import Model, Pair, Stop, inertia_of, model_of
+from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Cost, Estimate, provenance
 from stochvi.results.sizes import MOST_NUMBERS
@@ -141,7 +142,7 @@ def replay(
     >>> round(1e3 * float(free.coordinates["x"].displacement_max), 2)
     7.45
     """
-    begin = time.perf_counter()
+    begin, deadline = time.perf_counter(), Deadline.after(budget)
     if not 0 <= seed < 2**63:
         raise ValueError(f"seed must be in [0, 2^63), got {seed}")
     model = model_of(scene)
@@ -175,7 +176,7 @@ def replay(
         placed = model
         if clearance is not None:
             placed = with_clearance(model, clearance, 0.0 if springs else model.mean_gaps[0])
-        return _way(placed, segments[0], keep)
+        return _way(placed, segments[0], keep, deadline)
 
     def at(way: Way, clearance: float | None) -> ReplayAt:
         own, *coarse = (_answer_at(way, clearance, segments, seed, parts) for parts in way.runs)
@@ -230,13 +231,14 @@ def _without_drives(model: Model) -> Model:
     return changed(model, functions=tuple(each for each in model.functions if not each.drawn))
 
 
-def _way(model: Model, shaking: SampledExcitation, keep: bool) -> Way:
+def _way(model: Model, shaking: SampledExcitation, keep: bool, deadline: Deadline) -> Way:
     """How a model is followed; `keep` says whether its samples are kept."""
     if not in_steps(model):
-        return ExactReplay(_without_drives(model), keep)
+        check_steps(model, shaking)
+        return ExactReplay(_without_drives(model), keep, deadline)
     from stochvi.methods.replay.steps import SteppedReplay
 
-    return SteppedReplay(model, shaking)
+    return SteppedReplay(model, shaking, deadline)
 
 
 def _compiled(way: Way, shaking: SampledExcitation) -> float:

@@ -35,6 +35,7 @@ from stochvi.model.linear_part import (
 from stochvi.model.modal import LinearLaw
 from stochvi.model.model import Model, Pair, Stop
 from stochvi.model.scales import PairScale
+from stochvi.results.deadline import NEVER, Deadline
 from stochvi.results.errors import NotConverged
 from stochvi.results.sizes import MOST_RECORDED
 from stochvi.scenes.impact_laws import CompliantLaw
@@ -69,9 +70,14 @@ class SteppedReplay:
         The model.
     shaking
         What shakes it. Its motion without stops gives the linear parts of functions and the step.
+    deadline
+        The moment at which the exact response to the record is given up.
     """
 
-    def __init__(self, model: Model, shaking: SampledExcitation) -> None:
+    def __init__(
+        self, model: Model, shaking: SampledExcitation, deadline: Deadline = NEVER
+    ) -> None:
+        self.deadline = deadline
         rest = tuple(part for part in model.functions if part.drawn is None)
         model = replace(model, functions=rest)
 
@@ -130,7 +136,7 @@ class SteppedReplay:
             )
         fine = shaking.refined(parts)
         free = np.zeros((samples + 1 + settling, plan.modes.size, 2))
-        free[:samples] = _free_motion(self.model, fine, plan.scale)
+        free[:samples] = _free_motion(self.model, fine, plan.scale, self.deadline)
         record = np.zeros((samples, 1, plan.record_width))
 
         def follow(log: Log) -> NDArray[np.float64]:
@@ -149,11 +155,13 @@ class SteppedReplay:
         return math.ceil(min(time / step, MOST_SETTLING))
 
 
-def _free_motion(model: Model, shaking: SampledExcitation, scale: float) -> NDArray[np.float64]:
+def _free_motion(
+    model: Model, shaking: SampledExcitation, scale: float, deadline: Deadline
+) -> NDArray[np.float64]:
     """Modal displacements, and velocities over `scale`, of the linear structure without stops and
     loads (samples, modes, 2)."""
     free = replace(model, pairs=(), functions=(), constants=(), points={})
-    moved = integrate(free, shaking, np.zeros(len(free.coordinates)))
+    moved = integrate(free, shaking, np.zeros(len(free.coordinates)), deadline=deadline)
     to_modes = model.mass @ model.modal.shapes
     return np.stack([moved.displacement @ to_modes, moved.velocity @ to_modes / scale], axis=2)
 

@@ -26,6 +26,7 @@ from stochvi import (
     Isolator,
     Matrices,
     NotApplicable,
+    NotConverged,
     PowerLaw,
     RecordedNoise,
     Restitution,
@@ -38,6 +39,7 @@ from stochvi import (
 from stochvi.methods.replay import Replay
 from stochvi.methods.replay.march import SampledExcitation, integrate
 from stochvi.model.model import model_of
+from stochvi.results.deadline import Deadline
 from stochvi.scenes import Hertz
 from stochvi.scenes.impact_laws import CompliantLaw, Law
 from stochvi.views.replay import draw_replay, plot_clearances, plot_waterfall
@@ -198,6 +200,31 @@ def test_samples_between_the_samples_change_nothing(tmp_path: Path, law: Law) ->
     assert same_top == pytest.approx(top, rel=1e-12)
     assert same_hits[:, 0] == pytest.approx(hits[:, 0], abs=1e-10)
     assert same_hits[:, 2:] == pytest.approx(hits[:, 2:], rel=1e-6)
+
+
+@pytest.mark.parametrize("law", [Restitution(coefficient=0.5), Hertz(coefficient=4e6)], ids=str)
+def test_a_march_goes_on_from_where_a_call_left_it(
+    tmp_path: Path, law: Law, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However few steps a call takes, all digits stay: between calls the clock is looked at."""
+    a = shaken(seed=5, samples=300)
+    model = model_of(scene_of(tmp_path, a, law))
+    shaking = SampledExcitation(step=1.0 / FS, forces=-MASS * a[:, None], base=a)
+    whole = integrate(model, shaking, np.zeros(1))
+    monkeypatch.setattr("stochvi.methods.replay.march.STEPS_AT_ONCE", 7)
+    parts = integrate(model, shaking, np.zeros(1))
+    assert len(whole.impacts) > 3
+    for name in ("displacement", "acceleration", "force", "impacts", "highest", "contact_time"):
+        assert np.array_equal(getattr(parts, name), getattr(whole, name)), name
+    with pytest.raises(NotConverged, match=r"budget of 0 s ended at 0\.\d+ s of a record of 0.598"):
+        integrate(model, shaking, np.zeros(1), deadline=Deadline.after(0.0))
+
+
+@pytest.mark.parametrize("mount", [{"frequency_hz": 1e9}, {"zeta": 8e10}])
+def test_a_march_that_would_never_end_is_not_begun(tmp_path: Path, mount: dict[str, float]) -> None:
+    scene = scene_of(tmp_path, shaken(samples=3000), **mount)
+    with pytest.raises(NotConverged, match=r"must move slowly enough .* got [1-9].*e\+1\d steps"):
+        replay(scene)
 
 
 def test_a_mass_that_loses_all_rests_until_it_is_pulled_off(tmp_path: Path) -> None:
