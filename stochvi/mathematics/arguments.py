@@ -103,12 +103,14 @@ def _check_table(name: str, value: object) -> None:
         _check_row(f"{name} of {shown(key)}", each)
 
 
-def _named(kind: str) -> Callable[[str, object], None]:
-    """A check for a class that this room does not know."""
+def _named(kind: str, said: str = "") -> Callable[[str, object], None]:
+    """A check for a class that this room does not know, which messages may call otherwise."""
+    said = said or kind
+    wanted = f"an {said}" if said[0] in "AEIOU" else f"a {said}"
 
     def check(name: str, value: object) -> None:
         if kind not in [each.__name__ for each in type(value).__mro__]:
-            raise _wrong(name, f"a {kind}", value)
+            raise _wrong(name, wanted, value)
 
     return check
 
@@ -134,12 +136,27 @@ CHECKS: dict[str, Callable[[str, Any], None]] = {
         f"Mapping[str, {kind}]": _is_a(Mapping, f"a table of names and values of {kind}")
         for kind in ("Scene", "Spread", "Statistic")
     },
-    **{kind: _named(kind) for kind in ("Sizing", "Problem", "Estimate", "Tolerances")},
+    **{kind: _named(kind) for kind in ("Sizing", "Problem", "Estimate", "Tolerances", "Axes")},
+    "Excitation": _named("BaseExcitation", "Excitation"),
 }
 """Checks of arguments by their annotation, which may also allow None."""
 
 LEFT_OUT = " | None"
 """End of the annotation of an argument that may be left out."""
+
+
+def _checks_of(function: Callable[..., Any]) -> dict[str, tuple[Callable[[str, Any], None], bool]]:
+    """The check of each plain argument, and whether it may be None."""
+    checks = {}
+    for name, each in inspect.signature(function).parameters.items():
+        kind = each.annotation
+        kind = kind if isinstance(kind, str) else inspect.formatannotation(kind)
+        plain = kind.removesuffix(LEFT_OUT)
+        if plain.startswith("Callable["):
+            plain = "Progress"
+        if plain in CHECKS:
+            checks[name] = CHECKS[plain], kind.endswith(LEFT_OUT)
+    return checks
 
 
 def argument_checker(function: Callable[..., Any]) -> Callable[..., inspect.BoundArguments]:
@@ -148,13 +165,7 @@ def argument_checker(function: Callable[..., Any]) -> Callable[..., inspect.Boun
     It raises ValueError, or TypeError where arguments are missing or unknown. Whole numbers too
     large for numpy are returned in double precision where any number is allowed.
     """
-    signature = inspect.signature(function)
-    checks = {}
-    for name, each in signature.parameters.items():
-        kind = each.annotation
-        kind = kind if isinstance(kind, str) else inspect.formatannotation(kind)
-        if (plain := kind.removesuffix(LEFT_OUT)) in CHECKS:
-            checks[name] = CHECKS[plain], plain != kind
+    signature, checks = inspect.signature(function), _checks_of(function)
 
     def check(*args: Any, **kwargs: Any) -> inspect.BoundArguments:
         bound = signature.bind(*args, **kwargs)
@@ -189,3 +200,19 @@ def checked(function: Callable[P, T]) -> Callable[P, T]:
         return function(*bound.args, **bound.kwargs)
 
     return run
+
+
+def check_methods(kind: type) -> None:
+    """Let the public methods of a class check their plain arguments, as `checked` does.
+
+    >>> class Scale:
+    ...     def twice(self, number: float) -> float:
+    ...         return 2.0 * number
+    >>> check_methods(Scale)
+    >>> Scale().twice([1.0])
+    Traceback (most recent call last):
+    ValueError: number must be a number, got [1.0]
+    """
+    for name, each in list(vars(kind).items()):
+        if not name.startswith("_") and inspect.isfunction(each) and _checks_of(each):
+            setattr(kind, name, checked(each))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from stochvi.mathematics.arguments import check_methods
 from stochvi.mathematics.shown_units import USUAL, shown_in, units_of
 from stochvi.results.estimates import Cost
 from stochvi.results.plots import drawn
@@ -52,6 +53,10 @@ class Result:
 
     not_in_document: ClassVar[tuple[str, ...]] = ()
     """Fields of a kind of answer that its JSON document leaves out."""
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        check_methods(cls)
 
     def __repr__(self) -> str:
         return f"<{self.summary()}>"
@@ -145,6 +150,9 @@ class Result:
     def _remarks(self) -> Sequence[str]:
         """Sentences below the table in a notebook."""
         return self.warnings
+
+
+check_methods(Result)
 
 
 def _lasting(part: Any) -> Any:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Self, assert_never
 import numpy as np
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from stochvi.mathematics.arguments import checked
+from stochvi.mathematics.arguments import check_methods, checked
 from stochvi.mathematics.arrays import Array
 from stochvi.mathematics.random_level import RandomLevel
 from stochvi.mathematics.spectra import Table
@@ -1129,6 +1129,9 @@ UNLOADED = "displacements are measured from the position of the unloaded spring"
 
 LARGEST_NUMBER = 1e50
 """Largest number in a scene, per unit mass, and inverse of the smallest: squares stay finite."""
+
+
+check_methods(Scene)
 
 
 def _spoken_level(level: RandomLevel | None) -> str:

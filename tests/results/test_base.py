@@ -7,6 +7,7 @@ import io
 import json
 import math
 import pkgutil
+import re
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -328,3 +329,18 @@ def test_what_has_no_form_in_json_is_refused() -> None:
 def test_costs_add_up() -> None:
     found = total_cost([Cost(wall_time=1.0, paths=2, threads=2), Cost(wall_time=2.0, steps=3)])
     assert found == Cost(wall_time=3.0, paths=2, steps=3, threads=2)
+
+
+def test_methods_of_answers_and_scenes_check_their_plain_arguments() -> None:
+    scene = lossy()
+    found = stochvi.linearise(scene)
+    for call, message in (
+        (lambda: found.in_units(["mm", "g"]), "units must be a text, got ['mm', 'g']"),
+        (lambda: found.plot(units=1), "units must be a text, got 1"),
+        (lambda: found.plot(1), "ax must be an Axes, got 1"),
+        (lambda: found.changed("x"), "change must be a function, got 'x'"),
+        (lambda: scene.at_level("3"), "level_db must be a number, got '3'"),
+        (lambda: scene.density_of("x"), "excitation must be an Excitation, got 'x'"),
+    ):
+        with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+            call()
