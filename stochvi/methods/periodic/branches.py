@@ -87,6 +87,13 @@ LOOKED_AT, LOOKS = 50, 12
 """Number of periods after which a flight is looked at for having ended in a regime, and how often
 that is done."""
 
+MOST_PATIENCE = 5_000
+"""Largest number of periods after which a flight with light damping is looked at."""
+
+AT_FOLD = 1e-3
+"""Distance from a fold, difference of points of the branch, within which rounding may move the
+change of sign of a multiplier less 1 that belongs to the fold."""
+
 MOST_BRANCHES = 128
 """Number of branches from which on no more are followed from flights: in a range of chaos there is
 no end of windows."""
@@ -238,7 +245,7 @@ class Finder:
         for sigma in self.seeds * rounds:
             if self.deadline.passed() or self.looks - before > MOST_LOOKS:
                 break
-            ended = self.ended(sigma, self._random_start(sigma, random))
+            ended = self.ended(sigma, self._random_start(sigma, random), patient=True)
             places.append(sigma)
             listed.append(ended is not None and ended.place is not None)
         return Scattered(np.array(places), np.array(listed, bool))
@@ -248,20 +255,37 @@ class Finder:
     # Flights
 
     def ended(
-        self, sigma: float, state: Vector, phase: float = 0.0, looks: int = LOOKS
-    ) -> Ended | None:
+        self, sigma: float, state: Vector, phase: float = 0.0, looks: int = LOOKS,
+        *, patient: bool = False,
+    ) -> Ended | None:  # fmt: skip
         """Where a flight from a state ends; a regime that is on no branch yet is followed first.
-        None where impacts come too fast to be followed."""
+        A `patient` look waits until light damping shows. None where impacts come too fast to be
+        followed."""
+        periods = self.patience(sigma) if patient else LOOKED_AT
         ended: Ended | None = None
         for _ in range(looks):
-            self.looks += 1
-            settled = self.simulate(sigma, state, phase)
+            self.looks += math.ceil(periods / LOOKED_AT)
+            settled = self.simulate(sigma, state, phase, periods)
             if settled is None:
                 return None
             state, ended = settled.state, Ended(settled, self._place_of(settled, sigma))
             if ended.place is not None or self.deadline.passed():
                 break
         return ended
+
+    def memory(self, sigma: float) -> float:
+        """Number of periods of the force in which the slowest free motion decays by a factor e; 0
+        where one does not decay."""
+        motion, n = self.motion(sigma), self.family.sizes[0]
+        slowest = -float(np.linalg.eigvals(motion.generator[: 2 * n, : 2 * n]).real.max())
+        # what rounding leaves of no damping is no damping
+        if slowest <= UNHELD * motion.omega:
+            return 0.0
+        return motion.omega / (2.0 * math.pi * slowest)
+
+    def patience(self, sigma: float) -> int:
+        """Number of periods of a look that waits until free motion decays by a factor e."""
+        return min(max(LOOKED_AT, math.ceil(self.memory(sigma))), MOST_PATIENCE)
 
     def simulate(
         self, sigma: float, state: Vector, phase: float = 0.0, periods: int = LOOKED_AT
@@ -272,13 +296,29 @@ class Finder:
     def _place_of(self, settled: FinalMotion, sigma: float) -> OnBranch | None:
         """The lasting regime to which a simulation has settled; None where it has not."""
         if not (periods := settled.period(REPEATS)):
-            return None
+            return self._free_soon(settled, sigma)
         if settled.rests(periods):
             return self.rests.place_of(settled, sigma)
         if not len(settled.impacts(periods)):
             return self._free_at(sigma) if periods == 1 else None
         regime = self.regime_of(settled, sigma)
         return None if regime is None else self.added(regime)
+
+    def _free_soon(self, settled: FinalMotion, sigma: float) -> OnBranch | None:
+        """The motion without impacts where what is left of free motion decays to it: all its modes
+        together reach no stop."""
+        place = self._free_at(sigma)
+        regime = None if place is None else self.regime_at(place, sigma)
+        if regime is None or len(settled.impacts(1)) or settled.rests(1):
+            return None
+        motion, n = self.motion(sigma), self.family.sizes[0]
+        growth, ways = np.linalg.eig(motion.generator[: 2 * n, : 2 * n])
+        if not growth.real.max() < 0.0:
+            return None
+        change = settled.ends[-1] - settled.ends[-2]
+        left = np.linalg.solve(regime.factors[0] - np.eye(2 * n), change)
+        swing = np.abs(motion.rows @ ways[:n]) @ np.abs(np.linalg.solve(ways, left))
+        return place if bool(np.all(swing < regime.margin[0])) else None
 
     def _free_at(self, sigma: float) -> OnBranch | None:
         for track in self.tracks:
@@ -349,6 +389,20 @@ class Finder:
             for each in (*around, *here.between(around[0], around[-1])):
                 if abs(each[-1] - place[0]) <= solver.WEIGHT * ROUNDING:
                     yield number, each
+
+    def regime_at(self, place: OnBranch, sigma: float) -> Track | None:
+        """The regime of a branch at a place of the range, as a branch of one point; None where
+        there is none, or where it is known by flights alone."""
+        track = place.track
+        if track.rests:
+            return None
+        found = min(
+            self._passing(track, sigma), key=lambda each: abs(each[0] - place.number), default=None
+        )
+        if found is None:
+            return None
+        regime = self.inspected(track.stops, track.periods, found[1][None], [POINT])
+        return regime if regime.lasting[0] else None
 
     def starts(self) -> Matrix:
         """States (number, 2 n) from which simulations start: rest, and speeds of the pairs."""
@@ -547,6 +601,8 @@ class Finder:
         problem = self.problem_of(track)
         for name, test in TESTS.items():
             values = test(track)
+            if name == PITCHFORK:
+                values = _without_folds(track, values)
             for number in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0):
                 if self.deadline.passed():
                     break
@@ -593,6 +649,24 @@ def _determined(track: Track) -> NDArray[np.bool_]:
 
 def _breaking(track: Track) -> Vector:
     return np.asarray(np.linalg.det(track.factors - np.eye(track.factors.shape[1])))
+
+
+def _without_folds(track: Track, values: Vector) -> Vector:
+    """Values of `_breaking` along a branch without the changes of sign that belong to its folds,
+    where a multiplier passes 1 as well."""
+    values = values.copy()
+    for fold in [number for number, name in enumerate(track.names) if name == FOLD]:
+        far = np.abs(track.points - track.points[fold]).max(axis=1) > AT_FOLD
+        before, after = np.flatnonzero(far[:fold]), fold + np.flatnonzero(far[fold:])
+        if not len(before) or not len(after):
+            continue
+        near = slice(before[-1] + 1, after[0])
+        folds = track.names[near].count(FOLD)
+        if values[before[-1]] * values[after[0]] * (-1.0) ** folds > 0.0:
+            # the branch is seen from the other side from here on
+            values[near] = values[after[0]]
+            values[: near.start] *= (-1.0) ** folds
+    return values
 
 
 def _doubling(track: Track) -> Vector:

@@ -23,7 +23,7 @@ from stochvi.methods.periodic.branches import LOOKED_AT, SUBHARMONICS, Finder, o
 from stochvi.methods.periodic.continuation import GRAZING, Problem
 from stochvi.methods.periodic.kernels import contact_flow, solver
 from stochvi.methods.periodic.regimes import unstruck
-from stochvi.methods.periodic.simulations import MOST_KEPT, REPEATS, SETTLING, FinalMotion
+from stochvi.methods.periodic.simulations import LONGEST, MOST_KEPT, REPEATS, SETTLING, FinalMotion
 from stochvi.methods.periodic.tracks import SAME, OnBranch, Track
 
 CONVERGED = 1e-11
@@ -47,6 +47,10 @@ value, and largest number of such values."""
 EDGE_HALVINGS, EDGE_PERIODS = 30, 40
 """Number of times that the line between two stable regimes is halved. After so many periods a start
 counts as leading to the nearer of the two."""
+
+LINEAR, MOST_CONDITION = 0.1, 1e8
+"""A motion approaches a stable regime slowly where a period changes its distance as that of small
+perturbations, up to such a share of it. Directions in which perturbations decay must differ."""
 
 CAPTURE_PERIODS = 8
 """Number of periods in which a motion that starts on the edge between two regimes comes close to
@@ -278,11 +282,13 @@ class ContactFinder(Finder):
         """The lasting regime to which a simulation has settled; None where it has not. In chaos
         motions come close to unstable regimes by chance, of which there is no end."""
         periods = settled.period(REPEATS)
-        orbit = self.orbit(settled.state, periods, sigma) if periods else None
+        orbit = self.orbit(settled.state, periods or 1, sigma)
         if orbit is None:
             return None
         here = self.inspected((), orbit.periods, orbit.u[None], [""])
-        return orbit if here.lasting[0] else None
+        if not here.lasting[0] or not (periods or _approaches(settled.ends, orbit, here)):
+            return None
+        return orbit
 
     def orbit(self, start: Vector, periods: int, sigma: float, reach: float = 1e3) -> Orbit | None:
         """The regime that Newton's iteration ends at; None where it fails, or leaves the states
@@ -476,6 +482,22 @@ class Shooting:
         motion = self.finder.at_point(u, self.periods, factors=False)
         states = u[None, :-1] if motion is None else motion.ends[:-1]
         return np.column_stack([states, np.full(len(states), u[-1])])
+
+
+def _approaches(ends: Matrix, orbit: Orbit, here: Track) -> bool:
+    """Whether a motion, by its states after each period, goes to a regime of one period: its last
+    perturbations turn and decay as those that are small do."""
+    if orbit.periods > 1:
+        return False
+    values, ways = np.linalg.eig(here.factors[0])
+    if not np.abs(values).max() < 1.0 or np.linalg.cond(ways) > MOST_CONDITION:
+        return False
+    away = np.linalg.solve(ways, (ends - orbit.state).T)
+    size = np.linalg.norm(away, axis=0)
+    left = np.linalg.norm(away[:, 1:] - values[:, None] * away[:, :-1], axis=0)
+    decay = float(np.abs(values).max()) ** (len(ends) - 1)
+    linear = np.all(left[-LONGEST:] <= LINEAR * size[-1 - LONGEST : -1])
+    return bool(linear and size[-1] <= 0.5 * (1.0 + decay) * size[0])
 
 
 def _different(orbits: Sequence[Orbit]) -> list[Orbit]:

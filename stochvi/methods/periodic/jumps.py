@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stochvi.mathematics.arrays import Vector
-from stochvi.methods.periodic.branches import LOOKS, Finder
+from stochvi.methods.periodic.branches import LOOKS, MOST_PATIENCE, Finder
 from stochvi.methods.periodic.continuation import FOLD
 from stochvi.methods.periodic.simulations import REPEATS, SETTLING, FinalMotion
 from stochvi.methods.periodic.tracks import OnBranch, Track
@@ -36,6 +36,10 @@ PUSH, PUSHED = 1e-3, 6
 """A motion that stays at a regime which no longer attracts it is pushed: it loses this share of its
 velocity, and is then followed for so many flights. Nothing else would perturb it, and just beyond a
 change of stability perturbations grow by some 0.1 % in a period."""
+
+MEMORIES = 10
+"""Time after which the motion at a value of a simulated sweep is read, in units of that in which
+free motion decays by a factor e."""
 
 STRIDE = 4e-3
 """Relative distance of the varied number between two flights where a motion is on no branch."""
@@ -109,7 +113,8 @@ class Sweep:
         grid = self.finder.grid if self.upwards else self.finder.grid[::-1]
         state = self.finder.at_rest(float(grid[0]))
         for sigma in grid.tolist():
-            settled = self.finder.simulate(sigma, state, periods=SETTLING)
+            settling = min(MEMORIES * self.finder.memory(sigma), MOST_PATIENCE)
+            settled = self.finder.simulate(sigma, state, periods=max(SETTLING, int(settling)))
             sized = None if settled is None else self._sized(sigma, settled, 0)
             if settled is None or sized is None or self.finder.deadline.passed():
                 return
@@ -124,15 +129,26 @@ class Sweep:
         self, sigma: float, state: Vector, phase: float, looks: int = LOOKS
     ) -> SweepState | None:
         """The motion that a state leads to; None where impacts come too fast to be followed."""
-        ended = self.finder.ended(sigma, state, phase, looks)
+        ended = self.finder.ended(sigma, state, phase, looks, patient=looks == LOOKS)
         if ended is None:
             return None
-        periods = 0 if ended.place is None else ended.place.track.periods
+        place = ended.place
+        # where damping is light the motion is still on its way to the regime
+        if place is not None and (regime := self.finder.regime_at(place, sigma)) is not None:
+            return self._on(regime, 0, place)
+        periods = 0 if place is None else place.track.periods
         sized = self._sized(sigma, ended.settled, periods)
         if sized is None:
             return None
         displacement, speed, state = sized
-        return SweepState(sigma, state, phase, displacement, speed, ended.place)
+        return SweepState(sigma, state, phase, displacement, speed, place)
+
+    def _on(self, track: Track, number: int, place: OnBranch) -> SweepState:
+        """The regime at one of the points of a branch."""
+        state, phase = track.state(number)
+        speed = float(track.speeds[number].max(initial=0.0))
+        displacement = float(track.displacement[number])
+        return SweepState(float(track.sigma[number]), state, phase, displacement, speed, place)
 
     def _sized(
         self, sigma: float, settled: FinalMotion, periods: int
@@ -169,10 +185,7 @@ class Sweep:
         while first is not None:
             number = first
             first = self._ahead(track, track.sigma[number], (number - 1, number + 1))
-        state, phase = track.state(number)
-        speed = float(track.speeds[number].max(initial=0.0))
-        displacement = float(track.displacement[number])
-        return SweepState(float(track.sigma[number]), state, phase, displacement, speed, place)
+        return self._on(track, number, place)
 
     def _ahead(self, track: Track, sigma: float, numbers: tuple[int, int]) -> int | None:
         """Which of two points is a lasting regime further on in the sweep; None where neither."""
