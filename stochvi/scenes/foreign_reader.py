@@ -176,18 +176,41 @@ def uff_modes(path: str) -> Iterator[dict[str, Any]]:
         }
 
 
-def nastran_modes(path: str) -> Iterator[dict[str, Any]]:
-    """The mode shapes in the tables OUG of an OP2 file of Nastran, as in `uff_modes`."""
-    import numpy as np
+def op2_tables(path: str) -> dict[str, list[Any]]:
+    """The tables of modes of an OP2 file by the starts of their names. The others are passed over:
+    the geometry of many files does not belong together as that of their superelements would."""
     from pyyeti.nastran import op2
 
-    content = op2.rdpostop2(path, getougv1=True)["mats"]
-    for case, table in enumerate(content.get("ougv1", ())):
+    found: dict[str, list[Any]] = {"OUG": [], "BOPHIG": [], "LAMA": []}
+    with op2.OP2(path) as file:
+        file._fileh.seek(file._postheaderpos)
+        while True:
+            name, trailer, kind = file.rdop2nt()
+            if name is None:
+                return found
+            start = next((each for each in found if name.startswith(each)), "")
+            if kind > 0:
+                file.rdop2matrix(trailer)
+            elif not start:
+                file.goto_next()
+            elif start == "LAMA":
+                found[start].append(file._rdop2lama())
+            elif (table := file._rdop2ougv1(name)) is not None:  # None for other motions
+                found[start].append(table)
+
+
+def nastran_modes(path: str) -> Iterator[dict[str, Any]]:
+    """The mode shapes in the tables OUG of an OP2 file of Nastran, or BOPHIG where there are none,
+    as in `uff_modes`."""
+    import numpy as np
+
+    content = op2_tables(path)
+    for case, table in enumerate(content["OUG"] or content["BOPHIG"]):
         nodes = np.unique(table["dof"][:, 0])
         place = np.searchsorted(nodes, table["dof"][:, 0]), np.maximum(table["dof"][:, 1] - 1, 0)
         roots = np.sqrt(np.abs(table["lambda"])) / (2.0 * np.pi)
         masses = np.zeros(len(roots))
-        stated = content.get("lama", ())[case : case + 1]
+        stated = content["LAMA"][case : case + 1]
         if stated and len(stated[0]) == len(roots):
             masses = stated[0][:, 5]  # number, order, eigenvalue, rad/s, Hz, mass, stiffness
         for number, shape in enumerate(table["ougv1"].T):

@@ -113,10 +113,17 @@ def _from_shapes(
             f"{' and more' if len(nodes) > NAMES_LISTED else ''}"
         )
     frequency = np.array([each.facts["frequency_hz"] for each in modes])
+    frequency = np.where(frequency < RIGID_MOTION * frequency.max(), 0.0, frequency)
+    free = int(np.sum(frequency == 0.0))
+    if free > len(DIRECTIONS):
+        raise SceneError(
+            f"{path} must hold natural modes, got {free} shapes of 0 Hz, of which at most "
+            f"{len(DIRECTIONS)} can be free motions: the others are static ones, as of a "
+            "Craig-Bampton reduction; export the natural modes alone, or the matrices (kind = "
+            '"matrices")'
+        )
     found: dict[str, Any] = {
-        "frequency_hz": np.where(
-            frequency < RIGID_MOTION * frequency.max(), 0.0, frequency
-        ).tolist(),
+        "frequency_hz": frequency.tolist(),
         "shapes": {
             name: [_motion(path, each, place) for each in modes] for name, place in points.items()
         },

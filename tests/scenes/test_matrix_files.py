@@ -117,3 +117,20 @@ def test_a_file_of_another_kind_is_refused(ending: str, tmp_path: Path) -> None:
 def test_the_schema_takes_a_file_or_matrices() -> None:
     found = scene_schema()["$defs"]["Matrices"]
     assert found["required"] == ["kind"] and {"required": ["file"]} in found["anyOf"]
+
+
+def test_rounding_in_place_of_zeros_is_symmetric() -> None:
+    """As of a reduction; the judge is the same structure with its zeros."""
+    keys = {"coordinates": ["a", "b", "c"], "zeta": 0.02}
+    stiffness = [[3e4, -1e4, 0.0], [-1e4, 2e4, -5e3], [0.0, -5e3, 1.7e4]]
+    mass = np.array([[2.0, 0.0, 0.1], [0.0, 1.0, 0.2], [0.1, 0.2, 0.8]])
+    plain = Matrices(**keys, mass=mass.tolist(), stiffness=stiffness)
+    mass[0, 1], mass[1, 0] = 1.2e-17, -3.1e-17
+    rounded = Matrices(**keys, mass=mass.tolist(), stiffness=stiffness)
+    for one, other in zip(plain.matrices, rounded.matrices, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+        assert np.abs(other - other.T).max() <= 1e-12 * np.abs(other).max()
+    assert (rounded.matrices[0] == rounded.matrices[0].T).all()
+    mass[0, 1] = 1e-6
+    with pytest.raises(SceneError, match=r"symmetric matrix mass, got 1e-06 in row 1, column 2"):
+        Matrices(**keys, mass=mass.tolist(), stiffness=stiffness)

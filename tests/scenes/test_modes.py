@@ -140,9 +140,12 @@ def write_table(path: Path) -> Path:
     return path
 
 
-def write_op2(path: Path, *, masses: bool = True, cases: int = 1) -> Path:
+def write_op2(
+    path: Path, *, masses: bool = True, cases: int = 1, name: str = "OUGV1", geometry: bool = False
+) -> Path:
     """The chain as an OP2 file of Nastran: its modes along z at the nodes 11, 12 and 13, of twice
-    their length, in the records that MSC documents (LAMA and OUGV1, 32 bit)."""
+    their length, in the records that MSC documents (LAMA and OUGV1, 32 bit). Its `geometry` is that
+    of other nodes."""
 
     def record(data: bytes) -> bytes:
         size = struct.pack("<i", len(data))
@@ -176,12 +179,37 @@ def write_op2(path: Path, *, masses: bool = True, cases: int = 1) -> Path:
         ]
         shapes.append(b"".join(rows))
     whole = b""
+    if geometry:
+        whole += block("EQEXIN", [numbers(11, 1, 12, 2), numbers(11, 101, 12, 201)])
+        whole += block("BGPDT", [numbers(*range(12)), numbers(*range(14))])
     for _ in range(cases):
         if masses:
             whole += block("LAMA", [numbers(21, 6).ljust(584, bytes(1)), table])
-        whole += block("OUGV1", shapes)
+        whole += block(name, shapes)
     path.write_bytes(whole + record(numbers(0)))
     return path
+
+
+@pytest.mark.parametrize("name", ["OUGV1", "BOPHIG"])
+def test_modes_are_read_beside_a_geometry_that_does_not_belong_to_them(
+    tmp_path: Path, name: str
+) -> None:
+    path = write_op2(tmp_path / "chain.op2", name=name, geometry=True)
+    found = Modes(file=str(path), points={"a": "11.z"}, zeta=0.01)
+    np.testing.assert_allclose(found.frequency_hz, FREQUENCIES, rtol=1e-6)
+
+
+def test_static_shapes_are_no_modes_of_0_hz(tmp_path: Path) -> None:
+    path = tmp_path / "reduced.exo"
+    with netcdf_file(str(path), "w") as file:
+        for name, size in (("num_nodes", 1), ("num_nod_var", 1), ("len_name", 8), ("time", 9)):
+            file.createDimension(name, size)
+        file.createVariable("time_whole", "f8", ("time",))[:] = [0.0] * 7 + [20.0, 30.0]
+        names = [list("DispZ".ljust(8, chr(0)))]
+        file.createVariable("name_nod_var", "c", ("num_nod_var", "len_name"))[:] = names
+        file.createVariable("vals_nod_var1", "f8", ("time", "num_nodes"))[:] = np.ones((9, 1))
+    with pytest.raises(SceneError, match=r"got 7 shapes of 0 Hz, .* export the natural modes"):
+        Modes(file=str(path), points={"a": "1.z"}, zeta=0.01)
 
 
 def write_exodus(path: Path) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -123,8 +124,9 @@ class Matrices(AnyStructure):
                     f"{len(rows)} rows of {shape}"
                 )
             matrix = np.array(rows)
-            if not np.allclose(matrix, matrix.T, rtol=SYMMETRY, atol=0.0):
-                i, j = np.unravel_index(np.argmax(np.abs(matrix - matrix.T)), matrix.shape)
+            off = np.abs(matrix - matrix.T) - SYMMETRY * (np.abs(matrix) + _sizes(matrix))
+            if off.max() > 0.0:
+                i, j = np.unravel_index(np.argmax(off), matrix.shape)
                 raise ValueError(
                     f"needs a symmetric matrix {name}, got {matrix[i, j]:g} in row {i + 1}, column "
                     f"{j + 1} and {matrix[j, i]:g} in row {j + 1}, column {i + 1}"
@@ -148,9 +150,9 @@ class Matrices(AnyStructure):
     @property
     def matrices(self) -> tuple[NDArray[np.float64], ...]:
         """Mass, damping and stiffness."""
-        mass, stiffness = np.array(self.mass), np.array(self.stiffness)
+        mass, stiffness = _evened(self.mass), _evened(self.stiffness)
         if self.damping is not None:
-            return mass, np.array(self.damping), stiffness
+            return mass, _evened(self.damping), stiffness
         squares, shapes = scipy.linalg.eigh(stiffness, mass)
         moved = mass @ shapes
         rates = 2.0 * (self.zeta or 0.0) * np.sqrt(np.maximum(squares, 0.0))
@@ -162,8 +164,21 @@ class Matrices(AnyStructure):
 
 
 SYMMETRY = 1e-9
-"""Largest relative difference of two entries that counts as a rounding error when the symmetry of a
-matrix is checked."""
+"""Largest difference of two entries, relative to them and to what the diagonal allows, that counts
+as a rounding error when the symmetry of a matrix is checked. Programs leave rounding in place of
+zeros."""
+
+
+def _sizes(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The largest size that entries beside a diagonal have without negative eigenvalues."""
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    return np.outer(size, size)
+
+
+def _evened(rows: Sequence[Sequence[float]]) -> NDArray[np.float64]:
+    """A matrix that is symmetric to the last digit."""
+    matrix = np.array(rows)
+    return np.asarray(0.5 * (matrix + matrix.T))
 
 
 def _smallest_eigenvalue(matrix: NDArray[np.float64]) -> float:
