@@ -124,7 +124,8 @@ class Matrices(AnyStructure):
                     f"{len(rows)} rows of {shape}"
                 )
             matrix = np.array(rows)
-            off = np.abs(matrix - matrix.T) - SYMMETRY * (np.abs(matrix) + _sizes(matrix))
+            larger = np.maximum(np.abs(matrix), np.abs(matrix.T))
+            off = np.abs(matrix - matrix.T) - SYMMETRY * (larger + _sizes(matrix))
             if off.max() > 0.0:
                 i, j = np.unravel_index(np.argmax(off), matrix.shape)
                 raise ValueError(
