@@ -24,6 +24,7 @@ from stochvi.model.model import model_of
 from stochvi.results.deadline import Deadline
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, of_events
+from stochvi.results.hardness import is_speed
 from stochvi.results.intervals import jackknife_ratio, upper_limit_unseen
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
@@ -31,7 +32,6 @@ from stochvi.sampling.sampler import TrialSampler
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.cluster_paths import WINDOWS, ClusterPaths, Part
 from stochvi.statistics.crossing_ages import FEWEST_PATHS, LEAST_PATHS
-from stochvi.statistics.hardness import is_speed
 
 UNFINISHED = 0.05
 """Clusters do not seem to end from this share of the impacts in the second half of the window on.

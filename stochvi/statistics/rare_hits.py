@@ -32,12 +32,12 @@ from stochvi.methods.monte_carlo.step_bias import (
 )
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
+from stochvi.results.hardness import is_speed
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import UNFINISHED
 from stochvi.statistics.cluster_paths import WINDOW_RELAXATIONS, WINDOWS, ClusterPaths
-from stochvi.statistics.hardness import is_speed
 from stochvi.statistics.pair_crossings import Draws, GapRecords
 from stochvi.statistics.trial_splitting import (
     PILOT,

@@ -28,6 +28,7 @@ from stochvi.model.modal import absolute_accelerations
 from stochvi.model.model import Model, Pair, model_of
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate, of_events
+from stochvi.results.hardness import is_speed
 from stochvi.results.intervals import binomial_interval, jackknife_error, upper_limit_unseen
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
@@ -37,7 +38,6 @@ from stochvi.scenes.scene import Scene
 from stochvi.scenes.structures.rigid_body import MOTIONS, RigidBody
 from stochvi.statistics.bursts import Bursts, chance_of
 from stochvi.statistics.cluster_paths import WINDOW_RELAXATIONS, WINDOWS
-from stochvi.statistics.hardness import is_speed
 from stochvi.statistics.impact_counts import clusters_apart
 from stochvi.statistics.pair_crossings import FirstCrossings, PairMotion
 from stochvi.statistics.trial_splitting import risk_of_windows

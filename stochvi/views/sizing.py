@@ -21,8 +21,8 @@ from stochvi.mathematics.shown_units import (
 )
 from stochvi.mathematics.truncated_normal import normal_density
 from stochvi.mathematics.units import power_ratio
+from stochvi.results.hardness import is_speed
 from stochvi.results.intervals import GAUSSIAN_95
-from stochvi.statistics.hardness import is_speed
 from stochvi.views.axes import (
     PAGE,
     add_grid,

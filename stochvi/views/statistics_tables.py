@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from stochvi.isolators.sizing.answer import NEAR_ONE, over_percent, spoken_mission
 from stochvi.mathematics.shown_units import SPEED, shown_as
 from stochvi.results.estimates import format_with_error
-from stochvi.statistics.hardness import is_speed, unit_of_limit
+from stochvi.results.hardness import is_speed, unit_of_limit
 from stochvi.views.tables import (
     new_table,
     print_assumptions,

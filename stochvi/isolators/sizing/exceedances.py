@@ -24,12 +24,12 @@ from stochvi.model.model import model_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
+from stochvi.results.hardness import IMPACT_SPEED, PEAK_ACCELERATION, unit_of_limit
 from stochvi.results.intervals import GAUSSIAN_95, binomial_interval
 from stochvi.sampling.options import RunOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.bursts import Bursts, bursts
-from stochvi.statistics.hardness import IMPACT_SPEED, PEAK_ACCELERATION, unit_of_limit
 from stochvi.statistics.structure_hits import WindowSampler
 
 if TYPE_CHECKING:

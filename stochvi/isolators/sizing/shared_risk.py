@@ -39,10 +39,10 @@ from stochvi.model.model import model_of
 from stochvi.results.deadline import partial_result
 from stochvi.results.errors import NotApplicable
 from stochvi.results.estimates import Estimate
+from stochvi.results.hardness import is_speed
 from stochvi.sampling.run import Run
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.cluster_paths import WINDOWS
-from stochvi.statistics.hardness import is_speed
 from stochvi.statistics.pair_crossings import (
     FirstCrossings,
     PairMotion,

@@ -8,15 +8,15 @@ from stochvi.isolators.sizing.answer import Target
 from stochvi.isolators.sizing.risk_curve import CERTAIN
 from stochvi.model.model import model_of
 from stochvi.results.errors import NotApplicable
-from stochvi.scenes.impact_laws import CompliantLaw
-from stochvi.scenes.scene import LARGEST_NUMBER, Scene
-from stochvi.statistics.hardness import (
+from stochvi.results.hardness import (
     IMPACT_SPEED,
     PEAK_ACCELERATION,
     UNIT_OF_LIMIT,
     is_speed,
     unit_of_limit,
 )
+from stochvi.scenes.impact_laws import CompliantLaw
+from stochvi.scenes.scene import LARGEST_NUMBER, Scene
 from stochvi.statistics.structure_hits import (
     TYPICAL_SPEED,
     WIDEST,

@@ -343,7 +343,8 @@ def _end_of_push(
     high = min(low + step, found.duration)
     for _ in range(MOST_HALVINGS):
         middle = 0.5 * (low + high)
-        if law.force_at(*found.states(middle), mass) > 0.0:
+        y, v = found.states(np.array([middle]))
+        if law.force_at(y, v, mass)[0] > 0.0:
             low = middle
         else:
             high = middle

@@ -35,11 +35,11 @@ from stochvi.model.free_motion import free_motion
 from stochvi.model.model import Model, model_of
 from stochvi.results.errors import Interrupted, NotApplicable, NotConverged
 from stochvi.results.estimates import TOO_FEW, Estimate, provenance
+from stochvi.results.hardness import is_speed
 from stochvi.sampling.options import AccuracyOptions
 from stochvi.sampling.run import Run, sampled
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.free_windows import has_fast_peaks
-from stochvi.statistics.hardness import is_speed
 from stochvi.statistics.pair_crossings import ShocksMeet, same_gaps
 from stochvi.statistics.reliability.answer import Chance, Reliability
 from stochvi.statistics.reliability.choice import MISSED, Hits, Jobs, Way

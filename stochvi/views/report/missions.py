@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 from stochvi.isolators.sizing.answer import NEAR_ONE, spoken_mission, spoken_percent
 from stochvi.mathematics.shown_units import ACCELERATION, SPEED, readable
 from stochvi.results.base import plain
+from stochvi.results.hardness import unit_of_limit
 from stochvi.results.origin import Origin, origin_of
 from stochvi.results.quantity_units import of_angle
 from stochvi.scenes.structures import Isolator
-from stochvi.statistics.hardness import unit_of_limit
 from stochvi.views.axes import PAGE, axes_or_new, label_for_page
 from stochvi.views.colours import COLOURS
 from stochvi.views.replay import ROWS, headline, plot_clearances, plot_history, plot_waterfall

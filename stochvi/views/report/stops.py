@@ -18,8 +18,8 @@ from stochvi.mathematics.shown_units import (
     ShownQuantity,
     Size,
 )
+from stochvi.results.hardness import is_speed
 from stochvi.results.intervals import GAUSSIAN_95
-from stochvi.statistics.hardness import is_speed
 from stochvi.views.report.pages import Grid, Picture, Section, shown
 from stochvi.views.sizing import (
     plot_exceedances,
