@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: demo test slow everywhere clocks verify distributed lint docs studies bench clean
+.PHONY: demo test slow everywhere lowest clocks verify distributed lint docs studies bench clean
 
 demo: .venv/test-installed
 	$(BIN)/stochvi demo --out out
@@ -16,6 +16,10 @@ slow: .venv/test-installed
 
 everywhere: .venv/test-installed
 	$(BIN)/python .ci/everywhere.py
+
+# the demo and a part of the suite with the lowest versions that pyproject allows
+lowest: .venv/bin/python
+	$(BIN)/python .ci/lowest.py
 
 # the suite with clocks that are fast, as on a slow machine, and slow
 clocks: .venv/test-installed
