@@ -66,7 +66,7 @@ def main() -> None:
         run("stochvi", "size", home / "road.toml", "--probability", "1%", "--mission", "10min",
             "--rel-error", "0.1", "--out", home / "size")  # fmt: skip
         for name in PICTURES:
-            if not list((home / name).glob("*.png")):
+            if not list((home / name).rglob("*.png")):
                 sys.exit(f"{name} has drawn no picture")
         run("python", "-m", "pytest", "-q", *PART)
 
