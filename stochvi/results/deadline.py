@@ -364,7 +364,7 @@ def in_command() -> Iterator[None]:
     if deadline is None or watched():
         yield
         return
-    with asked_for(deadline.budget), ended_by(deadline.rest):
+    with asked_for(deadline.budget), ended_by(deadline.rest, OVERDUE_SECONDS):
         yield
 
 

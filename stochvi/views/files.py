@@ -17,8 +17,8 @@ from typing import IO, TYPE_CHECKING, Any, TextIO
 
 from stochvi.results.atomic_files import write_whole
 from stochvi.results.column_units import in_chosen_units
-from stochvi.results.deadline import NEVER, Deadline
-from stochvi.results.errors import TargetError
+from stochvi.results.deadline import NEVER, Deadline, in_command
+from stochvi.results.errors import Interrupted, NotConverged, TargetError
 from stochvi.scenes.text_cells import as_text
 
 if TYPE_CHECKING:
@@ -137,6 +137,27 @@ def write_table(frame: pd.DataFrame, path: Path, units: Mapping[str, str] = {}) 
     """A CSV table with all the digits of its numbers, in the units that a reader has chosen; no
     text in it is run as a formula. Other forms of the table are in SI units, and `units` are those
     of columns whose name does not tell."""
+    with _heeding_the_command(path) if len(frame) > LONG_TABLE else contextlib.nullcontext():
+        _write_table(frame, path, units)
+
+
+LONG_TABLE = 20_000
+"""Number of rows of a table from which its writing heeds the budget and Ctrl-C: a million take
+seconds."""
+
+
+@contextlib.contextmanager
+def _heeding_the_command(path: Path) -> Iterator[None]:
+    """End the writing of a file once the budget of the command, or Ctrl-C, is long over."""
+    try:
+        with in_command():
+            yield
+    except (NotConverged, Interrupted) as reason:
+        told = str(reason).replace("there was an answer", f"{path.name} was written")
+        raise type(reason)(told, None) from None
+
+
+def _write_table(frame: pd.DataFrame, path: Path, units: Mapping[str, str]) -> None:
     harmless = in_chosen_units(frame, units).copy()
     for name in harmless.select_dtypes(exclude="number").columns:
         cells = harmless[name]
@@ -197,8 +218,9 @@ def write_parquet(frame: pd.DataFrame, path: Path) -> None:
     """The same table as Parquet, where pyarrow is installed."""
     if importlib.util.find_spec("pyarrow") is not None:
         memory = io.BytesIO()
-        frame.to_parquet(memory, index=False)
-        write_bytes(memory.getvalue(), path)
+        with _heeding_the_command(path):
+            frame.to_parquet(memory, index=False)
+            write_bytes(memory.getvalue(), path)
 
 
 def write_picture(ax: Axes, path: Path) -> None:

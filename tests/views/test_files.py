@@ -18,7 +18,8 @@ import pytest
 
 from stochvi.results import atomic_files
 from stochvi.results.atomic_files import write_whole
-from stochvi.results.errors import TargetError
+from stochvi.results.deadline import Deadline, of_command
+from stochvi.results.errors import NotConverged, TargetError
 from stochvi.views.files import (
     folder_in,
     kept_inputs,
@@ -238,6 +239,22 @@ def test_a_band_that_touches_zero_does_not_stretch_a_logarithmic_axis(tmp_path: 
     write_picture(ax, tmp_path / "picture.png")
     low, high = ax.get_ylim()
     assert low < 1e-4 and high > 1e-2 and high < 1e12 * low
+
+
+def test_a_long_table_is_not_written_beyond_the_budget_of_its_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stochvi.results.deadline.OVERDUE_SECONDS", 0.06)
+    frame = pd.DataFrame(np.random.default_rng(1).normal(size=(150_000, 3)), columns=list("abc"))
+    with (
+        of_command(Deadline.after(1e-3)),
+        pytest.raises(NotConverged, match=r"ended before table\.csv was written; raise budget"),
+    ):
+        write_table(frame, tmp_path / "table.csv")
+    assert not list(tmp_path.iterdir())
+    with of_command(Deadline.after(600.0)):  # and within it, it is
+        write_table(frame[:21_000], tmp_path / "table.csv")
+    assert len((tmp_path / "table.csv").read_text().splitlines()) == 21_001
 
 
 @pytest.mark.parametrize("end", ["\r", "\n", "\r\n", "\u2028", "\x0b"])
