@@ -95,8 +95,10 @@ def log_impact(page, pair, elapsed, speed):
 
 @kernel
 def log_contact(page, pair, elapsed, speed, counted, taken):
-    """Log the touch of a compliant stop, which has `taken` so much before it, if it is counted or
-    if the page asks for what contacts take."""
+    """Log the touch of a compliant stop, which has `taken` so much before it.
+
+    Touches that do not count are logged where the page asks for energies.
+    """
     if page.open and (counted or page.taken.shape[0] > 0):
         k = page.count[0]
         if k < page.taken.shape[0]:

@@ -28,8 +28,8 @@ NO_MEAN_SPEED = (
 """Warning where F1 over the rate is no mean speed."""
 
 MOST_ENERGY_CHANGE = 0.1
-"""Largest share of the energy that noise and damping may change during a contact, and largest share
-of its way that other modes may change, if its peak force is to follow from the energy alone."""
+"""Largest share of the energy that noise and damping may change during a contact, if its peak force
+is to follow from the energy alone. Other modes may change as large a share of its way."""
 
 
 def alone(duration: float) -> float:

@@ -487,7 +487,7 @@ def _unlike_one_mode(
     closure; over the way of a free mass at the mean impact speed.
 
     A push moves the gap by all modes. At a touch these have the mean that position and speed of the
-    gap give them, and scatter about it. Of a single mode nothing is left.
+    gap give them, and scatter about it. It is 0 for a single mode.
     """
     n, omega = modes.size, gap.gap.omega
     flow = np.zeros((2 * n, 2 * n))

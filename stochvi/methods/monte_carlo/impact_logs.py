@@ -98,8 +98,10 @@ class ImpactPlan:
 
 
 def with_losses(pair: Pair, log: ImpactLog, whole: Matrix) -> ImpactLog:
-    """The impacts of a pair with what each of them takes, from a log with `energies` and all that
-    its stops take in the paths (2, paths), J."""
+    """The impacts of a pair, in a log with `energies`, with the energy that each of them takes.
+
+    The stops take the energies `whole` (2, paths) in the paths, J.
+    """
     assert log.lost is not None
     for stop in pair.stops:
         own = np.flatnonzero(np.sign(log.speed) == stop.side)
@@ -128,8 +130,8 @@ def logged_impacts(
     pairs
         Names of all pairs, in their order.
     energies
-        Whether `lost` gets what a compliant stop had taken before each impact, per unit of the
-        reduced mass, and slow impacts on such stops are logged as well.
+        Whether `lost` gets the energy that a compliant stop has taken before each impact, per unit
+        of the reduced mass. Slow impacts on such stops are then logged as well.
     """
     rows = FIRST_ROWS
     while True:

@@ -82,8 +82,8 @@ HIGHEST, LOWEST, ACCELERATION = range(3)
 the absolute acceleration (m/s^2)."""
 
 CONTACT, RESTS, LOST = range(3)
-"""Columns of the tally of a stop: time in which it pushes (s), how often the mass came to rest on
-it (rigid stops), and the work of its force, per reduced mass (J/kg; 0 of a rigid one)."""
+"""Columns of the tally of a stop: time in which it pushes (s), and how often the mass came to rest
+on it (rigid stops). The last one is the work of its force, per reduced mass (J/kg)."""
 
 DONE, TOO_MANY, PAUSED, FULL = range(4)
 """Status: the march came to its end; it met more impacts than it may; it has taken the steps of one

@@ -96,8 +96,8 @@ class Motion:
         Seconds in which each stop pushes, and number of times that a mass came to rest on it (rigid
         stops).
     lost
-        Energy that each stop takes, J; of a rigid one it follows from the speeds of impacts, and is
-        0 here.
+        Energy that each compliant stop takes, J. That of rigid stops follows from the speeds of
+        impacts.
     """
 
     samples: int
