@@ -644,7 +644,7 @@ def _last_digits(times: Vector, interval: float) -> Vector:
     found, finest = np.empty(len(times)), math.inf
     for power in range(int(size.max()), int(size.min()) - 1, -1):
         inside = size == power
-        if inside.any():  # a few small times may be round by chance
+        if inside.any():  # a few small times may happen to be round
             finest = min(finest, _last_digit(times[inside], interval))
             found[inside] = finest
     return found

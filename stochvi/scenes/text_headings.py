@@ -110,8 +110,8 @@ def headings_above(
 ) -> list[Heading]:
     """The headings of the columns.
 
-    They come from the last lines above the rows with as many cells as there are columns, and from
-    lines farther above that name columns with their units. A line that names more columns than
+    They come from the last lines above the rows with as many cells as there are columns. Lines
+    farther above count if they name columns with their units. A line that names more columns than
     there are is taken for those on the left, if the others have no units: an unfilled column of
     remarks. `longest` is the number of cells of a row including empty ones at its end.
 
@@ -179,8 +179,8 @@ def _heading_cells(
     """The cells of a line above the rows, if there is one for each column or the line names
     columns; otherwise None.
 
-    A line that is parted as the rows are, and has up to `own` cells, names columns unless its first
-    cell states what only the values can be in.
+    A line that is parted as the rows are, and has up to `own` cells, names columns. It does not
+    where its first cell states what only the values can be in.
     """
     text = re.sub(r"^\s*(?:#|%|//)+\s*", "", line)
     # a unit in brackets belongs to the name before it
@@ -290,8 +290,11 @@ def _without_label(cells: list[str]) -> list[str]:
 
 
 def _joined(cells: list[str], count: int) -> list[str]:
-    """The words of a line with those of one name joined, if each of `count` names ends in a unit,
-    as "Frequency [Hz] PSD of run 3 [g2/Hz]"."""
+    """The words of a line with those of one name joined, if each of `count` names ends in a unit.
+
+    >>> _joined("Frequency [Hz] PSD of run [g2/Hz]".split(), 2)
+    ['Frequency [Hz]', 'PSD of run [g2/Hz]']
+    """
     ends = [n for n, cell in enumerate(cells, start=1) if unit_in(cell)]
     if len(ends) != count or ends[-1] < len(cells):
         return cells

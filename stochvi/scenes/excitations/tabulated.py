@@ -192,8 +192,8 @@ def cleaned(columns: Columns, path: Path, decibels: bool) -> tuple[Columns, tupl
     """Rows of a file as a table needs them, and notes on what was changed.
 
     Rows in descending order are reversed. Rows with the density 0 at either end are left out. From
-    a row at 0 Hz a straight line leads to the next one, unless it is so high that it is the offset
-    of a sensor; then it is left out. One of two equal rows is dropped.
+    a row at 0 Hz a straight line leads to the next one. Where that row is so high that it is the
+    offset of a sensor, it is left out. One of two equal rows is dropped.
 
     Raises
     ------

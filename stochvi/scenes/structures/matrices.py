@@ -165,9 +165,8 @@ class Matrices(AnyStructure):
 
 
 SYMMETRY = 1e-9
-"""Largest difference of two entries, relative to them and to what the diagonal allows, that counts
-as a rounding error when the symmetry of a matrix is checked. Programs leave rounding in place of
-zeros."""
+"""Largest difference of two opposite entries that counts as a rounding error, relative to them and
+to what the diagonal allows. Programs leave rounding in place of zeros."""
 
 
 def _sizes(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
