@@ -7,8 +7,8 @@ users' own parts:
     def energy(mass, speed):
         return 0.5 * mass * speed**2
 
-It is `numba.njit` with the error model of numpy and without the global lock of Python, and with
-another rule for the machine code on the disk.
+It is `numba.njit` with the error model of numpy and without the global lock of Python. Its rule for
+the machine code on the disk is another.
 
 **What a kernel on the disk is known by.** numba looks at the file of a function alone, although the
 functions that it calls and the values of its globals are compiled into it. A kernel is therefore
@@ -20,7 +20,7 @@ named tuples.
 **What is optimised.** numba optimises a function, makes machine code of it, and does so again in
 each of its callers: the time that this takes rises with the depth of calls. Here a function that
 kernels call is a `LinkedKernel`, which is only linked. A kernel that Python calls is optimised as
-a whole, once. A linked kernel is compiled once for all numbers of a type, where numba compiles it
+a whole, once. A linked kernel is compiled once for all numbers of a type. numba would compile it
 once more for each number that stands in a call.
 
 **What compiles fast.** A function costs some 20 ms of CPU time, however short it is. Write small

@@ -16,12 +16,12 @@ from stochvi.engine.mass_contacts import Shaken, follow_by_sub_steps, through
 from stochvi.engine.sub_steps import press
 
 FORCE, MARGIN, RATE, REBOUND, MEAN_REBOUND = range(5)
-"""What is asked of the law of one stop."""
+"""Questions to the law of one stop."""
 
 OF_STOP = types.float64(
     types.intp, types.float64[:, ::1], types.intp, types.float64, types.float64, types.float64
 )
-"""Signature of the function of one stop: what is asked, table and row of numbers, three numbers."""
+"""Signature of the function of one stop: the question, table and row of numbers, three numbers."""
 
 OF_LANES = types.intp(
     types.float64[::1], types.intp, types.intp, types.float64[:, ::1], types.float64

@@ -54,8 +54,8 @@ EVENT_ERROR = 1e-9
 """Error of the time of an event, as a share of a sub-step, before the last Newton step to it."""
 
 SLIGHT = 0.01
-"""Largest fraction of its energy that a motion gets back at the end of a contact or step on a stop
-without losses, where sub-steps have lost it."""
+"""Largest fraction of its energy that a motion gets back at the end of a contact or step. It is
+given back on stops without losses, where sub-steps have lost it."""
 
 MOST_TRIES = 20
 """Largest number of Newton steps to an event."""

@@ -70,8 +70,8 @@ class Identification(Result):
     curve
         What was observed (`observed`) at which `place`, and what each law predicts there.
     loop
-        Deflection (m), speed (m/s) and force (N) in the contact by integrating the record of a
-        drop, and the force of the `law` on that motion; None for other tests.
+        Deflection (m), speed (m/s) and force (N) in the contact, from the integrated record of a
+        drop. The force of the `law` on that motion stands beside them. None for other tests.
     assumptions
         What the test is taken to be, a sentence each.
 

@@ -241,8 +241,8 @@ def limits(candidate: Candidate, test: Measurement) -> tuple[Vector, Vector]:
 def errors_of(candidate: Candidate, test: Measurement) -> Errors:
     """The errors of a test: those whose size is known, and a scatter of all numbers alike.
 
-    The variance of the scatter is the one at which the mean square of the weighted residuals of a
-    law of many numbers is 1 (Paule and Mandel 1982).
+    The scatter is sized by a law of many numbers: with its variance the mean square of the weighted
+    residuals is 1 (Paule and Mandel 1982).
     """
     known, plain = test.known_errors, Errors(None, test.ordered)
     if known is None:

@@ -41,7 +41,7 @@ def identify(test: Measurement, *, at_speed: float | None = None) -> Identificat
 
     Each law is fitted by least squares. A law is rejected if the one of the smallest AICc (Hurvich
     and Tsai 1989) explains more of its residuals than scatter would: the P test of Davidson and
-    MacKinnon (1981), at 5 %. Of the laws that are left, the one with the fewest numbers is taken. A
+    MacKinnon (1981), at 5 %. The law with the fewest numbers is taken from those that are left. A
     law of more numbers than the test carries is not fitted.
 
     Parameters

@@ -96,8 +96,8 @@ STIRRING = 0.1
 
 
 def stirred(model: Model) -> Model:
-    """A modulated structure with white noise and a damper in the place of the modulations, by which
-    its gaps move as wide as to their stops."""
+    """A modulated structure with white noise and a damper in the place of the modulations. Its gaps
+    then move as wide as to their stops."""
     frequency = math.sqrt(float(model.modal.squares[-1]))
     widths = [(pair.mass, max(abs(stop.distance) for stop in pair.stops)) for pair in model.pairs]
     energy = max((mass * (frequency * width) ** 2 for mass, width in widths), default=1.0)

@@ -42,7 +42,7 @@ BEYOND, EXTREME = (
     "has numbers that are too large, too small or too far apart to calculate with",
     20.0,
 )
-"""What is said of an overflow, a division by 0 or a matrix without a solution; and the decimal
+"""The words for an overflow, a division by 0 or a matrix without a solution; and the decimal
 exponent from which a number of the scene is named with it."""
 
 

@@ -94,7 +94,7 @@ CUT_OFF = (
     "it is cut off at its largest or smallest value, as by a logger at the end of its range: the "
     "motion under it is too small; measure again with a larger range"
 )
-"""What is said of such a record."""
+"""The words for such a record."""
 
 BLOCKS = 16
 """Number of blocks of a record for the jackknife error of its kurtosis."""

@@ -32,8 +32,8 @@ NAMED_UNIT = re.compile(
 """Pattern of a name with a unit, such as acceleration_g, density_g2_per_hz or "Time ms"."""
 
 ANY_UNIT = re.compile(r".*(?: in |_(?=g\b|..))(\S+)", re.I)
-"""Pattern of any name with a unit, such as "Kraft in kN" or seat_mg; of the letters that are units
-as well as indices, only g counts after an underscore."""
+"""Pattern of any name with a unit, such as "Kraft in kN" or seat_mg. Some letters are units as
+well as indices: only g counts after an underscore."""
 
 QUANTITY_OVER_UNIT = re.compile(r"[^/]*\w\s*/\s*(\S+)")
 """Pattern of a name over its unit, "f/kHz", the heading of a column by ISO 80000-1."""

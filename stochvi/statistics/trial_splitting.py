@@ -201,8 +201,8 @@ class Levels:
 class Repetition(NamedTuple):
     """Probabilities that one repetition found for a trial.
 
-    They are those of an exceedance (at the sampling interval, and at twice that), of one in the
-    second half of the counted time, and of having a score.
+    They are those of an exceedance at the sampling interval, and at twice that. Then come those of
+    one in the second half of the counted time, and of having a score.
     """
 
     exceeded: float

@@ -1,11 +1,12 @@
 """Points of units that are drawn more often where their risk is, each with its weight.
 
 A rare mean is that of a few units: of 4096 units of even probability two may carry a mean of 1e-4.
-So a share of the units is drawn from Gaussian distributions of their normal scores (the points of
-the unit cube as quantiles of a normal distribution), one for each stop that most units with a risk
-hit. They are fitted in rounds (cross-entropy method): each draws from the last, with the risk to a
-power that rises to 1, so that no round hangs on a few units. Weights are those of the mixture with
-the units of even probability (balance heuristic), which keeps them bounded.
+So a share of the units is drawn from Gaussian distributions of their normal scores. The scores are
+the points of the unit cube as quantiles of a normal distribution. Each stop that most units with a
+risk hit has one such distribution. The distributions are fitted in rounds (cross-entropy method):
+each draws from the last, with the risk to a power that rises to 1, so that no round hangs on a few
+units. Weights are those of the mixture with the units of even probability (balance heuristic),
+which keeps them bounded.
 
 References
 ----------

@@ -81,8 +81,8 @@ PROBES = (0.02, 0.5, 0.98)
 the middle of the risk there is one more."""
 
 SURE_HITS = 1e3
-"""Hits by linear theory beyond which a unit is not simulated: even those of a mount that rings for
-hundreds of periods make several clusters."""
+"""Impacts by linear theory beyond which a unit is not simulated: even those of a mount that rings
+for hundreds of periods make several clusters."""
 
 QUADRATURE_SHARE = 0.5
 """Error of the quadrature over that asked for, above which the sequences are doubled."""
@@ -359,8 +359,8 @@ class _Job:
             self._draw(len(self.sequences))
 
     def _first_place(self) -> float:
-        """The shift so far; one unit may weigh more than the target until units are drawn where the
-        risk is, and the stops are then as far as they may be."""
+        """The shift so far. Until units are drawn where the risk is, one unit may weigh more than
+        the target. The stops are then as far as they may be."""
         try:
             return self.placed(1.0)
         except NotApplicable:

@@ -42,9 +42,9 @@ class MissionSizing(ClearanceAnswer):
         interval. Each pair alone would be hit in the mission with the same probability.
     phases
         By phase its `duration` (s), `displacement_std` of the widest gap and `shift` of its static
-        equilibrium (m), `probability` of any impact at the clearances, its `share` of the hazard,
-        and `clearance` of that gap, which the phase alone needs for the target (NaN where it does
-        not matter).
+        equilibrium (m). `probability` is that of any impact at the clearances, and `share` the
+        part of the phase in the hazard. `clearance` of that gap is what the phase alone needs for
+        the target (NaN where it does not matter).
     curve
         `probability` of an impact in the mission over `clearance`, with its 95 % limits
         `probability_low` and `probability_high`.

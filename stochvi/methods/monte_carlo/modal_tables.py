@@ -1,11 +1,11 @@
 """Tabulated noise on structures of several modes: the plan, and a block of paths.
 
 The response to the tables without stops is synthesised: a periodic Gaussian signal of all modes at
-once, a sum over bins of width 1 / length with common coefficients, each mode through its own H (see
-`frequency_response.bin_amplitudes`). The changes by impacts and contacts, and the response to white
-noise (kicks) and signals (states), which are exact over a step, are added step by step. As for one
-oscillator (`tabulated`), bins up to half the sampling rate are synthesised, and the last quarter of
-them is scaled up to hold the velocity variance beyond.
+once. It is a sum over bins of width 1 / length with common coefficients, each mode through its own
+H (see `frequency_response.bin_amplitudes`). The changes by impacts and contacts are added step by
+step, as is the response to white noise (kicks) and signals (states). These are exact over a step.
+As for one oscillator (`tabulated`), bins up to half the sampling rate are synthesised. The last
+quarter of them is scaled up to hold the velocity variance beyond.
 """
 
 from __future__ import annotations

@@ -13,8 +13,8 @@ from stochvi.results.machine import thread_seconds
 from stochvi.sampling.blocks import FEWEST_AT_ONCE, PIECE_SECONDS, SHORTEST
 
 PRICE_SHARE, LEAST_PRICE, MOST_PRICE = 0.02, 0.05, 0.25
-"""Fraction of the time left, with its smallest and largest value in s, after which a trial is long
-enough to predict the time of a path."""
+"""Fraction of the time left after which a trial is long enough to predict the time of a path. Its
+smallest and largest values in s follow."""
 
 GROWN_SHARE = 0.25
 """A trial has enough steps if this share of its time comes on top of that of the first trial."""

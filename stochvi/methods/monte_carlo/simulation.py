@@ -570,8 +570,8 @@ class Simulation:
 def _of_few_impacts(mean: Estimate, known: Mapping[str, Estimate | None]) -> Estimate:
     """A mean per impact, with the error that the delta method does not see where few paths hit.
 
-    To first order a single path that hits shows no spread at all. With the relative error e of the
-    rate, as many impacts as 1 / e^2 independent ones are known, and a mean over so few of them is
+    To first order a single path with impacts has no spread at all. With the relative error e of the
+    rate, as many impacts as 1 / e^2 independent ones are known. A mean over so few of them is
     not trusted to less than e^2 of itself: all of it for one, 1 % for a hundred.
     """
     rate = known["collision_rate"]

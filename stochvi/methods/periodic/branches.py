@@ -91,7 +91,7 @@ MOST_PATIENCE = 5_000
 """Largest number of periods after which a flight with light damping is looked at."""
 
 AT_FOLD = 1e-3
-"""Distance from a fold, difference of points of the branch, within which rounding may move the
+"""Distance from a fold, as a difference of points of the branch. Within it rounding may move the
 change of sign of a multiplier less 1 that belongs to the fold."""
 
 MOST_BRANCHES = 128

@@ -38,8 +38,8 @@ velocity, and is then followed for so many flights. Nothing else would perturb i
 change of stability perturbations grow by some 0.1 % in a period."""
 
 MEMORIES = 10
-"""Time after which the motion at a value of a simulated sweep is read, in units of that in which
-free motion decays by a factor e."""
+"""Time after which the motion at a value of a simulated sweep is read. Its unit is the time in
+which free motion decays by a factor e."""
 
 STRIDE = 4e-3
 """Relative distance of the varied number between two flights where a motion is on no branch."""

@@ -32,9 +32,9 @@ class DriveFunction(DrawnExcitation):
     Parameters
     ----------
     function
-        z after a time, a function (z, time, uniform) of the last z, the time that passes, s, and a
-        number that is uniform in (0, 1) and new in each call: plain Python with `math`, or compiled
-        by numba. The first z is 0. The burn-in must suffice to forget it.
+        z after a time, a function (z, time, uniform) of the last z and the time that passes, s. The
+        number `uniform` is uniform in (0, 1) and new in each call. The function is plain Python
+        with `math`, or compiled by numba. The first z is 0. The burn-in must suffice to forget it.
     rate
         Fastest rate at which the function changes, 1/s; the steps resolve it.
     amplitude

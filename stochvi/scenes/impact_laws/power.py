@@ -18,7 +18,7 @@ class PowerLaw(CompliantLaw):
     """A spring and a damper that both stiffen, force = max(k y^n + c y^m y', 0).
 
     With n = 3/2 the bodies are round (Hertz). Then m = 3/2 is the damping of Hunt and Crossley
-    (1975), and m = 1/2 that of a viscoelastic material (Kuwabara and Kono 1987), at which slow
+    (1975), and m = 1/2 that of a viscoelastic material (Kuwabara and Kono 1987). There slow
     impacts have 1 - R proportional to w^(1/5). The stop only pushes.
 
     Parameters

@@ -204,9 +204,9 @@ def _up_to(
 
 
 class _Tail(NamedTuple):
-    """Likely shapes and scales of a tail (values,), the chance of each, and the expected number L
-    of responses beyond the threshold in a window: of Gamma's distribution with the shape `seen`
-    and the rate `exposure`."""
+    """Likely shapes and scales of a tail (values,), the probability of each, and the expected
+    number L of responses beyond the threshold in a window: of Gamma's distribution with the shape
+    `seen` and the rate `exposure`."""
 
     shape: Vector
     scale: Vector

@@ -60,7 +60,7 @@ CERTAIN, LEAST_HAZARD = 1.0 - 1e-15, 1e-14
 """Largest probability and smallest hazard, beyond which rounding errors begin."""
 
 FORMULA_ERROR, DIFFERENCES = 0.1, 2.5
-"""The relative bias of the damage by formula is the first number, or the second one times the
+"""The relative bias of the damage by formula is the first number. It is the second one times the
 difference of the two formulas if that is larger. Against rainflow counting on all profiles that
 ship, b = 6, it erred by 9 % at most up to 320 Hz, and by 21 % at 1500 Hz, where Dirlik's erred by
 32 %."""

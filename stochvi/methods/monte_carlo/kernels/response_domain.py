@@ -153,7 +153,7 @@ def fill_spectrum(streams, amplitudes, relative, spectrum):
 def advance_clear_paths(y, x, v, e, rate, near, sampling, column, lower, upper):
     """Advance every path that stays clear of the stops by one interval; mark the others `near`.
 
-    Of a marked path only e has decayed. The cubic between the samples lies in the hull of its four
+    In a marked path only e has decayed. The cubic between the samples lies in the hull of its four
     control points. `column` is the second column of A(span). Returns the number of marked paths.
     """
     span, omega, damping_rate = sampling.span, sampling.omega, sampling.damping_rate
