@@ -643,8 +643,8 @@ def _most_cells(line: str) -> int:
 def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:
     """Delimiter of most lines that hold numbers, number of cells of a line, and whether all of them
     are numbers."""
-    best = (0, False)
-    choice: tuple[str | None, int, bool] = None, 0, False
+    most = {True: 0, False: 0}
+    choices: dict[bool, tuple[str | None, int, bool]] = dict.fromkeys(most, (None, 0, False))
     for delimiter in DELIMITERS:
         whole: Counter[int] = Counter()
         part: Counter[int] = Counter()
@@ -662,14 +662,12 @@ def _layout(lines: Sequence[str], needed: int) -> tuple[str | None, int, bool]:
                 values = count_values(cells)
                 whole[len(cells)] += values == len(cells)
                 part[len(cells)] += values >= needed
-        usual = max(whole.values(), default=0)
-        # a few rows without remarks do not make numbers of those that have them
-        full = 2 * usual > max(part.values(), default=0)
-        usual, number = max(
-            ((n, -count) for count, n in (whole if full else part).items()), default=(0, 0)
-        )
-        if (usual, full) > best:
-            best, choice = (usual, full), (delimiter, -number, full)
+        for counts, full in ((whole, True), (part, False)):
+            usual, number = max(((n, -count) for count, n in counts.items()), default=(0, 0))
+            if usual > most[full]:
+                most[full], choices[full] = usual, (delimiter, -number, full)
+    # a few rows without remarks do not make numbers of those that have them
+    choice = choices[2 * most[True] > most[False]]
     if choice == (",", 2, True) and needed == 1 and _decimal_fractions(lines):
         return None, 1, True
     return choice

@@ -157,7 +157,7 @@ def written(random: np.random.Generator) -> Written:
         names.insert(at, name)
         stated.insert(at, pick(["g", "m/s2", "", "N"]) if what == "other" else "")
         target += at <= target
-    lost = False
+    lost = put_in = False
     if blanks:
         kept = [n for n, body in enumerate(columns) if all(body)]
         unfilled = [n for n in range(len(columns)) if n not in kept]
@@ -186,6 +186,7 @@ def written(random: np.random.Generator) -> Written:
                 del cells[at], line_of_units[at]
         else:
             cells.insert(at, pick(["comment", "run", "remark", "Temp", "flag"]))
+            put_in = True
             line_of_units.insert(at, "")
     glue = delimiter if not now_and_then(0.1) else pick([",", ";", "\t", ", "])
     if blanks:
@@ -208,7 +209,8 @@ def written(random: np.random.Generator) -> Written:
         if at:  # below a heading a comment alone is usual
             put = [f"# {each.lstrip('# ')}" for each in put]
         head[at:at] = put
-    padding = pick(["", "", "", "", delimiter.strip(), 3 * delimiter.strip()])
+    # a heading that is as wide as padded rows is that of their columns
+    padding = "" if put_in else pick(["", "", "", "", delimiter.strip(), 3 * delimiter.strip()])
     body = []
     for row in zip(*columns, strict=True):
         around = '"{}"' if quoted and now_and_then(0.5) else "{}"
