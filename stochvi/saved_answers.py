@@ -13,7 +13,6 @@ import dataclasses
 import json
 import math
 from collections.abc import Callable, Mapping
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from stochvi.mathematics.arguments import checked
 from stochvi.results.atomic_files import write_whole
 from stochvi.results.base import Result
 from stochvi.results.estimates import version_of
+from stochvi.results.kinds import kind_of, name_of
 from stochvi.results.origin import now
 from stochvi.scenes.scene import Scene, scene_from
 
@@ -148,13 +148,13 @@ def _encoded(value: Any) -> Any:
     if isinstance(value, Scene):
         return {SCENE: value.document()}
     if isinstance(value, BaseModel):
-        return {MODEL: _name_of(value), "keys": _encoded(value.model_dump(exclude_unset=True))}
+        return {MODEL: name_of(type(value)), "keys": _encoded(value.model_dump(exclude_unset=True))}
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         parts = {each.name: getattr(value, each.name) for each in _stored(type(value))}
-        return {KIND: _name_of(value), "parts": {k: _encoded(v) for k, v in parts.items()}}
+        return {KIND: name_of(type(value)), "parts": {k: _encoded(v) for k, v in parts.items()}}
     if hasattr(value, "_asdict"):
         parts = value._asdict()
-        return {KIND: _name_of(value), "parts": {k: _encoded(v) for k, v in parts.items()}}
+        return {KIND: name_of(type(value)), "parts": {k: _encoded(v) for k, v in parts.items()}}
     if hasattr(value, "iloc"):
         return {TABLE: _columns(value)}
     if isinstance(value, Mapping):
@@ -192,11 +192,6 @@ def _stored(kind: type) -> list[dataclasses.Field[Any]]:
     return [each for each in dataclasses.fields(kind) if each.init]
 
 
-def _name_of(value: Any) -> str:
-    kind = type(value)
-    return f"{kind.__module__}:{kind.__qualname__}"
-
-
 def _decoded(value: Any) -> Any:
     """The value that `_encoded` was given."""
     if isinstance(value, list):
@@ -211,12 +206,7 @@ def _decoded(value: Any) -> Any:
 
 def _kind(name: str) -> Any:
     """A dataclass, named tuple or model of this package, by its name."""
-    module, _, qualified = name.partition(":")
-    if module.partition(".")[0] != PACKAGE:
-        raise ValueError(f"{name} is no part of this package")
-    kind: Any = import_module(module)
-    for each in qualified.split("."):
-        kind = getattr(kind, each)
+    kind = kind_of(name)
     known = isinstance(kind, type) and (
         dataclasses.is_dataclass(kind) or hasattr(kind, "_fields") or issubclass(kind, BaseModel)
     )

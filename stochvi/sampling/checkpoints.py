@@ -40,7 +40,7 @@ from stochvi.sampling.plain_values import digest_of, from_plain, to_plain
 from stochvi.sampling.workers import machine
 from stochvi.scenes.scene import Scene
 
-HEADER, FORMAT = "stochvi checkpoint", 4
+HEADER, FORMAT = "stochvi checkpoint", 5
 """First words of a checkpoint file, and the number of its format, which follows them."""
 
 LONG_SECONDS = 10.0

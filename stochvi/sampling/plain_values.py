@@ -12,15 +12,13 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cached_property, partial
-from importlib import import_module
 from types import BuiltinFunctionType, FunctionType, MethodType
 from typing import Any
 
 import numpy as np
 from pydantic import BaseModel
 
-PACKAGE = "stochvi"
-"""Package whose records a document may name."""
+from stochvi.results.kinds import kind_of, name_of
 
 
 def to_plain(value: Any) -> Any:
@@ -41,7 +39,7 @@ def to_plain(value: Any) -> Any:
     names = _fields_of(type(value))
     if names is not None:
         plain = {name: to_plain(getattr(value, name)) for name in names}
-        return {"record": f"{type(value).__module__}:{type(value).__qualname__}", "fields": plain}
+        return {"record": name_of(type(value)), "fields": plain}
     if isinstance(value, list):
         return [to_plain(each) for each in value]
     if isinstance(value, tuple):
@@ -74,10 +72,7 @@ def _from_plain(plain: Any) -> Any:
         return tuple(_from_plain(each) for each in plain["tuple"])
     if "dict" in plain:
         return {_from_plain(key): _from_plain(each) for key, each in plain["dict"]}
-    module, _, name = plain["record"].partition(":")
-    if module.partition(".")[0] != PACKAGE:
-        raise ValueError(f"{plain['record']} is no record of {PACKAGE}")
-    kind = getattr(import_module(module), name)
+    kind = kind_of(plain["record"])
     if _fields_of(kind) is None:
         raise ValueError(f"{plain['record']} is no record")
     return kind(**{key: _from_plain(each) for key, each in plain["fields"].items()})

@@ -46,7 +46,7 @@ OWN_KEYS = ("wheel_mass", "suspension_stiffness", "suspension_damping", "tyre_st
 """Keys that a vehicle without a preset needs in addition to `body_mass`."""
 
 
-class Mode(NamedTuple):
+class VehicleMode(NamedTuple):
     """A mode of a quarter car: natural frequency, Hz, and damping ratio."""
 
     frequency_hz: float
@@ -129,7 +129,7 @@ class QuarterCar(Checked):
         return mass, c * between + tyre_damping * on_wheel, k * between + tyre * on_wheel
 
     @property
-    def modes(self) -> tuple[Mode, Mode]:
+    def modes(self) -> tuple[VehicleMode, VehicleMode]:
         """Body and wheel hop, by frequency: |s| / 2 pi and -Re s / |s| of the eigenvalues s of the
         damped motion; where two of them are real, of the geometric and the arithmetic mean."""
         mass, damping, stiffness = self.matrices
@@ -144,7 +144,8 @@ class QuarterCar(Checked):
             ((fast + slow) / 2.0, math.sqrt(fast * slow)) for fast, slow in creeping.reshape(-1, 2)
         ]
         body, wheel = sorted(
-            Mode(float(size) / (2.0 * math.pi), float(-decay / size)) for decay, size in swinging
+            VehicleMode(float(size) / (2.0 * math.pi), float(-decay / size))
+            for decay, size in swinging
         )
         return body, wheel
 

@@ -47,7 +47,7 @@ OWN = 0xF4EE
 """Number that keeps these records apart from other uses of a seed."""
 
 
-class Source(NamedTuple):
+class WindowSource(NamedTuple):
     """A noise in the records.
 
     Parameters
@@ -119,7 +119,7 @@ class FreeWindows(Kind):
         return PairMotion(self.model.with_tables_of_drawn).moving
 
     @cached_property
-    def sources(self) -> list[Source]:
+    def sources(self) -> list[WindowSource]:
         """All noises, in the order of the tables of the response."""
         response, found = self.response, []
         # the tables of a model, in its order, then those of what is drawn, then all other noise
@@ -132,7 +132,9 @@ class FreeWindows(Kind):
         for number, (table, _) in enumerate(response.tables):
             waves = response.amplitudes[:, :, number]
             if number not in drawn:
-                found.append(Source(np.asarray(0.5 * response.samples * waves, complex), None))
+                found.append(
+                    WindowSource(np.asarray(0.5 * response.samples * waves, complex), None)
+                )
                 continue
             records = drawn[number].over(response.block_length)
             sizes = np.sqrt(bin_variances(table, response.block_length, len(waves) + 1))
@@ -140,7 +142,7 @@ class FreeWindows(Kind):
                 waves, sizes[:, None], out=np.zeros_like(waves), where=sizes[:, None] > 0.0
             )
             scale = response.samples / records.samples
-            found.append(Source(np.asarray(scale * gains, complex), records))
+            found.append(WindowSource(np.asarray(scale * gains, complex), records))
         return found
 
     @property

@@ -181,7 +181,7 @@ class _Bursts(TrialExtremes):
 
 
 @dataclass(frozen=True, eq=False)
-class _Windows(TrialExtremes):
+class _TrialWindows(TrialExtremes):
     """Windows of the whole motion, of this length in s, taken for independent."""
 
     window: float
@@ -244,11 +244,11 @@ def _by_bursts(
     return _Bursts(found.largest(event), mission, event, found) if found.apart else None
 
 
-def _by_windows(scene: Scene, event: str, mission: float, run: Run) -> _Windows:
+def _by_windows(scene: Scene, event: str, mission: float, run: Run) -> _TrialWindows:
     """Trials by windows of the whole motion, as many as the time allows."""
     window = min(WINDOW, mission)
     parts = run.until(window_sampler(scene, event, window, run.seed), MOST_WINDOWS).sample
-    return _Windows(_largest(parts), mission, window)
+    return _TrialWindows(_largest(parts), mission, window)
 
 
 def window_sampler(scene: Scene, event: str, window: float, seed: int) -> WindowSampler:
@@ -278,13 +278,13 @@ def chance_in_windows(
         return None
 
     def more(parts: list[Vector]) -> int:
-        seen = _Windows(_largest(parts), mission, window)
+        seen = _TrialWindows(_largest(parts), mission, window)
         _, low, high = seen.interval(limit)
         known = high <= accepted or low > accepted
         return 0 if known else len(seen.largest)  # few looks: each may err once in 40
 
     parts = run.until(sampler, LEAST_WINDOWS, more).sample
-    return _Windows(_largest(parts), mission, window).estimate(limit)
+    return _TrialWindows(_largest(parts), mission, window).estimate(limit)
 
 
 LEAST_WINDOWS = 1024

@@ -19,7 +19,7 @@ CHUNK = 64
 that they fit into memory."""
 
 
-class Level(NamedTuple):
+class MeshLevel(NamedTuple):
     """Two meshes of one fineness: for boxes with a stop on the right only, and on both sides.
 
     Elements narrow towards a stop, where slow impacts pile up.
@@ -32,10 +32,10 @@ class Level(NamedTuple):
 def make_level(
     right: tuple[float, ...], both: tuple[float, ...], x_degree: int,
     u_breaks: tuple[float, ...], u_degree: int,
-) -> Level:  # fmt: skip
+) -> MeshLevel:  # fmt: skip
     """Breaks inside the box of one stop, and those of two stops between centre and stop."""
     mirrored = tuple(-x for x in reversed(both))
-    return Level(
+    return MeshLevel(
         *(
             Mesh(x_breaks=x_breaks, x_degree=x_degree, u_breaks=u_breaks, u_degree=u_degree)
             for x_breaks in ((-1.0, *right, 1.0), (-1.0, *mirrored, *both, 1.0))
@@ -64,7 +64,7 @@ LEAST_FALL = 0.5
 happen by chance."""
 
 
-class Moments(NamedTuple):
+class MeshMoments(NamedTuple):
     """Stationary averages of many scenes, SI units: one array each, or errors of them.
 
     Rates, F1 (`speed_rate`) and F2 (`speed_square_rate`) are 0 where there is no stop.
@@ -94,13 +94,13 @@ class Solution(NamedTuple):
     `FASTEST`, which the rates count where the threshold lies beyond; else it is 1.
     """
 
-    moments: Moments
+    moments: MeshMoments
     unresolved_lower: Array
     unresolved_upper: Array
     fall: Array
 
 
-def solve(scenes: OscillatorArrays, speed: Array, level: Level, threshold: Array) -> Solution:
+def solve(scenes: OscillatorArrays, speed: Array, level: MeshLevel, threshold: Array) -> Solution:
     """Averages on the meshes of a level; `speed` is the scale s, `threshold` in m/s."""
     scaled = boxes_of(scenes, speed, level.one_stop.reach)
     slowest = np.minimum(threshold / scaled.speed, FASTEST)
@@ -133,7 +133,7 @@ def _in_si(scaled: Boxes, found: BoxMoments, fall: Array) -> Solution:
         sides += [lower * frequency * speed**power, upper * frequency * speed**power]
     half_square = found.mean_square + 2.0 * found.mean + 1.0
     variance = np.where(halved, half_square, found.mean_square - found.mean**2)
-    averages = Moments(
+    averages = MeshMoments(
         scaled.centre + np.where(halved, -length, sign * length * found.mean),
         variance * length**2,
         found.velocity_mean_square * speed**2,
@@ -143,7 +143,7 @@ def _in_si(scaled: Boxes, found: BoxMoments, fall: Array) -> Solution:
     return Solution(averages, sides[-2], sides[-1], fall)
 
 
-def unreached(scenes: OscillatorArrays, speed: Array, upcrossing_rate: Array) -> Moments:
+def unreached(scenes: OscillatorArrays, speed: Array, upcrossing_rate: Array) -> MeshMoments:
     """Bounds on the impacts on stops that no box reaches: exp(-energy / t) times the rate of
     crossing.
 
@@ -168,7 +168,7 @@ def unreached(scenes: OscillatorArrays, speed: Array, upcrossing_rate: Array) ->
     zero = np.zeros_like(speed)
     lower, upper = factors
     hits = [hit for pair in zip(lower, upper, strict=True) for hit in pair]
-    return Moments(
+    return MeshMoments(
         zero, zero, zero, zero, *(sides[k % 2] * factor for k, factor in enumerate(hits))
     )
 
@@ -191,8 +191,8 @@ MARGINS = ErrorMargins(safety=2.5, shared=0.3, floor=1e-06)
 
 
 def errors(
-    scenes: OscillatorArrays, before: Sequence[Moments], fine: Solution, far: Moments
-) -> Moments:
+    scenes: OscillatorArrays, before: Sequence[MeshMoments], fine: Solution, far: MeshMoments
+) -> MeshMoments:
     """Bounds on the errors of `fine`, from the two levels before, coarsest first, and from stops
     out of reach.
 
@@ -203,7 +203,7 @@ def errors(
     coarser, coarse = before
     found = {
         name: np.abs(getattr(fine.moments, name) - getattr(coarse, name))
-        for name in Moments._fields
+        for name in MeshMoments._fields
     }
     for name in found:
         # each level sees slow impacts that the one before did not see at all, which changes rates
@@ -221,17 +221,17 @@ def errors(
                 shared = MARGINS.shared * largest * getattr(sizes, name)
                 bounds[name] = MARGINS.safety * np.maximum(found[name], shared)
         bounds[f"rate_{side}"] += (1.0 - restitution) ** 2 * getattr(fine, f"unresolved_{side}")
-    return Moments(
+    return MeshMoments(
         *(
             bounds[name]
             + MARGINS.floor * getattr(sizes, name)
             + MARGINS.safety * getattr(far, name)
-            for name in Moments._fields
+            for name in MeshMoments._fields
         )
     )
 
 
-def with_lost_rates(fine: Solution, bounds: Moments) -> tuple[Moments, Moments]:
+def with_lost_rates(fine: Solution, bounds: MeshMoments) -> tuple[MeshMoments, MeshMoments]:
     """Averages and bounds, where impacts faster than a threshold are lost on the mesh: their rate
     is 0, within what the damper alone leaves of the fastest that are found."""
     lost = fine.fall < 1.0

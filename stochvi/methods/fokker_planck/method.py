@@ -18,8 +18,8 @@ from stochvi.methods.fokker_planck.density import Averages, StationaryDensity
 from stochvi.methods.fokker_planck.fixed_meshes import (
     FASTEST,
     LEVELS,
-    Level,
-    Moments,
+    MeshLevel,
+    MeshMoments,
     errors,
     solve,
     unreached,
@@ -257,7 +257,7 @@ def _on_fixed_meshes(
     return best
 
 
-def _averages(found: Moments) -> Averages:
+def _averages(found: MeshMoments) -> Averages:
     """Averages of one scene with rigid stops."""
     numbers = {name: float(column[0]) for name, column in found._asdict().items()}
     rest = dict.fromkeys(set(Averages._fields) - numbers.keys(), 0.0)
@@ -309,14 +309,18 @@ def _collapses(model: Model) -> list[str]:
     ]
 
 
-def _first_levels(scenes: OscillatorArrays, speed: Array, threshold: Array) -> list[Moments]:
+def _first_levels(scenes: OscillatorArrays, speed: Array, threshold: Array) -> list[MeshMoments]:
     """Averages on the two coarsest levels, to which a finer one is compared."""
     return [solve(scenes, speed, level, threshold).moments for level in LEVELS[:2]]
 
 
 def _refine(
-    scenes: OscillatorArrays, speed: Array, level: Level, threshold: Array, before: list[Moments]
-) -> tuple[Moments, Moments]:
+    scenes: OscillatorArrays,
+    speed: Array,
+    level: MeshLevel,
+    threshold: Array,
+    before: list[MeshMoments],
+) -> tuple[MeshMoments, MeshMoments]:
     """Averages on a level of meshes, with bounds on their errors from the two levels before."""
     fine = solve(scenes, speed, level, threshold)
     far = unreached(scenes, speed, fine.moments.upcrossing_rate)
@@ -331,8 +335,8 @@ class Batch(NamedTuple):
     stochvi.methods.fokker_planck.fokker_planck_many : The calculation.
     """
 
-    values: Moments
-    errors: Moments
+    values: MeshMoments
+    errors: MeshMoments
     speed_threshold: Array
 
 
@@ -414,7 +418,7 @@ def fokker_planck_many(
     return Batch(_shaped(_physical(fine), shape), _shaped(bounds, shape), threshold.reshape(shape))
 
 
-def _physical(found: Moments) -> Moments:
+def _physical(found: MeshMoments) -> MeshMoments:
     """Rates of stops that are hardly ever hit may come out below 0, within their errors."""
     sides = {
         name: np.maximum(column, 0.0)
@@ -424,8 +428,8 @@ def _physical(found: Moments) -> Moments:
     return found._replace(**sides)
 
 
-def _shaped(found: Moments, shape: tuple[int, ...]) -> Moments:
-    return Moments(*(column.reshape(shape) for column in found))
+def _shaped(found: MeshMoments, shape: tuple[int, ...]) -> MeshMoments:
+    return MeshMoments(*(column.reshape(shape) for column in found))
 
 
 def _check_arguments(rtol: float, speed_threshold: float | None) -> None:

@@ -126,11 +126,11 @@ class Phases:
     def __init__(self, expansion: solver.Expansion, pattern: solver.Pattern) -> None:
         self.expansion, self.pattern = expansion, pattern
 
-    def corrected(self, u: Vector, normal: Vector) -> continuation.Place | None:
+    def corrected(self, u: Vector, normal: Vector) -> continuation.BranchPlace | None:
         """The regime on the plane through u with a normal; None where Newton's iteration fails."""
         u, tangent = u.copy(), normal.copy()
         slowest = solver.correct(self.expansion, self.pattern, u, tangent)
-        return None if math.isnan(slowest) else continuation.Place(u, tangent, slowest)
+        return None if math.isnan(slowest) else continuation.BranchPlace(u, tangent, slowest)
 
     def settled(self, u: Vector) -> Vector | None:
         """The regime near u at its place of the range; None where Newton's iteration fails."""
@@ -152,9 +152,9 @@ class Phases:
 class Unstruck:
     """The motion without impacts: there is one at each place."""
 
-    def corrected(self, u: Vector, normal: Vector) -> continuation.Place:
+    def corrected(self, u: Vector, normal: Vector) -> continuation.BranchPlace:
         """The motion at u."""
-        return continuation.Place(u, normal, math.inf)
+        return continuation.BranchPlace(u, normal, math.inf)
 
     def settled(self, u: Vector) -> Vector:
         """The motion at u."""

@@ -94,7 +94,7 @@ class Orbit(NamedTuple):
         return float(np.abs(self.ends - state).max(axis=1).min())
 
 
-class Motion(NamedTuple):
+class ContactMotion(NamedTuple):
     """The result of the flow over some periods."""
 
     ends: Matrix
@@ -156,7 +156,7 @@ class ContactFinder(Finder):
 
     def flown(
         self, sigma: float, state: Vector, periods: int, phase: float = 0.0, *, factors: bool = True
-    ) -> Motion | None:
+    ) -> ContactMotion | None:
         """A motion over some periods; None where contacts come too fast to be followed."""
         n = self.family.sizes[0]
         ends, log = np.empty((periods + 1, 2 * n)), np.zeros((MOST_KEPT, 3 + 2 * n))
@@ -169,11 +169,11 @@ class ContactFinder(Finder):
             return None
         kept = log[: min(hits, MOST_KEPT)]
         kept = kept[np.argsort(kept[:, 0], kind="stable")]
-        return Motion(ends, grown, kept, *sizes)
+        return ContactMotion(ends, grown, kept, *sizes)
 
     def perturbed(
         self, sigma: float, state: Vector, periods: int, perturbation: Vector
-    ) -> tuple[Motion, Vector] | None:
+    ) -> tuple[ContactMotion, Vector] | None:
         """A motion over some periods, at most `followed_at_once`, and what becomes of a small
         perturbation of its start; None where contacts come too fast to be followed."""
         motion = self.flown(sigma, state, periods)
@@ -216,7 +216,7 @@ class ContactFinder(Finder):
         found = (self.at_point(point, track.periods, factors=False) for point in track.points)
         return np.array([np.nan if each is None else each.amplitude for each in found])
 
-    def at_point(self, u: Vector, periods: int, *, factors: bool = True) -> Motion | None:
+    def at_point(self, u: Vector, periods: int, *, factors: bool = True) -> ContactMotion | None:
         """The motion from a point of a branch on; None where it cannot be followed."""
         return self.flown(u[-1] / solver.WEIGHT, u[:-1], periods, factors=factors)
 
@@ -433,7 +433,7 @@ class Shooting:
     def __init__(self, finder: ContactFinder, periods: int) -> None:
         self.finder, self.periods = finder, periods
 
-    def corrected(self, u: Vector, normal: Vector) -> continuation.Place | None:
+    def corrected(self, u: Vector, normal: Vector) -> continuation.BranchPlace | None:
         """The regime on the plane through u with a normal; None where Newton's iteration fails."""
         finder = self.finder
 
@@ -466,7 +466,9 @@ class Shooting:
             return None
         factors = found.slopes[:-1, :-1] + np.eye(len(u) - 1)
         growth = float(np.abs(np.linalg.eigvals(factors)).max())
-        return continuation.Place(found.place, tangent / np.linalg.norm(tangent), math.inf, growth)
+        return continuation.BranchPlace(
+            found.place, tangent / np.linalg.norm(tangent), math.inf, growth
+        )
 
     def settled(self, u: Vector) -> Vector | None:
         """The regime near u at its place of the range; None where Newton's iteration fails."""

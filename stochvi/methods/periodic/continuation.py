@@ -63,7 +63,7 @@ PARTS = 64
 """Largest number of parts of a chord into which it is divided until regimes lie beside it."""
 
 
-class Place(NamedTuple):
+class BranchPlace(NamedTuple):
     """A regime of a branch: its point u and the tangent there, and its smallest impact speed, or
     its shortest flight if that is less. Small perturbations grow by `growth` in its periods."""
 
@@ -76,7 +76,7 @@ class Place(NamedTuple):
 class Problem(Protocol):
     """The equations of a branch."""
 
-    def corrected(self, u: Vector, normal: Vector) -> Place | None:
+    def corrected(self, u: Vector, normal: Vector) -> BranchPlace | None:
         """The regime on the plane through u with a normal; None where Newton's iteration fails."""
 
     def settled(self, u: Vector) -> Vector | None:
@@ -197,7 +197,7 @@ class Continuation:
             step = min((0.5 if careful else 1.5) * step, LONGEST_STEP)
         return points, names, False
 
-    def _met(self, start: Vector, end: Vector, earlier: Matrix) -> Place | None:
+    def _met(self, start: Vector, end: Vector, earlier: Matrix) -> BranchPlace | None:
         """The first of some regimes through which a step of the branch leads; None if none.
 
         Without it a loop would be followed again and again. Beyond a period doubling the branch
@@ -215,14 +215,14 @@ class Continuation:
                 return place
         return None
 
-    def _ahead(self, last: Place, step: float) -> Place | None:
+    def _ahead(self, last: BranchPlace, step: float) -> BranchPlace | None:
         """The regime a step ahead, its tangent in the same sense."""
         place = self.problem.corrected(last.u + step * last.tangent, last.tangent)
         if place is None or place.tangent @ last.tangent >= 0.0:
             return place
         return place._replace(tangent=-place.tangent)
 
-    def _round(self, last: Place) -> Place | None:
+    def _round(self, last: BranchPlace) -> BranchPlace | None:
         """The regime beyond a corner of a branch, as where a contact begins: there it goes on in
         another direction, or turns back."""
         back = last.tangent * np.append(np.ones(len(last.u) - 1), -1.0)
@@ -240,7 +240,7 @@ class Continuation:
         return None
 
     def _bisected(
-        self, last: Place, step: float, before: Callable[[Place], bool]
+        self, last: BranchPlace, step: float, before: Callable[[BranchPlace], bool]
     ) -> tuple[Vector, Vector]:
         """The last point of a step before a condition changes, and the last one that was tried."""
         low, high, end, tried = 0.0, 1.0, last.u, last.u
@@ -286,7 +286,7 @@ def _from_chord(chord: Vector, gone: Matrix) -> tuple[Vector, Vector]:
     return along, np.linalg.norm(gone - along[:, None] * chord, axis=1) / np.linalg.norm(chord)
 
 
-def _rising(way: float) -> Callable[[Place], bool]:
+def _rising(way: float) -> Callable[[BranchPlace], bool]:
     """Whether the parameter goes the same way at a regime."""
     return lambda place: bool(place.tangent[-1] * way > 0.0)
 

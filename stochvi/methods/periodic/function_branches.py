@@ -6,7 +6,7 @@ import numpy as np
 
 from stochvi.mathematics.arrays import Matrix, Vector
 from stochvi.methods.periodic.branches import SUBHARMONICS, Finder
-from stochvi.methods.periodic.contact_branches import RANDOM_STARTS, ContactFinder, Motion
+from stochvi.methods.periodic.contact_branches import RANDOM_STARTS, ContactFinder, ContactMotion
 from stochvi.methods.periodic.family import Family
 from stochvi.methods.periodic.kernels import contact_flow, function_flow, solver
 from stochvi.methods.periodic.simulations import MOST_KEPT
@@ -48,7 +48,7 @@ class FunctionFinder(ContactFinder):
 
     def flown(
         self, sigma: float, state: Vector, periods: int, phase: float = 0.0, *, factors: bool = True
-    ) -> Motion | None:
+    ) -> ContactMotion | None:
         system = self.system(sigma)
         motion = self._flown(system, state, periods, phase)
         if motion is None or not factors:
@@ -62,7 +62,7 @@ class FunctionFinder(ContactFinder):
             return None
         return motion._replace(factors=(np.array(ends) - motion.ends[-1]).T / CHANGE)
 
-    def at_point(self, u: Vector, periods: int, *, factors: bool = True) -> Motion | None:
+    def at_point(self, u: Vector, periods: int, *, factors: bool = True) -> ContactMotion | None:
         """As for stops; factors are differences on both sides where both can be followed, those of
         Newton's iteration on one."""
         sigma, state = u[-1] / solver.WEIGHT, u[:-1]
@@ -90,7 +90,7 @@ class FunctionFinder(ContactFinder):
 
     def perturbed(
         self, sigma: float, state: Vector, periods: int, perturbation: Vector
-    ) -> tuple[Motion, Vector] | None:
+    ) -> tuple[ContactMotion, Vector] | None:
         system = self.system(sigma)
         motion = self._flown(system, state, periods, 0.0)
         grown = self._grown(system, state, periods, 0.0, perturbation)
@@ -99,7 +99,7 @@ class FunctionFinder(ContactFinder):
     def _flown(
         self, system: function_flow.System, state: Vector, periods: int, phase: float,
         *, measured: bool = True,
-    ) -> Motion | None:  # fmt: skip
+    ) -> ContactMotion | None:  # fmt: skip
         """A motion, and its output and contacts where they are `measured`."""
         kept = MOST_KEPT if measured else 0
         ends, log = np.empty((periods + 1, self.size)), np.zeros((kept, 3 + self.size))
@@ -110,7 +110,7 @@ class FunctionFinder(ContactFinder):
         if hits < 0 or not np.all(np.isfinite(ends)):
             return None
         log = log[: min(hits, kept)]
-        return Motion(ends, none, log[np.argsort(log[:, 0], kind="stable")], *sizes)
+        return ContactMotion(ends, none, log[np.argsort(log[:, 0], kind="stable")], *sizes)
 
     def system(self, sigma: float) -> function_flow.System:
         """The scene at a place of the range."""

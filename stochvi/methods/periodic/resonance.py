@@ -28,7 +28,7 @@ BELOW = 1e-6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Regime:
+class ResonantRegime:
     """A periodic motion with one impact on each of two stops in `periods` of the force.
 
     `impact_speed` is the incident one, m/s; `phase` that of the motion without stops at the impact
@@ -150,7 +150,7 @@ class HarmonicResonance:
             frequency=self.frequency, gap=0.0, restitution=self.restitution, both_sides=True,
         ).boundary  # fmt: skip
 
-    def regimes(self, clearance: float) -> tuple[Regime, ...]:
+    def regimes(self, clearance: float) -> tuple[ResonantRegime, ...]:
         """Regimes between stops at -clearance and clearance (m), fastest first.
 
         Up to the energy boundary there are two of them where the clearance is above the amplitude
@@ -170,7 +170,7 @@ class HarmonicResonance:
         w = self.frequency
         lag = math.atan2(self.damping_rate * w, self.omega**2 - w**2)
         return tuple(
-            Regime(
+            ResonantRegime(
                 impact_speed=float(each.impact_speed[0]),
                 phase=math.remainder(float(each.phase[0]) - lag, 2.0 * math.pi),
                 # half of the period, after which the motion is its own mirror image

@@ -54,7 +54,7 @@ STILL = 1e-7
 """Impact speed, in the units of the kernels, up to which an impact is a rest that goes on."""
 
 
-class BasinRun(NamedTuple):
+class RestRun(NamedTuple):
     """A motion that repeats itself.
 
     Parameters
@@ -137,7 +137,7 @@ class Rests:
         self.tracks.append(track)
         return self._known(found, sigma)
 
-    def _known(self, found: BasinRun, sigma: float) -> OnBranch | None:
+    def _known(self, found: RestRun, sigma: float) -> OnBranch | None:
         for track in self.tracks:
             if track.periods != len(found.ends) or track.rests != found.rests:
                 continue
@@ -152,7 +152,7 @@ class Rests:
 
     def _repeated(
         self, sigma: float, state: Vector, periods: int, looks: int = LOOKS
-    ) -> BasinRun | None:
+    ) -> RestRun | None:
         """The motion that repeats itself to which a state leads; None where there is none."""
         motion, many = self.motion_at(sigma), periods * math.ceil(LOOKED_AT / periods)
         for _ in range(looks):
@@ -165,7 +165,7 @@ class Rests:
                 return _measured(motion, settled, found)
         return None
 
-    def _followed(self, first: BasinRun, sigma: float) -> Track:
+    def _followed(self, first: RestRun, sigma: float) -> Track:
         ahead = list(self._from(first, sigma, self.flown[self.flown > sigma + 1e-12]))
         behind = list(self._from(first, sigma, self.flown[self.flown < sigma - 1e-12][::-1]))
         rows = [*behind[::-1], (sigma, self._name(sigma), first), *ahead]
@@ -195,8 +195,8 @@ class Rests:
         return POINT if np.min(np.abs(self.drawn - sigma)) < ROUNDING else NODE
 
     def _from(
-        self, here: BasinRun, sigma: float, places: Vector
-    ) -> Iterator[tuple[float, str, BasinRun]]:
+        self, here: RestRun, sigma: float, places: Vector
+    ) -> Iterator[tuple[float, str, RestRun]]:
         """The branch over places that follow each other, to where it ends."""
         for place in places.tolist():
             if self.deadline.passed():
@@ -208,9 +208,9 @@ class Rests:
             yield place, self._name(place), there
             here, sigma = there, place
 
-    def _end(self, here: BasinRun, low: float, high: float) -> tuple[float, str, BasinRun]:
+    def _end(self, here: RestRun, low: float, high: float) -> tuple[float, str, RestRun]:
         """Where a branch ends between two places, by bisection."""
-        beyond: BasinRun | None = None
+        beyond: RestRun | None = None
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
             there = self._repeated(middle, here.ends[-1], len(here.ends), LOOKS // 3)
@@ -222,11 +222,11 @@ class Rests:
         return low, STICKING if ends else GRAZING, here
 
 
-def _far(here: BasinRun, there: BasinRun) -> bool:
+def _far(here: RestRun, there: RestRun) -> bool:
     return bool(np.abs(there.ends[-1] - here.ends[-1]).max() > NEAR * here.size)
 
 
-def _measured(motion: solver.Motion, settled: FinalMotion, periods: int) -> BasinRun | None:
+def _measured(motion: solver.Motion, settled: FinalMotion, periods: int) -> RestRun | None:
     """The motion over its periods, from the end of a flight; None where impacts come too fast to be
     followed once more."""
     parts, state = list[FinalMotion](), settled.state
@@ -242,7 +242,7 @@ def _measured(motion: solver.Motion, settled: FinalMotion, periods: int) -> Basi
     runs = _runs(struck, periods)
     fastest = np.array([run[np.argmax(run[:, 2])] for run in runs]).reshape(-1, 3)
     releases = log[log[:, 1] < 0.0]
-    return BasinRun(
+    return RestRun(
         ends=np.array([part.state for part in parts]),
         rests=settled.rests(periods),
         rest=min((_rest_before(each, struck, periods) for each in releases), default=math.inf),

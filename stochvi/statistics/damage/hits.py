@@ -21,7 +21,7 @@ RARE = 0.01
 HOUR = 3600.0
 
 
-class Hits(NamedTuple):
+class DamageHits(NamedTuple):
     """Impacts of a scene; fields as in `Damage`."""
 
     shocks: Shocks | None
@@ -35,10 +35,10 @@ def _all_rigid(model: Model) -> bool:
     return all(stop.rigid for stop in model.stops)
 
 
-def hits_of_clusters(found: Clusters, levels: Sequence[float]) -> Hits:
+def hits_of_clusters(found: Clusters, levels: Sequence[float]) -> DamageHits:
     """Impacts of all clusters."""
     part, soft = found.part, not _all_rigid(found.sampler.clusters.model)
-    return Hits(
+    return DamageHits(
         shocks=Shocks(
             typical=found.shock(0.5), worst=found.shock(1.0 - RARE), window=found.sampler.seconds,
             windows=len(part.path),
@@ -89,11 +89,11 @@ class Records(NamedTuple):
         found = Estimate(value=value * hourly, standard_error=error * hourly, how=how)
         return of_events(found, self.paths)
 
-    def hits(self, levels: Sequence[float]) -> Hits:
+    def hits(self, levels: Sequence[float]) -> DamageHits:
         """Impacts of all records. Rigid stops have no contacts with an acceleration."""
         above = {f"{a:g}": each for a, each in zip(levels, self.sample.above.T, strict=True)}
         soft = not _all_rigid(self.sampler.plan.model)
-        return Hits(
+        return DamageHits(
             shocks=self.shocks(),
             impacts_per_hour=self.per_hour(self.sample.hits),
             contacts_above={a: self.per_hour(each) for a, each in above.items() if soft},

@@ -46,7 +46,7 @@ from stochvi.statistics.damage.equipment import SAMPLES_PER_PERIOD, Equipment
 from stochvi.statistics.damage.equivalent import equivalent_values
 from stochvi.statistics.damage.extremes import ENOUGH_WINDOWS, largest_of_mission
 from stochvi.statistics.damage.gaussian import GaussianAcceleration, GaussianEquipment
-from stochvi.statistics.damage.hits import Hits, Records, hits_of_clusters
+from stochvi.statistics.damage.hits import DamageHits, Records, hits_of_clusters
 from stochvi.statistics.damage.phases import of_phases
 from stochvi.statistics.damage.records import (
     CONTACT_SAMPLES,
@@ -506,7 +506,7 @@ class _Question:
 
     def answer(
         self, spectra: EquipmentSpectra, without: EquipmentSpectra | None,
-        ways: tuple[str, str | None], hits: Hits | None = None,
+        ways: tuple[str, str | None], hits: DamageHits | None = None,
         work: Mapping[str, int] = MappingProxyType({}),
     ) -> Damage:  # fmt: skip
         """The answer, with all that follows from the spectra."""

@@ -27,7 +27,7 @@ from stochvi.results.estimates import Estimate
 from stochvi.scenes.scene import Scene
 from stochvi.statistics.damage.answer import EquipmentSpectra, Shocks, SpectrumValues
 from stochvi.statistics.damage.equipment import Equipment
-from stochvi.statistics.damage.hits import HOUR, RARE, Hits
+from stochvi.statistics.damage.hits import HOUR, RARE, DamageHits
 from stochvi.statistics.damage.records import (
     CONTACT_SAMPLES,
     MOST_SAMPLES,
@@ -193,7 +193,7 @@ class Replayed:
 
     def hits(
         self, records: Sequence[RecordOfPlace], levels: Sequence[float], shocks: Shocks | None
-    ) -> Hits:
+    ) -> DamageHits:
         """Impacts of the record, their energy and accelerations."""
         count, work, loss, above = 0, 0.0, 0.0, np.zeros(len(levels))
         for record in records:
@@ -212,7 +212,7 @@ class Replayed:
         def hourly(value: float) -> Estimate:
             return Estimate(value=value * HOUR / self.duration, bias=0.0, how=HOW)
 
-        return Hits(
+        return DamageHits(
             shocks=shocks, impacts_per_hour=hourly(float(count)),
             contacts_above={
                 f"{level:g}": hourly(float(number))

@@ -137,7 +137,7 @@ class MissionSampler(PlanSampler):
 
 
 @dataclass(frozen=True, eq=False)
-class RepetitionSampler(PlanSampler):
+class HitSampler(PlanSampler):
     """Repetitions of a splitting with fixed levels."""
 
     levels: tuple[float, ...]
@@ -413,7 +413,7 @@ class Jobs:
         self, plan: MissionPlan, levels: Levels, purpose: str, count: int, particles: int,
         hits: bool, enough: float = math.inf,
     ) -> Sample:  # fmt: skip
-        sampler = RepetitionSampler(plan, self._seed(purpose), levels.levels, hits, particles)
+        sampler = HitSampler(plan, self._seed(purpose), levels.levels, hits, particles)
         return of_repetitions(self._all(sampler, count * particles, enough))
 
     def _all(self, sampler: TrialSampler, paths: int, enough: float = math.inf) -> list[Any]:

@@ -30,7 +30,7 @@ from stochvi.methods.fokker_planck import box_solver, fokker_planck_many
 from stochvi.methods.fokker_planck.basis import Mesh, VelocityBasis
 from stochvi.methods.fokker_planck.fixed_meshes import (
     LEVELS,
-    Moments,
+    MeshMoments,
     Solution,
     errors,
     make_level,
@@ -308,14 +308,14 @@ def levels_and_fine() -> list[Solution]:
     return [solve(RANDOM, speed, level, 0.05 * speed) for level in (*LEVELS[:3], FINE)]
 
 
-def bounds_and_errors(solutions: list[Solution]) -> tuple[Moments, Moments]:
+def bounds_and_errors(solutions: list[Solution]) -> tuple[MeshMoments, MeshMoments]:
     """Bounds on the errors of the third level, and these errors."""
     coarser, coarse, fine, truth = solutions
     speed = speed_scale(RANDOM)
     far = unreached(RANDOM, speed, fine.moments.upcrossing_rate)
     bounds = errors(RANDOM, [coarser.moments, coarse.moments], fine, far)
     pairs = zip(fine.moments, truth.moments, strict=True)
-    return bounds, Moments(*(np.abs(found - right) for found, right in pairs))
+    return bounds, MeshMoments(*(np.abs(found - right) for found, right in pairs))
 
 
 def broken_bounds(solutions: list[Solution], safety: float = 1.0) -> float:
@@ -344,7 +344,7 @@ def test_bounds_of_rates_are_no_wider_than_of_use(levels_and_fine: list[Solution
 
 def test_no_scene_fails() -> None:
     found = fokker_planck_many(**random_scenes(300, seed=5))
-    for name in Moments._fields:
+    for name in MeshMoments._fields:
         assert np.isfinite(getattr(found.values, name)).all(), name
         assert (getattr(found.errors, name) >= 0.0).all(), name
     assert (found.values.variance > 0.0).all()
