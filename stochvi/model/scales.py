@@ -72,8 +72,7 @@ def scales_of(
         found = [
             _substitute(
                 modes,
-                law,
-                free,
+                (law, free),
                 pair,
                 modes.gaps[j],
                 old,
@@ -187,8 +186,7 @@ def _without_own_spring(
 
 def _substitute(
     modes: ModalForm,
-    law: LinearLaw,
-    free: LinearLaw | None,
+    laws: tuple[LinearLaw, LinearLaw | None],
     pair: Pair,
     gap: Vector,
     old: EquivalentLinear,
@@ -198,9 +196,11 @@ def _substitute(
 ) -> tuple[EquivalentLinear, PairScale] | None:
     """The next spring and damper, and the scales of the pair.
 
-    They follow from the law that the gap would have without the old spring, cut at the stops. None
-    where nothing holds the gap on a side without a stop.
+    They follow from the law that the gap would have without the old spring, cut at the stops. The
+    `laws` are that with the old springs and, under tables, that without stops. None where nothing
+    holds the gap on a side without a stop.
     """
+    law, free = laws
     square = _shaken(modes, law, pair, gap, method)
     moving = square
     own, force = held
