@@ -327,4 +327,5 @@ def _check(scene: Scene, mission: float, exceedance: float) -> None:
             "impact_pair.0.law.stiffness instead"
         )
         raise NotApplicable("bumper map", [*conditions[:-1], f"{conditions[-1]}; {why}"])
-    check_laws(scene, Target(name="peak_acceleration", value=1.0, unit="m/s^2"))
+    hardest = Target(name="peak_acceleration", value=1.0, unit="m/s^2", exceedance=exceedance)
+    check_laws(scene, hardest)
