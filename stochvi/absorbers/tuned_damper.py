@@ -157,6 +157,10 @@ def tuned_damper(structure: Scene, carrier: str, mass: float) -> TunedDamper | N
     NotApplicable
         If the structure has no stationary motion.
 
+    See Also
+    --------
+    stochvi.absorber : The same mass in a box with play, beside this damper.
+
     Examples
     --------
     >>> from stochvi.scenes.excitations import WhiteNoise

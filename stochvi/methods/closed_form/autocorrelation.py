@@ -53,6 +53,10 @@ def autocorrelation(scene: Scene, lag: ArrayLike) -> Vector:
     NoExactSolution
         For any other scene, with what is unmet.
 
+    See Also
+    --------
+    stochvi.exact : The averages of the same scene.
+
     Examples
     --------
     >>> from stochvi.scenes.impact_laws import Restitution
